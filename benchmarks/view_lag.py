@@ -4,6 +4,8 @@
 Each machine runs as ``mech-twin run`` does, in real time, and Chromium without a window, which draws on the processor,
 shows its page.  Lag is the newest time the run has told its bench less the time the page has drawn, both read in the
 page; orders are timed from the click to the answer of the node, and to the first picture that shows the change.
+Trials are timed from the movement of a slider to the drawn curves; their processor time is all that browser,
+bench and roll-out take meanwhile, the pictures of the run that goes on included: other programs do not lengthen it.
 
 Run with ``python benchmarks/view_lag.py [MACHINE ...] [--seconds S] [--write]``.
 """
@@ -16,7 +18,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,10 +33,11 @@ from playwright.sync_api import Page, sync_playwright
 
 from mech_twin.machines.catalog import CATALOGUE
 
-SECONDS, SETTLE_S = 20.0, 4.0
+SECONDS, SETTLE_S = 10.0, 2.0
 UP_LIMIT_MS = 240_000
-ORDERS = 12
+ORDERS, TRIALS = 8, 40
 TICKS = os.sysconf("SC_CLK_TCK")
+BROWSER, BENCH = ("--type=renderer", "--type=gpu-process"), ("bench_process", "nodes.run.trials")
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 # at each frame the age of what it shows: since the run sent it, by the wall clock that both ends read
 WATCH = """() => { window.ages = []; window.bench.frames = 0;
@@ -54,16 +57,13 @@ TIMED = """async (wanted) => {
 }"""
 
 # trials of a value while its slider moves, from the movement to the curves; the first loads the machine
-TRIED = """async () => {
+TRIED = """async (count) => {
   const slider = document.querySelector("#keys input[type=range]");
-  for (let n = 0; slider && n < 16; n += 1) {
-    const end = performance.now() + 30000, before = window.bench.ghosts.length;
+  for (let n = 0; slider && n <= count; n += 1) {
+    const seen = new Promise((done) => { window.bench.onghost = done; setTimeout(done, 30000); });
     slider.value = slider.value * (n % 2 ? 1.02 : 0.98);
     slider.dispatchEvent(new Event("input"));
-    while (window.bench.ghosts.length === before) {
-      if (performance.now() > end) return [];
-      await new Promise((next) => setTimeout(next, 1));
-    }
+    await seen;
   }
   return window.bench.ghosts.slice(1);
 }"""
@@ -133,29 +133,40 @@ def shown(name: str) -> Iterator[Page]:
 
 
 def rows(name: str, seconds: float) -> tuple[Sequence[Any], Sequence[Any]]:
-    """Return the row of lag and cost of a machine, and the row of its answers to orders."""
+    """Return the row of lag and cost of a machine, and the row of its answers to orders and of its trials."""
     with shown(name) as page:
-        browser, bench = used("--type=renderer", "--type=gpu-process"), used("bench_process")
-        begin = time.monotonic()
         page.evaluate(WATCH)
-        page.wait_for_timeout(1000 * seconds)
+        (browser, bench), passed = spent(lambda: page.wait_for_timeout(1000 * seconds))
         ages = np.array(page.evaluate("() => window.ages"))
-        passed = time.monotonic() - begin
-        browser_after, bench_after = used("--type=renderer", "--type=gpu-process"), used("bench_process")
         answers = np.array([page.evaluate(TIMED, [0.95, 1.0][n % 2]) for n in range(ORDERS)])
-        trials = page.evaluate(TRIED)
+        page.evaluate(TRIED, 1)  # the first one loads the machine
+        page.evaluate("() => { window.bench.ghosts.length = 0; }")
+        trials: list[float] = []
+        (browser_then, bench_then), _ = spent(lambda: trials.extend(page.evaluate(TRIED, TRIALS)))
+        memory = used(*BROWSER), used(*BENCH)
+    load = os.getloadavg()[0]
     lag = (
         name,
+        f"{load:.1f}",
         f"{len(ages) / passed:.1f}",
         *(f"{1e3 * np.percentile(ages, part):.0f}" for part in (50, 95, 100)),
-        f"{100.0 * (browser_after.cpu_s - browser.cpu_s) / passed:.0f} %",
-        f"{100.0 * (bench_after.cpu_s - bench.cpu_s) / passed:.0f} %",
-        f"{browser_after.memory_mib:.0f}",
-        f"{bench_after.memory_mib:.0f}",
+        f"{100.0 * browser / passed:.0f} %",
+        f"{100.0 * bench / passed:.0f} %",
+        *(f"{each.memory_mib:.0f}" for each in memory),
     )
     told = [f"{np.percentile(answers[:, column], part):.0f}" for column in (0, 1) for part in (50, 95)]
-    tried = [f"{np.percentile(trials, part):.0f}" if trials else "-" for part in (50, 95)]
-    return lag, (name, *told, *tried)
+    tried = [f"{np.percentile(trials, part):.0f}" for part in (50, 95)] if trials else ["-", "-"]
+    each_ms = 1e3 * (browser_then + bench_then) / (len(trials) + 1)
+    return lag, (name, *told, *tried, f"{each_ms:.0f}" if trials else "-")
+
+
+def spent(act: Callable[[], object]) -> tuple[tuple[float, float], float]:
+    """Return the processor time (s) of browser and bench, and the time (s), while something is done."""
+    before, begin = (used(*BROWSER), used(*BENCH)), time.monotonic()
+    act()
+    after = used(*BROWSER), used(*BENCH)
+    browser, bench = (now.cpu_s - then.cpu_s for now, then in zip(after, before, strict=True))
+    return (browser, bench), time.monotonic() - begin
 
 
 def tables(machines: Sequence[str], seconds: float) -> list[Table]:
@@ -163,6 +174,7 @@ def tables(machines: Sequence[str], seconds: float) -> list[Table]:
     found = [rows(name, seconds) for name in machines]
     columns = (
         "machine",
+        "load",
         "pictures a second",
         "lag, median, ms",
         "95 %, ms",
@@ -185,11 +197,14 @@ def tables(machines: Sequence[str], seconds: float) -> list[Table]:
         "95 %, ms",
         "trial, median, ms",
         "95 %, ms",
+        "processor, ms",
     )
     asked = (
         f"{ORDERS} changes of the speed between 95 % and 100 % from the page: until the answer stands there, "
         "and until a picture shows the supply at the new share (the ramp of the supply included). "
-        "Trial: from a movement of a slider to the dashed curves of the next 0.3 s."
+        f"Trial: from a movement of a slider to the drawn dashed curves of the next 0.3 s, {TRIALS} in a row. "
+        "The last column is the processor time of browser, bench and roll-out for each, the pictures that go on "
+        "included: above a load of 2 read that, and not the times."
     )
     return [Table(how, columns, [lag for lag, _ in found]), Table(asked, orders, [told for _, told in found])]
 

@@ -51,11 +51,19 @@ class OpenedView(NamedTuple):
 
 
 class CompileStatus(logging.Handler):
-    """Handler of the compiler's logger: says on the page which kernel is compiled, and how many were."""
+    """Handler of the compiler's logger: says on the page which kernel is compiled, and how many were.
 
-    def __init__(self, link: BenchLink) -> None:
+    Parameters
+    ----------
+    link : BenchLink
+        To the page.
+    most : int
+        How many there are at most; 0 where that is not known.
+    """
+
+    def __init__(self, link: BenchLink, most: int = 0) -> None:
         super().__init__(logging.INFO)
-        self._link = link
+        self._link, self._most = link, most
         self._begun_s = time.monotonic()
         self._end: Callable[[], None] | None = None
 
@@ -71,7 +79,8 @@ class CompileStatus(logging.Handler):
         """Say which kernel is compiled now, the ``count``-th."""
         spent_s = time.monotonic() - self._begun_s
         name = kernel.rpartition(".")[2]
-        text = f"compiling kernels for this processor, once: number {count} ({name}), {spent_s:.0f} s"
+        of = f" of at most {self._most}" if count <= self._most else ""
+        text = f"compiling kernels for this processor, once: number {count}{of} ({name}), {spent_s:.0f} s"
         self._link.tell("status", {"text": text})
 
     def close(self) -> None:
@@ -98,8 +107,10 @@ def check_view(view: str, port: int, *, force: bool) -> None:
         check_output_file(Path(view), force=force)
 
 
-def opened_view(view: str, port: int, stack: ExitStack, *, open_to_other_hosts: bool = False) -> OpenedView:
-    """Return where the view goes, its bench started and left to the stack."""
+def opened_view(
+    view: str, port: int, stack: ExitStack, *, open_to_other_hosts: bool = False, kernels: int = 0
+) -> OpenedView:
+    """Return where the view goes, its bench started and left to the stack; it counts to so many kernels at most."""
     if view == NO_VIEW:
         return OpenedView(None)
     if view not in WEB_VIEWS:
@@ -108,7 +119,7 @@ def opened_view(view: str, port: int, stack: ExitStack, *, open_to_other_hosts: 
     found = opened_bench(port, stack, open_to_other_hosts=open_to_other_hosts)
     assert found.link is not None
     found.tell("status", {"text": "loading"})
-    logger, handler = logging.getLogger(LOGGER), CompileStatus(found.link)
+    logger, handler = logging.getLogger(LOGGER), CompileStatus(found.link, kernels)
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)

@@ -22,7 +22,15 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, is_page, machine_parameters, run_group
+from mech_twin.parameters.load import (
+    PAGE,
+    RUN_GROUP,
+    assignments,
+    catalogue_entry,
+    is_page,
+    machine_parameters,
+    run_group,
+)
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.process.dependencies import require_modules
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
@@ -48,7 +56,13 @@ def run_machine(request: RunVerb) -> None:
         check_recording_directory(directory, force=request.force)
     options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
-        view = opened_view(request.view, request.view_port, stack, open_to_other_hosts=request.open_to_other_hosts)
+        view = opened_view(
+            request.view,
+            request.view_port,
+            stack,
+            open_to_other_hosts=request.open_to_other_hosts,
+            kernels=catalogue_entry(request.machine).kernels,
+        )
         if view.link is not None:
             from mech_twin.nodes.run.domain import run_namespace
 

@@ -45,7 +45,7 @@ MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
 ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
 RUN_GROUP = "run"  # how a node is run, not what the machine is
-PAGE = Entry("page", "planar machine of one's own from a page")
+PAGE = Entry("page", "planar machine of one's own from a page", kernels=150)
 PAGE_SUFFIXES = (".yaml", ".yml")
 PAGE_GROUPS = frozenset({"bodies", "joints"})  # by which a page without the head of a parameter file is known
 

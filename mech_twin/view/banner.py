@@ -144,9 +144,10 @@ class Banner:
         joint, speed = linkage.joints[0], linkage.velocity[0]
         if not self._known:
             return []
+        name = joint.replace("_", " ")
         if joint in self._slides:
-            return [Card(joint, f"{speed:+.2f} m/s", joint, speed, "m/s")]
-        return [Card(joint, f"{speed:.4g} rad/s", joint, speed, "rad/s")]  # as at the terminal and on every topic
+            return [Card(name, f"{speed:+.2f} m/s", name, speed, "m/s")]
+        return [Card(name, f"{speed:.4g} rad/s", name, speed, "rad/s")]  # as at the terminal and on every topic
 
     def _work(self, linkage: LinkageSample) -> list[Card]:
         _forget(self._blows, linkage.time_s)

@@ -4,10 +4,14 @@
 from __future__ import annotations
 
 import logging
+import os
 import subprocess
 import sys
 
+import pytest
+
 from mech_twin.cli.compile_progress import FIRST_TOLD_S, CompileProgress
+from mech_twin.machines.catalog import CATALOGUE
 
 COMPILING_FOR_REAL = """
 import logging, sys
@@ -29,6 +33,13 @@ handler.close()
 assert lines[2:] == ["  kernels compiled: 2; they are kept, the next time begins at once\\n"], lines
 assert doubled(1) == 2.0
 assert len(lines) == 3, "after its end it observes no longer"
+"""
+FIRST_RUN = """
+import atexit, sys
+from mech_twin.cli.main import main
+from mech_twin.kernels.cache import compiled_count
+atexit.register(lambda: sys.stderr.write(f"compiled {compiled_count()}"))
+main()
 """
 
 
@@ -53,3 +64,14 @@ def test_a_warning_of_the_compiler_is_passed_on_and_begins_nothing() -> None:
     handler.handle(logging.LogRecord("mech_twin.kernels", logging.WARNING, __file__, 1, "%s: damaged", ("file",), None))
     handler.close()
     assert lines == ["file: damaged\n"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["impact_mass", "winding_drum"])
+def test_a_first_run_compiles_as_many_kernels_as_its_page_counts_to(name, ros_domain, tmp_path) -> None:
+    words = ["run", name, "--view", "none", "--no-record", "--duration", "0.05", "--pace", "max"]
+    folders = {"MECH_TWIN_CACHE_DIR": str(tmp_path / "kernels"), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-c", FIRST_RUN, *words]
+    done = subprocess.run(command, check=True, env=os.environ | folders, capture_output=True, text=True, timeout=500)
+    count = int(done.stderr.rpartition("compiled ")[2])
+    assert CATALOGUE[name].kernels == 10 * -(-count // 10)

@@ -2,8 +2,6 @@
 """The bench as a process of its own: the page's server, and a node that passes its orders on to the machine.
 
 It is told on standard input what to serve, and says on standard output where: one line of JSON each way.
-
-What a run would do next with other values is rolled out here too, from its present state, beside it.
 """
 
 from __future__ import annotations
@@ -16,95 +14,15 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
-from mech_twin.engine.errors import MotionError
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
+from mech_twin.nodes.run.trials import Trials
 from mech_twin.process.parent_death import end_with_parent
 from mech_twin.view.bench.link import FEED, PREFIX
 from mech_twin.view.bench.server import Bench, OrderError
-
-SPAN_S = 0.3  # of the machine's time: three blows of the breaker
-
-
-class Ghost:
-    """Roll-outs of one machine, one at a time.
-
-    Parameters
-    ----------
-    name : str
-        Machine of the catalogue.
-    configuration : mapping
-        Its whole configuration.
-    """
-
-    def __init__(self, name: str, configuration: Mapping[str, Any]) -> None:
-        self._name, self._configuration = name, dict(configuration)
-        self._pool: ProcessPoolExecutor | None = None
-        self.frame: dict[str, Any] | None = None
-
-    def changed(self, key: str, value: Any) -> None:
-        """Take over a live parameter that has changed."""
-        self._configuration = merged_tree(self._configuration, tree_from_flat({key: value}))
-
-    async def tried(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return curves and cards of the next moments with these values.
-
-        Raises
-        ------
-        ConfigurationError
-            The machine refuses them; or nothing runs yet.
-        """
-        if self.frame is None:
-            raise ConfigurationError("nothing runs yet")
-        tree = merged_tree(self._configuration, tree_from_flat(dict(values)))
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(
-                1, mp_context=get_context("spawn"), initializer=end_with_parent, initargs=(os.getpid(),)
-            )
-        future = self._pool.submit(rolled_out, self._name, tree, self.frame)
-        return await asyncio.wrap_future(future)
-
-    def close(self) -> None:
-        """Let the process go."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
-
-
-def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:
-    """Return what the page draws of the next moments of a machine from a frame on."""
-    from mech_twin.engine.run import continued
-    from mech_twin.engine.trajectory import frame_events
-    from mech_twin.parameters.load import catalogue_entry, validated
-    from mech_twin.view.banner import Banner
-    from mech_twin.view.bench.frame_text import framed
-    from mech_twin.view.bench.picture import packed_curves
-    from mech_twin.view.bench.scene import RoleCurves, body_regimes
-    from mech_twin.view.sending import LIVE
-
-    entry = catalogue_entry(name)
-    machine = entry.build(validated(entry, tree, "trial"))
-    begin = framed(content)
-    roles = RoleCurves(frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints)
-    banner = Banner(machine.mechanism, *([] if machine.blow_energy is None else [machine.blow_energy]))
-    banner.body_regimes = body_regimes(machine)
-    for frame in continued(machine, begin, SPAN_S, begin.motor.command):
-        roles.add(frame.motor, frame.linkage, frame.forces, frame.body)
-        banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
-        for event in frame_events(frame):
-            banner.strike(event)
-    return {
-        "from_s": begin.linkage.time_s,
-        "to_s": begin.linkage.time_s + SPAN_S,
-        "curves": packed_curves(roles.taken(LIVE)),
-        "cards": banner.cards(),
-    }
-
 
 SERVICE_S = 2.0  # how long a person waits for a service to be found
 END_S = 2.0  # that a machine's orders may take to end
@@ -193,7 +111,7 @@ class BenchProcess:
     def __init__(self, told: Mapping[str, Any]) -> None:
         self._told = told
         self._orders: Orders | None = None
-        self._ghost: Ghost | None = None
+        self._trials: Trials | None = None
         self._loop = asyncio.get_running_loop()
         self.bench = Bench(self._obey, others=told["others"], history_bytes=told["history_bytes"])
         self.bench.on_machine(self._know)
@@ -225,9 +143,9 @@ class BenchProcess:
 
     async def _let_go(self) -> None:
         """Pass no further orders on to the machine that ran."""
-        ghost, orders, self._ghost, self._orders = self._ghost, self._orders, None, None
-        if ghost is not None:
-            ghost.close()
+        trials, orders, self._trials, self._orders = self._trials, self._orders, None, None
+        if trials is not None:
+            trials.close()
         if orders is not None:
             orders.close()
             await asyncio.to_thread(orders.join, END_S)
@@ -242,25 +160,22 @@ class BenchProcess:
         if self._orders is None and machine.get("namespace"):
             self._orders = Orders(machine["namespace"], self._changed)
             self._orders.start()
-        if self._ghost is None and machine.get("configuration"):
-            self._ghost = Ghost(machine["name"], machine["configuration"])
+        if self._trials is None and machine.get("configuration"):
+            self._trials = Trials(machine["name"], machine["configuration"])
             self.bench.on_frame(self._at, self._tried)
 
     def _at(self, frame: dict[str, Any]) -> None:
-        if self._ghost is not None:
-            self._ghost.frame = frame
+        if self._trials is not None:
+            self._trials.frame = frame
 
-    async def _tried(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
-        if self._ghost is None:
+    async def _tried(self, values: Mapping[str, Any]) -> str:
+        if self._trials is None:
             raise OrderError("nothing runs that could be tried out")
-        try:
-            return await self._ghost.tried(values)
-        except (ConfigurationError, MotionError) as error:
-            raise OrderError(str(error)) from error
+        return await self._trials.tried(values)
 
     def _changed(self, name: str, value: Any) -> None:
-        if self._ghost is not None:
-            self._loop.call_soon_threadsafe(self._ghost.changed, name, value)
+        if self._trials is not None:
+            self._loop.call_soon_threadsafe(self._trials.changed, name, value)
         self._loop.call_soon_threadsafe(self.bench.tell, "changed", {"name": name, "value": value})
 
     async def _obey(self, message: Mapping[str, Any]) -> str:

@@ -15,7 +15,10 @@ from mech_twin.samples import Shape
 from mech_twin.view.extent import Bounds
 
 # numbers of a run that say most of it stand first; those with none of these words follow as the machine has them
-FIRST_WORDS = ("blow_energy", "blow_rate", "seated", "contact_share", "missed", "impact_speed", "power", "torque_peak")
+FIRST_WORDS = (
+    *("blow_energy", "blow_rate", "seated", "contact_share", "missed", "impact_speed", "power_mean", "motor_power"),
+    *("torque_peak", "torque_max", "speed_mean"),
+)
 
 
 class Curves(NamedTuple):

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.capabilities.mechanism import FrameTree
+from mech_twin.declarations.captions import caption
 from mech_twin.engine.invariants import RunInvariants
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample
@@ -274,7 +275,9 @@ class BenchScene:
         if self._invariants is None:
             return
         found = sorted(self._invariants.residuals().items(), key=lambda each: -each[1].worst / max(each[1].limit, TINY))
-        rows = [[name.replace("_", " "), f"{r.worst:.2g}", f"{r.limit:.2g}", r.broken] for name, r in found]
+        rows = [
+            [", ".join(filter(None, caption(name))), f"{r.worst:.2g}", f"{r.limit:.2g}", r.broken] for name, r in found
+        ]
         self._link.tell("health", {"residuals": rows, "behind_s": behind_s})
 
     def _lay_out(self, curves: Sequence[Curves]) -> None:

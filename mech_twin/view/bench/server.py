@@ -44,7 +44,7 @@ STATES = ("machine", "layout", "status", "parameters", "metrics", "alarms", "adv
 KEPT = (*STATES, "comparison", "hall")
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
-Try = Callable[[Mapping[str, Any]], Awaitable[Mapping[str, Any]]]
+Try = Callable[[Mapping[str, Any]], Awaitable[str]]
 Obey = Callable[[Mapping[str, Any]], Awaitable[str]]
 
 
@@ -354,9 +354,9 @@ class Bench:
         """Tell a page, and it alone, what would come of values; nothing is sent to the machine."""
         try:
             check_order({"name": "try", **message})
-            page.tell({"kind": "ghost", "id": message.get("id"), **await tried(message.get("values", {}))})
+            page.tell(await tried(message.get("values", {})))
         except OrderError as error:
-            page.tell({"kind": "ghost", "id": message.get("id"), "refused": str(error)})
+            page.tell({"kind": "ghost", "refused": str(error)})
         finally:
             page.is_trying = False
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import pytest
 from catalogue import NAMES, built
 
+from mech_twin.declarations.captions import caption
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import dynamics
 from mech_twin.samples import Event
@@ -104,7 +105,7 @@ def test_residuals_stand_beside_their_limits_the_nearest_first():
     scene.close()
     rows = [content for kind, content in link.told if kind == "health"][-1]["residuals"]
     limits = {name for role in (machine.linkage, machine.forces, machine.body) for name in role.residual_limits}
-    assert {name.partition(".")[2] or name for name, *_ in rows} <= {name.replace("_", " ") for name in limits}
+    assert {name for name, *_ in rows} <= {", ".join(filter(None, caption(name))) for name in limits}
     shares = [float(worst) / float(limit) for _, worst, limit, _ in rows]
     assert shares == sorted(shares, reverse=True)
     assert not any(is_broken for *_, is_broken in rows)

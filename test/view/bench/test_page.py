@@ -228,9 +228,9 @@ def test_while_kernels_compile_the_page_says_so_from_the_first_second(browser):
         link.tell("status", {"text": "loading"})
         expect(page.locator("#status")).to_have_text("loading", timeout=1000)
         assert time.monotonic() - begin < 1.0
-        CompileStatus(link).compiling("mech_twin.machines.x.forces.moment", 34)
+        CompileStatus(link, 120).compiling("mech_twin.machines.x.forces.moment", 34)
         expect(page.locator("#status")).to_contain_text(
-            "compiling kernels for this processor, once: number 34 (moment)"
+            "compiling kernels for this processor, once: number 34 of at most 120 (moment)"
         )
         expect(page.locator("#state")).to_have_text("starting")
         with opened(browser, bench.url.partition("#")[0], shows=False) as other:

@@ -7,7 +7,7 @@ import { listPanels } from "./instant.js";
 import { find, rounded, rowsOf, run } from "./state.js";
 
 const undone = [];
-const MOST_READ = 1e6; // a bound beyond it is none that a person meets
+const MOST_READ = 1e6; // a bound from there on is none that a person meets
 
 const WORDS = { start: "Start", stop: "Stop motor", reset: "Reset", pause: "Pause", "step": "One step" };
 
@@ -52,7 +52,7 @@ function keyRow(parameter) {
   const label = document.createElement("label");
   label.textContent = parameter.name + (parameter.unit ? `, ${parameter.unit}` : "");
   const meaning = document.createElement("p");
-  const [low, high] = [parameter.low, parameter.high].map((bound) => (bound == null || Math.abs(bound) > MOST_READ ? null : bound));
+  const [low, high] = [parameter.low, parameter.high].map((bound) => (bound == null || Math.abs(bound) >= MOST_READ ? null : bound));
   const range = low == null && high == null ? "" : high == null ? `at least ${rounded(low)}` : low == null ? `at most ${rounded(high)}` : `${rounded(low)} to ${rounded(high)}`;
   meaning.textContent = [parameter.meaning, range].filter(Boolean).join("; ");
   const controls = document.createElement("div");

@@ -25,6 +25,17 @@ export function warm() {
   send({ kind: "try", values: {} });
 }
 
+// a trial is on its way, whose answer a picture drawn meanwhile would keep waiting
+export const isAwaited = () => ghost.asked !== null && !ghost.begun;
+
+// the plots hold what was tried: by the next frame it is seen
+export function ghostDrawn() {
+  if (!ghost.begun) return;
+  const begun = ghost.begun;
+  ghost.begun = 0;
+  requestAnimationFrame(() => { window.bench.ghosts.push(performance.now() - begun); window.bench.onghost?.(); });
+}
+
 export function showGhost(message) {
   const { name, value, begun } = ghost.asked;
   const row = name && find("keys").querySelector(`[data-name="${CSS.escape(name)}"] .was`);
@@ -43,7 +54,7 @@ export function showGhost(message) {
     Object.assign(ghost, { from: message.from_s, until: message.to_s });
     shown.drawn = null;
     row.textContent = `with ${rounded(value)}: ${message.cards.map(([card, told]) => `${card} ${told}`).join(", ")}`;
-    window.bench.ghosts.push(performance.now() - begun);
+    ghost.begun = begun;
   }
   const next = ghost.next;
   ghost.next = null;

@@ -4,7 +4,7 @@
 import { isOpen, send } from "./connection.js";
 import { colours, Curve } from "./curves.js";
 import { draw, listen } from "./drawing.js";
-import { ghost, isTried } from "./ghost.js";
+import { ghost, ghostDrawn, isAwaited, isTried } from "./ghost.js";
 import { judged, listLimits } from "./limits.js";
 import { placeOf } from "./pictures.js";
 import { key, made, Plots } from "./plots.js";
@@ -14,6 +14,7 @@ import { tellTime } from "./viewer.js";
 const QUIET_MS = 1500;
 const DRAWN_ROWS = 4000; // of a curve; of more the extremes are drawn
 const WHOLE = "whole";
+const AWAITED_MS = 150; // between two pictures while a trial is awaited
 
 export const plots = new Plots(find("plots"), {
   pieces(part, from, to) {
@@ -50,7 +51,8 @@ export function frame(now) {
     tellTime(shown.following ? null : shown.at);
     const place = placeOf(shown.at);
     const picture = run.pictures[place];
-    if (picture !== shown.drawn || shown.playing || (isWhole() && newest !== shown.newest)) show(picture, shown.following ? picture.time_s : shown.at);
+    const isDue = picture !== shown.drawn || shown.playing || (isWhole() && newest !== shown.newest);
+    if (isDue && (!isAwaited() || now - shown.showed > AWAITED_MS)) show(picture, shown.following ? picture.time_s : shown.at);
   }
   if (shown.owed) { shown.owed = false; send({ kind: "drawn" }); }
   const isQuiet = isOpen() && shown.following && newest && !run.over && run.machine?.namespace && now - shown.heard > QUIET_MS;
@@ -61,7 +63,7 @@ export function frame(now) {
 export function show(picture, at) {
   const newest = run.pictures.at(-1);
   if (shown.drawn === null || newest !== shown.newest) shown.changes += 1;
-  Object.assign(shown, { drawn: picture, newest });
+  Object.assign(shown, { drawn: picture, newest, showed: performance.now() });
   const header = `t = ${picture.time_s.toFixed(run.paused || !shown.following ? 4 : 2)} s`;
   if (find("time").textContent !== header) find("time").textContent = header;
   find("state").textContent = run.over && shown.following ? "over" : picture.state;
@@ -76,6 +78,7 @@ export function show(picture, at) {
   const until = Math.max(now, isTried(wanted) ? ghost.until : now);
   plots.ofTwo = other.isThere && !other.isDifference;
   plots.show(from, now, until, { isLive: shown.following && !isWhole(), at: wanted, stamp: shown.changes });
+  ghostDrawn();
   find("lanes").hidden = !lanes.size;
   if (find("lane-words").childElementCount !== lanes.words.length) {
     const hues = colours(lanes.words.length);

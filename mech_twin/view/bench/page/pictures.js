@@ -28,7 +28,7 @@ export function take(list) {
 export function note(time, text) {
   const line = document.createElement("li");
   const button = document.createElement("button");
-  Object.assign(button, { type: "button", textContent: text, title: "go to this time" });
+  Object.assign(button, { type: "button", textContent: text.replace("->", "\u2192"), title: "go to this time" });
   button.dataset.time = time;
   line.append(button);
   find("log").hidden = false;
