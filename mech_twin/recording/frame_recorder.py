@@ -10,12 +10,13 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
+from mech_twin.capabilities.urdf import urdf
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import blow, impact, motor, scene, step_marks
 from mech_twin.messages import body as body_messages
 from mech_twin.messages import force as force_messages
 from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.frames import frame_id
+from mech_twin.messages.frames import frame_id, transforms
 from mech_twin.messages.joint_state_cdr import StepMessage, encoded, stamp_of
 from mech_twin.messages.joint_states import efforts_message, has_impact, joints_message, largest_reaction
 from mech_twin.messages.peak_hold import PeakHoldWindow
@@ -27,11 +28,13 @@ from mech_twin.messages.topics import (
     CLOCK,
     DESCRIPTION,
     FORCE_JOINT_STATES,
+    FRAMES,
     IMPACTS,
     JOINT_STATES,
     LATCHED,
     MOTOR_JOINT_STATES,
     PRESSING_FORCE,
+    ROBOT_DESCRIPTION,
     SCENE,
     STEP_BODY,
     STEP_FORCES,
@@ -76,7 +79,8 @@ class FrameRecorder:
         self._writer = BagWriter(directory, configuration=description)
         gauge = machine.gauge
         gauged = () if gauge is None else (BLOW_GAUGE, *((BLOW_WAVE,) if gauge.sent else ()))
-        for topic in (*recorded_topics(machine.forces.pins, machine.body is not None), *gauged):
+        seen = () if machine.mechanism is None else (FRAMES, ROBOT_DESCRIPTION)
+        for topic in (*recorded_topics(machine.forces.pins, machine.body is not None), *gauged, *seen):
             durability = "transient_local" if topic.qos is LATCHED else "volatile"
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
             self._writer.add_topic(full_name(machine.name, topic), type_name(topic), qos)
@@ -88,13 +92,13 @@ class FrameRecorder:
         self._forces = StreamWindow[ForceSample](self._window)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
         self._revision = REVISION
-        self._put(DESCRIPTION, String(data=description))
+        self._describe(description)
 
     def change(self, machine: Machine, description: str) -> None:
         """Record that another configuration of the machine holds from the next frame on."""
         self._machine = machine
         self._revision += 1
-        self._put(DESCRIPTION, String(data=description))
+        self._describe(description)
 
     def write(self, frame: Frame) -> None:
         """Record one frame."""
@@ -151,9 +155,22 @@ class FrameRecorder:
             clock = Clock()
             clock.clock.sec, clock.clock.nanosec = stamp_of(linkage.time_s)
             self._put(CLOCK, clock)
+            self._write_frames(frame)
         if linkage.step % self._steps_per_drawing == 0:
             shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)
             self._put(SCENE, scene.to_bytes(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
+
+    def _write_frames(self, frame: Frame) -> None:
+        if self._machine.mechanism is None:
+            return
+        positions = dict(zip(frame.linkage.joints, frame.linkage.position, strict=True))
+        for found in transforms(self._machine.mechanism, positions, frame.linkage.time_s, self._machine.name):
+            self._put(FRAMES, found)
+
+    def _describe(self, description: str) -> None:
+        self._put(DESCRIPTION, String(data=description))
+        if self._machine.mechanism is not None:
+            self._put(ROBOT_DESCRIPTION, String(data=urdf(self._machine.name, self._machine.mechanism)))
 
     def _put_wrench(self, pin: str, kept: Any) -> None:
         if kept is not None:
