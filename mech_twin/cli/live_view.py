@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mech_twin.cli.compile_progress import LOGGER
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -50,8 +48,8 @@ class OpenedView(NamedTuple):
             self.link.tell(kind, content)
 
 
-class CompileStatus(logging.Handler):
-    """Handler of the compiler's logger: says on the page which kernel is compiled, and how many were.
+class CompileStatus:
+    """Says on the page which kernel is compiled, and how many were.
 
     Parameters
     ----------
@@ -62,33 +60,17 @@ class CompileStatus(logging.Handler):
     """
 
     def __init__(self, link: BenchLink, most: int = 0) -> None:
-        super().__init__(logging.INFO)
         self._link, self._most = link, most
-        self._begun_s = time.monotonic()
-        self._end: Callable[[], None] | None = None
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Begin to count with the compiler's first line."""
-        if self._end is None:
-            from mech_twin.kernels.cache import on_compile
-
-            self._begun_s = time.monotonic()
-            self._end = on_compile(self.compiling)
+        self._begun_s: float | None = None
 
     def compiling(self, kernel: str, count: int) -> None:
         """Say which kernel is compiled now, the ``count``-th."""
-        spent_s = time.monotonic() - self._begun_s
-        name = kernel.rpartition(".")[2]
-        of = f" of at most {self._most}" if count <= self._most else ""
-        text = f"compiling kernels for this processor, once: number {count}{of} ({name}), {spent_s:.0f} s"
+        now_s = time.monotonic()
+        self._begun_s = now_s if self._begun_s is None else self._begun_s
+        name, of = kernel.rpartition(".")[2], f" of at most {self._most}" if count <= self._most else ""
+        spent = f"{now_s - self._begun_s:.0f} s"
+        text = f"compiling kernels for this processor, once: number {count}{of} ({name}), {spent}"
         self._link.tell("status", {"text": text})
-
-    def close(self) -> None:
-        """Observe no longer."""
-        if self._end is not None:
-            self._end()
-            self._end = None
-        super().close()
 
 
 def check_view(view: str, port: int, *, force: bool) -> None:
@@ -119,13 +101,9 @@ def opened_view(
     found = opened_bench(port, stack, open_to_other_hosts=open_to_other_hosts)
     assert found.link is not None
     found.tell("status", {"text": "loading"})
-    logger, handler = logging.getLogger(LOGGER), CompileStatus(found.link, kernels)
-    level = logger.level
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
-    stack.callback(handler.close)
-    stack.callback(logger.setLevel, level)
-    stack.callback(logger.removeHandler, handler)
+    from mech_twin.kernels.cache import on_compile  # loads the compiler: the page is there by now
+
+    stack.callback(on_compile(CompileStatus(found.link, kernels).compiling))
     return found
 
 

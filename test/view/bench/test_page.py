@@ -5,15 +5,14 @@ from __future__ import annotations
 
 import re
 import subprocess
-import time
+from contextlib import ExitStack
 
 import pytest
 from browser import COMMAND, UP_MS, opened, running
 from playwright.sync_api import expect
 
-from mech_twin.cli.live_view import CompileStatus
-from mech_twin.view.bench.link import BenchLink
-from mech_twin.view.bench.started import StartedBench
+from mech_twin.cli.live_view import opened_view
+from mech_twin.kernels.kernel import kernel
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -223,18 +222,16 @@ def contrast_to_white(*colour: int) -> float:
 
 
 def test_while_kernels_compile_the_page_says_so_from_the_first_second(browser):
-    with StartedBench() as bench, BenchLink(bench.place) as link, opened(browser, bench.url, shows=False) as page:
-        begin = time.monotonic()
-        link.tell("status", {"text": "loading"})
-        expect(page.locator("#status")).to_have_text("loading", timeout=1000)
-        assert time.monotonic() - begin < 1.0
-        CompileStatus(link, 120).compiling("mech_twin.machines.x.forces.moment", 34)
-        expect(page.locator("#status")).to_contain_text(
-            "compiling kernels for this processor, once: number 34 of at most 120 (moment)"
-        )
-        expect(page.locator("#state")).to_have_text("starting")
-        with opened(browser, bench.url.partition("#")[0], shows=False) as other:
-            expect(other.locator("#status")).to_contain_text("needs the whole address")
+    with ExitStack() as stack:
+        view = opened_view("web", 0, stack, kernels=9999)
+        with opened(browser, view.page, shows=False) as page:
+            expect(page.locator("#status")).to_have_text("loading", timeout=1000)
+            assert kernel(lambda x: 2.0 * x)(1.0) == 2.0
+            told = re.compile(r"compiling kernels for this processor, once: number \d+ of at most 9999 \(")
+            expect(page.locator("#status")).to_have_text(told)
+            expect(page.locator("#state")).to_have_text("starting")
+            with opened(browser, view.page.partition("#")[0], shows=False) as other:
+                expect(other.locator("#status")).to_contain_text("needs the whole address")
 
 
 def shown_at(page) -> float:
