@@ -16,7 +16,7 @@ from mech_twin.cli.console import print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.featured_run import ARL0_H, FeaturedRun, featured_run, setup_of_runs
 from mech_twin.cli.measurement_verbs import FleetVerb
-from mech_twin.cli.monitor_baseline import check_origin, read_setup
+from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.files.report_page import page, section, versions
@@ -87,8 +87,7 @@ def _runs(question: _Question, folder: Path) -> list[FeaturedRun]:
 def _judged(question: _Question, folder: Path, runs: list[FeaturedRun]) -> FleetMember:
     kept = folder / BASELINE
     if kept.exists():
-        setup = read_setup(kept, question.machine)
-        check_origin(kept, setup, question.parameters, runs[0].given)
+        setup = read_setup(kept, question.machine, question.parameters, runs[0].given)
     else:
         first, *runs = runs
         setup = setup_of_runs([first], question.parameters, question.arl0_h, 0, question.known)

@@ -12,7 +12,7 @@ from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.featured_run import ARL0_H, FeaturedRun, check_machine, featured_run, setup_of_runs
 from mech_twin.cli.measurement_verbs import MonitorVerb
-from mech_twin.cli.monitor_baseline import agreed, baseline_file, check_origin, check_request, earlier_runs, read_setup
+from mech_twin.cli.monitor_baseline import agreed, baseline_file, check_request, earlier_runs, read_setup
 from mech_twin.cli.monitor_output import Judged, show_design, show_runs
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file, written_file
@@ -137,8 +137,7 @@ def _setup(asked: MonitorVerb, parameters: Parameters, first: FeaturedRun) -> tu
     """Return the setup, and the first run without the cycles that were its baseline."""
     file = baseline_file(asked.baseline)
     if file is not None:
-        kept_setup = read_setup(file, asked.machine)
-        check_origin(file, kept_setup, parameters, first.given)
+        kept_setup = read_setup(file, asked.machine, parameters, first.given)
         wanted = arl0_cycles(asked.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
         if not math.isclose(wanted, kept_setup.limits.arl0_cycles, rel_tol=1e-9):
             raise CommandError(

@@ -34,8 +34,8 @@ def baseline_file(baseline: Sequence[Path]) -> Path | None:
     return files[0] if files else None
 
 
-def read_setup(path: Path, machine: str) -> MonitorSetup:
-    """Return the reference of a monitor, as `--save-baseline` writes it; a file that is none is a line."""
+def read_setup(path: Path, machine: str, parameters: Parameters, given: MeasurementMap) -> MonitorSetup:
+    """Return the reference of a monitor, as `--save-baseline` writes it, made for these numbers and sensors."""
     try:
         with opened_input(path) as stream:
             data = stream.read(LARGEST_BYTES + 1)
@@ -49,10 +49,11 @@ def read_setup(path: Path, machine: str) -> MonitorSetup:
         raise refusal(f"{path}: expected a baseline as --save-baseline writes it", error) from error
     if setup.machine != kind_of(machine):
         raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {kind_of(machine)!r}")
+    _check_origin(path, setup, parameters, given)
     return setup
 
 
-def check_origin(path: Path, setup: MonitorSetup, parameters: Parameters, given: MeasurementMap) -> None:
+def _check_origin(path: Path, setup: MonitorSetup, parameters: Parameters, given: MeasurementMap) -> None:
     """Raise where a baseline was made for other numbers or sensors; say how old it is."""
     origin = setup.origin
     if origin is None:

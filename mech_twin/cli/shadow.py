@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
     from mech_twin.nodes.shadow.monitor_node import AlertOutlet
     from mech_twin.nodes.shadow.session import ShadowOutcome
+    from mech_twin.studies.monitoring.monitor import MonitorSetup
 
 
 def shadow_machine(request: ShadowVerb) -> None:
@@ -46,7 +47,7 @@ def shadow_machine(request: ShadowVerb) -> None:
         check_output_directory(request.black_box, force=True)
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
     given = _map_of(request, parameters)
-    reference = None if request.monitor is None else read_setup(request.monitor, request.machine)
+    reference = None if request.monitor is None else _reference(request.monitor, request.machine, parameters, given)
     if request.black_box is not None and reference is None:
         raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
     for option, address in (("--mqtt", request.mqtt), ("--prometheus", request.prometheus)):
@@ -82,6 +83,13 @@ def shadow_machine(request: ShadowVerb) -> None:
         outcome = follow(machine, setup, parameters, company, request.duration_s, told, own)
     _report(request, outcome)
     report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
+
+
+def _reference(file: Path, machine: str, parameters: Parameters, given: MeasurementMap | None) -> MonitorSetup:
+    """Return the monitor's reference, made for this configuration and these sensors."""
+    from mech_twin.nodes.shadow.inputs import own_map
+
+    return read_setup(file, machine, parameters, given or own_map(catalogue_entry(machine).build(parameters)))
 
 
 def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:

@@ -85,6 +85,11 @@ def test_a_fault_in_a_run_is_found_named_and_sized(
     assert named["low_95"] <= -0.1 <= named["high_95"] and named["high_95"] - named["low_95"] < 0.02
     again = command(monkeypatch, capsys, *words, "--baseline", kept, "--json")
     assert json.loads(again[1])["runs"] == record["runs"]
+    shadow = ("shadow", "impact_mass", "--from", "plant", "--monitor", kept)  # the same check, before it listens
+    heavier = command(monkeypatch, capsys, *shadow, "--map", plant.map, "--set", "restitution=0.4")
+    assert heavier[0] == 2 and "healthy.json: made with another configuration" in heavier[2]
+    unmapped = command(monkeypatch, capsys, *shadow)
+    assert unmapped[0] == 2 and "healthy.json: made with another map" in unmapped[2]
     other = command(monkeypatch, capsys, *words[:-1], 8.0, "--baseline", kept)
     assert other[0] == 2 and "--arl0 8: " in other[2] and "holds thresholds for 1 h" in other[2]
     shown = command(monkeypatch, capsys, *words, "--baseline", kept)
