@@ -11,7 +11,7 @@ import numpy as np
 from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.kernels.kernel import kernel
-from mech_twin.parts.induction_motor import MotorConstants, motor_torque_slope
+from mech_twin.parts.induction_motor import KLOSS, MotorConstants, motor_command_slope, motor_torque_slope
 
 TURN = 2.0 * pi
 LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
@@ -139,7 +139,7 @@ class Transmission(NamedTuple):
     motor: MotorConstants | None = None
 
 
-NO_MOTOR = MotorConstants(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False)
+NO_MOTOR = MotorConstants(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, KLOSS)
 
 
 class CrankDrive(NamedTuple):
@@ -218,7 +218,7 @@ def shaft_drive(
     if drive.curved:
         slope = motor_torque_slope(drive.motor, rotor, command)
         change = (command - before) / crank.step_s
-        ramp = -drive.motor.synchronous_speed_rad_per_s * slope * change
+        ramp = motor_command_slope(drive.motor, rotor, command) * change
         limit = max(drive.motor.breakdown_torque_nm, abs(torque))
     friction = crank.friction
     return ShaftDrive(

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What changes at a time of the run: live parameters, the command, the operating point; at once or along a ramp.
+"""What changes at a time of the run: live parameters, command, supply, operating point; at once or along a ramp.
 
 ::
 
     body.spring_rate_n_per_m=-20%@12      a live parameter, from 12 s on
     motor.command=0.8@12                  the asked fraction of rated supply frequency
+    motor.torque_curve=single_phase@12    a line of an induction motor's supply opens
     supply_frequency=-4%@12..20           a variable of the operating point, along a ramp from 12 s to 20 s
 
 A sag is a change and its way back.  Shares are of the value before; those of an operating point of the healthy value.
@@ -27,9 +28,10 @@ from mech_twin.declarations.configuration_tree import (
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
+from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.roles import Machine
 
-COMMAND = "motor.command"
+COMMAND, TORQUE_CURVE = "motor.command", "motor.torque_curve"  # of the supply: no parameters of a running twin
 RAMP_STEP_S = 0.1  # of parameters along a ramp; a command follows at each step
 MOST_RAMP_STEPS = 1000
 
@@ -165,6 +167,9 @@ class ChangingMachine:
 def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float) -> Parameters:
     """Return the parameters after a part of a change; ``done`` is 1 where it is whole."""
     live = dict(live_numbers(parameters))
+    motor = getattr(parameters, "motor", None)
+    if isinstance(motor, InductionMotorParameters):
+        live[TORQUE_CURVE] = motor.torque_curve
     if change.key not in live:
         raise ConfigurationError(f"--change {change.text}: {_not_live(change.key, type(parameters), live, machine)}")
     value = change.value

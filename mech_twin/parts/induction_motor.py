@@ -19,6 +19,18 @@ slip *speed* alone.  At the rated supply (f = 1) this is the ordinary slip; at f
 speed axis, with the same breakdown torque.  f = 0 is the supply switched off.
 
 Source of the curve: KlossMotor1916, as used in LoveikinRoller2018 eq. (29) and (40).
+
+With one line of the supply open its current is 0 and the other two are each other's opposite, so that the positive and
+the negative sequence carry the same current and stand in series (FortescueSymmetrical1918)::
+
+    I_1 = -I_2,      V = |I_1| |Z(s) + Z(2f - s)|,      M ~ |I_1|^2 (R/s - R/(2f - s))
+
+With the impedance of Kloss, Z(s) = R/s + jX and R/X = s_kr at f = 1, and v = w/w_0::
+
+    M = M_max s_kr v p/(p^2 + f^2 s_kr^2),      p = s (2f - s) = f^2 - v^2
+
+A motor at rest stays there; one that turns keeps the slope of its working branch and about half its largest torque.
+That is the mean torque; its swing at twice the frequency of the supply is left out.
 """
 
 from __future__ import annotations
@@ -35,6 +47,8 @@ RPM = pi / 30.0
 LONGEST_RUN_UP_S = 1e3  # of the rotor alone at rated power; motors take a fraction of a second
 LEAST_RATED_SLIP, MOST_RATED_SLIP = 1e-4, 0.5
 PRINTED_WITHIN = 1.25  # factor between a printed value and the one that follows from the name plate
+KLOSS, CORRECTED, SINGLE_PHASE = range(3)
+CURVES = ("kloss", "starting_corrected", "single_phase")  # in that order
 PRINTED_SLIP_WITHIN = 2.0  # the same of the breakdown slip, which is no name plate value
 
 
@@ -51,8 +65,9 @@ class InductionMotorParameters(Parameters):
     breakdown_torque_ratio: float = quantity("1", "largest torque over rated torque", gt=1.0, le=20.0)
     starting_torque_ratio: float = quantity("1", "catalogue torque at standstill over rated torque", gt=0.0, le=20.0)
     rotor_inertia_kg_m2: float = quantity("kg m^2", "inertia of the rotor about its axis", gt=0.0)
-    torque_curve: Literal["kloss", "starting_corrected"] = choice(
-        "kloss: the one-cage curve; starting_corrected: raised below breakdown speed to the catalogue starting torque",
+    torque_curve: Literal["kloss", "starting_corrected", "single_phase"] = choice(
+        "kloss: the one-cage curve; starting_corrected: raised below breakdown speed to the catalogue starting torque; "
+        "single_phase: kloss with one line of the supply open",
         default="kloss",
     )
     rated_torque_nm: float | None = quantity(
@@ -90,7 +105,7 @@ class InductionMotorParameters(Parameters):
                 f"rated slip < breakdown slip < 1 needed, got {constants.rated_slip:.4g} and "
                 f"{constants.breakdown_slip:.4g} (breakdown_slip, or of breakdown_torque_ratio)"
             )
-        if constants.corrected and constants.starting_torque_nm > constants.breakdown_torque_nm:
+        if constants.curve == CORRECTED and constants.starting_torque_nm > constants.breakdown_torque_nm:
             raise ValueError(
                 f"starting torque <= breakdown torque needed for the corrected curve, got "
                 f"{constants.starting_torque_nm:.4g} and {constants.breakdown_torque_nm:.4g} N m"
@@ -126,7 +141,7 @@ class MotorConstants(NamedTuple):
     breakdown_torque_nm: float
     breakdown_slip: float
     starting_torque_nm: float
-    corrected: bool
+    curve: int  # KLOSS, CORRECTED or SINGLE_PHASE
 
 
 def breakdown_slip(rated_slip: float, torque_ratio: float) -> float:
@@ -150,7 +165,7 @@ def motor_constants(parameters: InductionMotorParameters) -> MotorConstants:
         breakdown_torque_nm=p.breakdown_torque_nm or p.breakdown_torque_ratio * rated_torque,
         breakdown_slip=p.breakdown_slip or breakdown_slip(rated_slip, p.breakdown_torque_ratio),
         starting_torque_nm=p.starting_torque_ratio * rated_torque,
-        corrected=p.torque_curve == "starting_corrected",
+        curve=CURVES.index(p.torque_curve),
     )
 
 
@@ -168,12 +183,23 @@ def _curve(motor: MotorConstants, slip: float) -> tuple[float, float]:
     torque = kloss_torque(motor, slip)
     below = s_2 + s_kr * s_kr
     slope = 2.0 * motor.breakdown_torque_nm * s_kr * (s_kr * s_kr - s_2) / (below * below)
-    if motor.corrected and slip > s_kr:
+    if motor.curve == CORRECTED and slip > s_kr:
         t = min((slip - s_kr) / (1.0 - s_kr), 1.0)
         missing = motor.starting_torque_nm - kloss_torque(motor, 1.0)
         torque += missing * t * t * (3.0 - 2.0 * t)
         slope += missing * 6.0 * t * (1.0 - t) / (1.0 - s_kr)
     return torque, slope
+
+
+@kernel
+def _single_phase(motor: MotorConstants, share: float, fraction: float) -> tuple[float, float]:
+    """Return torque and its derivative in the share of synchronous speed (N m), one line of the supply open."""
+    s_kr, square = motor.breakdown_slip, share * share
+    p = fraction * fraction - square
+    below = p * p + fraction * fraction * s_kr * s_kr
+    largest = motor.breakdown_torque_nm * s_kr
+    slope = ((p - 2.0 * square) * below + 4.0 * square * p * p) / (below * below)
+    return largest * share * p / below, largest * slope
 
 
 @kernel
@@ -198,6 +224,9 @@ def motor_torque(motor: MotorConstants, speed_rad_per_s: float, command: float) 
     """
     if command == 0.0:
         return 0.0
+    if motor.curve == SINGLE_PHASE:
+        torque, _ = _single_phase(motor, speed_rad_per_s / motor.synchronous_speed_rad_per_s, command)
+        return torque
     sign = 1.0 if command > 0.0 else -1.0
     slip = sign * (command - speed_rad_per_s / motor.synchronous_speed_rad_per_s)
     torque, _ = _curve(motor, slip)
@@ -206,16 +235,30 @@ def motor_torque(motor: MotorConstants, speed_rad_per_s: float, command: float) 
 
 @kernel
 def motor_torque_slope(motor: MotorConstants, speed_rad_per_s: float, command: float) -> float:
-    """Return dM/dw, the derivative of `motor_torque` in the rotor speed (N m s/rad); negative on the working branch.
-
-    The derivative in the command is -w_0 times this.
-    """
+    """Return dM/dw, the derivative of `motor_torque` in the rotor speed (N m s/rad); negative on the working branch."""
     if command == 0.0:
         return 0.0
+    if motor.curve == SINGLE_PHASE:
+        _, slope = _single_phase(motor, speed_rad_per_s / motor.synchronous_speed_rad_per_s, command)
+        return slope / motor.synchronous_speed_rad_per_s
     sign = 1.0 if command > 0.0 else -1.0
     slip = sign * (command - speed_rad_per_s / motor.synchronous_speed_rad_per_s)
     _, slope = _curve(motor, slip)
     return -slope / motor.synchronous_speed_rad_per_s
+
+
+@kernel
+def motor_command_slope(motor: MotorConstants, speed_rad_per_s: float, command: float) -> float:
+    """Return the derivative of `motor_torque` in the command (N m)."""
+    if motor.curve != SINGLE_PHASE:
+        return -motor.synchronous_speed_rad_per_s * motor_torque_slope(motor, speed_rad_per_s, command)
+    share, s_2 = speed_rad_per_s / motor.synchronous_speed_rad_per_s, motor.breakdown_slip * motor.breakdown_slip
+    p = command * command - share * share
+    below = p * p + command * command * s_2
+    if below == 0.0:
+        return 0.0
+    slope = 2.0 * command * (below - p * (2.0 * p + s_2)) / (below * below)
+    return motor.breakdown_torque_nm * motor.breakdown_slip * share * slope
 
 
 @kernel

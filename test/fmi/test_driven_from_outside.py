@@ -15,6 +15,7 @@ import mech_twin as mt
 from mech_twin.fmi.export import export_fmu
 from mech_twin.parameters.declared_keys import keys
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.parts.induction_motor import CORRECTED
 
 
 def test_a_motor_of_somebody_else_that_gives_the_same_effort_gives_the_same_motion(unit: Any) -> None:
@@ -64,7 +65,7 @@ def _kloss_nm(motor: Any, speed: float, supply: float) -> float:
     if size == 0.0:
         return 0.0
     torque = kloss(size)
-    if motor.corrected and slip > motor.breakdown_slip:
+    if motor.curve == CORRECTED and slip > motor.breakdown_slip:
         share = min(1.0, (slip - motor.breakdown_slip) / (1.0 - motor.breakdown_slip))
         torque += (motor.starting_torque_nm - kloss(1.0)) * share * share * (3.0 - 2.0 * share)
     return torque if slip > 0.0 else -torque

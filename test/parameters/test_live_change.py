@@ -12,6 +12,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 
+CURVE = "motor.torque_curve"
 KEY = "body.spring_rate_n_per_m"
 
 
@@ -79,9 +80,20 @@ def test_the_supply_goes_up_along_a_ramp_and_back_to_what_it_was() -> None:
     assert (last.tool.mass_kg, last.motor) == (pytest.approx(9.5), machine.parameters.motor)
 
 
+def test_a_line_of_the_supply_opens_and_closes() -> None:
+    machine = built("mb10_breaker")
+    changing = ChangingMachine(machine, live_changes([f"{CURVE}=single_phase@1", f"{CURVE}=kloss@1.5"]))
+    per_s = round(1.0 / machine.coupling_step_s)
+    motors = [changing.at(round(at_s * per_s)).parameters.motor for at_s in (0.5, 1.2, 2.0)]
+    assert [motor.torque_curve for motor in motors] == ["kloss", "single_phase", "kloss"]
+    assert motors[2] == machine.parameters.motor
+
+
 @pytest.mark.parametrize(
     ("texts", "told"),
     [
+        ([f"{CURVE}=two_phases@1"], "two_phases"),
+        ([f"{CURVE}=single_phase@1..2"], "is no number, expected it at once"),
         (["motor.command=1.2@1"], "expected a fraction of rated frequency, 0 to 1"),
         (["supply_frequency=0.98@1"], "expected a share, such as supply_frequency=-2%@12"),
         (["motor.command=0.5@1..5", "motor.command=1@3"], "expected after the ramp before it has ended"),

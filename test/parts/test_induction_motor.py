@@ -3,16 +3,19 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from parameter_bounds import accepts, live_names
 from pydantic import ValidationError
 
+from mech_twin.parts import induction_motor
 from mech_twin.parts.induction_motor import (
     InductionMotorParameters,
     breakdown_slip,
     kloss_torque,
+    motor_command_slope,
     motor_constants,
     motor_torque,
     motor_torque_slope,
@@ -37,6 +40,7 @@ FORMER = {
 }
 KLOSS = motor_constants(InductionMotorParameters(**BREAKER))
 CORRECTED = motor_constants(InductionMotorParameters(**BREAKER, torque_curve="starting_corrected"))
+SINGLE = motor_constants(InductionMotorParameters(**BREAKER, torque_curve="single_phase"))
 speeds = st.floats(-400.0, 400.0)
 commands = st.floats(0.01, 1.0)
 
@@ -133,16 +137,70 @@ def test_a_corrected_curve_above_breakdown_is_refused():
 @given(speeds, commands, st.sampled_from((1.0, -1.0)))
 def test_the_slope_is_the_derivative_of_the_torque(speed, command, sign):
     h = 1e-3
-    for curve in (KLOSS, CORRECTED):
+    for curve in (KLOSS, CORRECTED, SINGLE):
         at = [motor_torque(curve, speed + i * h, sign * command) for i in (-2, -1, 1, 2)]
         slope = (8.0 * (at[2] - at[1]) - (at[3] - at[0])) / (12.0 * h)
         assert motor_torque_slope(curve, speed, sign * command) == pytest.approx(slope, abs=2e-6)
 
 
 @settings(deadline=None)
+@given(speeds, st.floats(0.05, 1.0))
+def test_the_slope_in_the_command_is_that_derivative(speed, command):
+    h = 1e-4
+    for curve in (KLOSS, CORRECTED, SINGLE):
+        at = [motor_torque(curve, speed, command + i * h) for i in (-2, -1, 1, 2)]
+        slope = (8.0 * (at[2] - at[1]) - (at[3] - at[0])) / (12.0 * h)
+        assert motor_command_slope(curve, speed, command) == pytest.approx(slope, rel=1e-4, abs=1e-2)
+
+
+def line_currents(slip: float, fraction: float) -> tuple[np.ndarray, float]:
+    """Return the currents of the lines a, b, c and the torque (N m) of Kloss's circuit, the line a open.
+
+    Solved from the terminals, not from the sequences in series: u_b - u_c is what is left of a symmetrical supply, no
+    current enters at a, and those of b and c leave each other.  X = 1, u = 1 at f = 1; torques are referred to M_max.
+    """
+    a, resistance = np.exp(2j * np.pi / 3.0), SINGLE.breakdown_slip
+    forward = resistance * fraction / slip + 1j * fraction
+    backward = resistance * fraction / (2.0 * fraction - slip) + 1j * fraction
+    to_lines = np.array([[1.0, 1.0, 1.0], [1.0, a * a, a], [1.0, a, a * a]])  # of zero, positive, negative sequence
+    impedance = to_lines @ np.diag([1e9, forward, backward]) @ np.linalg.inv(to_lines)  # no wire to the star point
+    equations = np.array([[1.0, 0.0, 0.0], [1.0, 1.0, 1.0], impedance[1] - impedance[2]])
+    currents = np.linalg.solve(equations, [0.0, 0.0, fraction * (a * a - a)])
+    _, positive, negative = np.linalg.inv(to_lines) @ currents
+    left = abs(positive) ** 2 * resistance / slip - abs(negative) ** 2 * resistance / (2.0 * fraction - slip)
+    return currents, 2.0 * SINGLE.breakdown_torque_nm * float(left)
+
+
+@pytest.mark.parametrize("fraction", [1.0, 0.8])
+@pytest.mark.parametrize("share", [-0.9, -0.3, 0.2, 0.7, 0.95, 1.2])
+def test_with_a_line_open_the_torque_is_that_of_the_circuit_of_both_sequences(share, fraction):
+    currents, torque = line_currents(fraction - share, fraction)
+    assert abs(currents[0]) == pytest.approx(0.0, abs=1e-9)
+    assert currents[1] == pytest.approx(-currents[2], rel=1e-6)
+    speed = share * SINGLE.synchronous_speed_rad_per_s
+    assert motor_torque(SINGLE, speed, fraction) == pytest.approx(torque, rel=1e-6)
+
+
+def test_the_same_circuit_with_all_lines_has_the_torque_of_kloss():
+    for slip in (-0.3, 0.05, 0.2, 1.0):
+        square = 1.0 / abs(KLOSS.breakdown_slip / slip + 1j) ** 2
+        torque = 2.0 * KLOSS.breakdown_torque_nm * square * KLOSS.breakdown_slip / slip
+        assert kloss_torque(KLOSS, slip) == pytest.approx(torque, rel=1e-12)
+
+
+def test_with_a_line_open_a_motor_at_rest_stays_there_and_one_that_turns_loses_half_its_largest_torque():
+    synchronous = SINGLE.synchronous_speed_rad_per_s
+    assert motor_torque(SINGLE, 0.0, 1.0) == 0.0
+    largest = max(motor_torque(SINGLE, share * synchronous, 1.0) for share in np.linspace(0.0, 1.0, 1001))
+    assert 0.4 * SINGLE.breakdown_torque_nm < largest < 0.5 * SINGLE.breakdown_torque_nm
+    both = [motor_torque_slope(curve, synchronous, 1.0) for curve in (SINGLE, KLOSS)]
+    assert both[0] == pytest.approx(both[1], rel=1e-12)
+
+
+@settings(deadline=None)
 @given(speeds, commands)
 def test_swapped_phases_turn_the_curve_round(speed, command):
-    for curve in (KLOSS, CORRECTED):
+    for curve in (KLOSS, CORRECTED, SINGLE):
         assert motor_torque(curve, speed, -command) == -motor_torque(curve, -speed, command)
 
 
@@ -224,7 +282,10 @@ def test_a_derived_breakdown_slip_of_1_or_more_is_refused():
 
 def test_a_starting_torque_equal_to_the_breakdown_torque_is_allowed():
     equal = {**BREAKER, "starting_torque_ratio": BREAKER["breakdown_torque_ratio"]}
-    assert motor_constants(InductionMotorParameters(**equal, torque_curve="starting_corrected")).corrected
+    assert (
+        motor_constants(InductionMotorParameters(**equal, torque_curve="starting_corrected")).curve
+        == induction_motor.CORRECTED
+    )
 
 
 def test_a_printed_value_is_a_rounding_of_what_follows_from_the_name_plate():

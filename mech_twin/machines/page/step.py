@@ -78,7 +78,7 @@ class PageForces(NamedTuple):
 def induction_motor(row: Array) -> MotorConstants:
     """Return the constants of a row's motor."""
     m = row[MOTOR_NUMBERS:]
-    return MotorConstants(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7] != 0.0)
+    return MotorConstants(m[0], m[1], m[2], m[3], m[4], m[5], m[6], int(m[7]))
 
 
 @step_of(motor_step, PageDrives)
