@@ -16,12 +16,11 @@ import argparse
 import json
 import re
 import time
-from math import ceil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from plants import FAR, RUN_S, monitored_machine, seen_vectors, wander
+from plants import FAR, monitored_machine, seen_vectors, steps_of_motion, wander
 from proof import RESULTS, drawn_setup
 from scipy.stats import chi2
 
@@ -43,7 +42,7 @@ ARL0, BASELINE = 1000.0, 4_000
 def day_run(machine: MonitoredMachine, motion: int, random: np.random.Generator) -> RollOut:
     """Return a healthy motion through operating points."""
     built, variables = machine.entry.build(machine.parameters), machine.operating
-    steps = ceil((machine.declared.run_up_s + RUN_S) / built.coupling_step_s)
+    steps = steps_of_motion(machine)
     duration_s = steps * built.coupling_step_s
     ranges = np.array([variable.range for variable in variables])
     at_s = np.arange(0.0, duration_s, KNOT_S)

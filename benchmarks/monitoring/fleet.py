@@ -3,10 +3,10 @@
 
     python benchmarks/monitoring/fleet.py FOLDER [--machine NAME] [--machines 200] [--write]
 
-Each machine has numbers of its own within a tolerance.  It is recorded for five minutes on the first day, then three
-times a day for 20 s at other operating points, each time through fresh noise.  Seven hide a fault from a day on that is
-drawn.  The sensors are those of the monitor's proof.  Results stand in results/MACHINE.fleet.json, the table in
-docs/proof/monitoring.md.
+Each machine has numbers of its own within a tolerance.  A week is sampled by windows, as a logger does: eight on the
+first day, then two a day, each at an operating point that is drawn and through fresh noise.  Seven machines hide a
+fault from a day on that is drawn.  The sensors are those of the monitor's proof.  Machines that FOLDER holds already
+are told again.  Results stand in results/MACHINE.fleet.json, the table in docs/proof/monitoring.md.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ from mech_twin.studies.spreading import available_cores, spread
 
 PAGE = Path(__file__).parents[2] / "docs" / "proof" / "monitoring.md"
 MARKS = "<!-- fleet begins -->", "<!-- fleet ends -->"
-FIRST_DAY_S, RECORDING_S, DAYS, A_DAY = 300.0, 20.0, 7, 4
+WINDOW_S, FIRST_DAY, DAYS, HOURS = 12.0, 8, 7, (6, 18)
 FAULTY = 7
+SUSPECT = "confirmed", "apart"
 TOLERANCE = 0.01  # standard deviation of the numbers that faults change, as a share
 RANGE = 0.5  # of the range of each operating variable
 
@@ -89,15 +90,18 @@ def hidden(name: str, machines: int) -> dict[int, tuple[str, float, int]]:
 
 def write_machine(name: str, folder: Path, secret: dict[int, tuple[str, float, int]], number: int) -> int:
     """Write a machine's week as Parquet files; return its number."""
-    own = folder / f"{name}_{number:03d}"
-    own.mkdir(parents=True, exist_ok=True)
-    machine, random = drawn_machine(name, number), np.random.default_rng([number, 2])
-    recording(machine, FIRST_DAY_S, random, None).to_parquet(own / "day_0_commissioning.parquet")
-    fault = secret.get(number)
-    for day in range(1, DAYS + 1):
-        for hour in range(24 // A_DAY, 24, 24 // A_DAY):
-            told = fault[:2] if fault is not None and day >= fault[2] else None
-            recording(machine, RECORDING_S, random, told).to_parquet(own / f"day_{day}_{hour:02d}h.parquet")
+    own, unfinished = folder / f"{name}_{number:03d}", folder.parent / f"{folder.name}.unfinished" / str(number)
+    if own.exists():
+        return number
+    unfinished.mkdir(parents=True, exist_ok=True)
+    machine, random, fault = drawn_machine(name, number), np.random.default_rng([number, 2]), secret.get(number)
+    windows = [(0, window) for window in range(FIRST_DAY)]
+    windows += [(day, hour) for day in range(1, DAYS + 1) for hour in HOURS]
+    for day, hour in windows:
+        told = fault[:2] if fault is not None and day >= fault[2] else None
+        recording(machine, WINDOW_S, random, told).to_parquet(unfinished / f"day_{day}_{hour:02d}h.parquet")
+    folder.mkdir(parents=True, exist_ok=True)
+    unfinished.rename(own)
     return number
 
 
@@ -116,18 +120,30 @@ def told_fleet(name: str, folder: Path, machines: int) -> dict[str, Any]:
     secret, words = hidden(name, machines), ["-c", "from mech_twin.cli.main import main; main()"]
     begun_s = time.monotonic()
     settings = [f"--set={key}={value}" for key, value in _settings(name).items()]
-    asked = ["fleet", name, str(folder), "--map", str(write_map(name, folder)), "--json", "--skip", "0", *settings]
+    asked = [
+        "fleet",
+        name,
+        str(folder),
+        "--map",
+        str(write_map(name, folder)),
+        "--json",
+        "--skip",
+        "0",
+        "--healthy",
+        str(FIRST_DAY),
+    ]
+    asked += ["--cores", str(available_cores()), *settings]
     done = subprocess.run([sys.executable, *words, *asked], stdout=subprocess.PIPE, text=True, check=False)
     found = json.loads(done.stdout)
-    suspects = {each["name"]: each for each in found["machines"] if each["finding"] or each["is_apart"]}
+    suspects = {each["name"]: each for each in found["machines"] if each["verdict"]}
     rows = []
     for number, (fault, size, day) in secret.items():
         one = suspects.pop(f"{name}_{number:03d}", None)
         candidate = (one or {}).get("candidate") or {}
-        rows.append({"fault": fault, "size": size, "day": day, "finding": (one or {}).get("finding", ""),
-                     "found_size": candidate.get("size"), "recording": (one or {}).get("recording", ""),
-                     "apart": None if one is None else one["apart"], "found": one is not None})  # fmt: skip
-    false = [{"finding": each["finding"], "apart": each["apart"]} for each in suspects.values()]
+        told = {"found_size": candidate.get("size"), "apart": (one or {}).get("apart")}
+        told |= {key: (one or {}).get(key, "") for key in ("finding", "recording", "verdict")}
+        rows.append({"fault": fault, "size": size, "day": day, **told})
+    false = [{key: each[key] for key in ("finding", "apart", "verdict")} for each in suspects.values()]
     cycles = sum(each["cycles"] for each in found["machines"])
     return {"machine": name, "machines": machines, "cycles": cycles, "took_s": time.monotonic() - begun_s,
             "cores": available_cores(), "hidden": rows, "false": false, "refused": found["refused"]}  # fmt: skip
@@ -144,23 +160,26 @@ def table() -> str:
     lines = []
     for path in sorted(RESULTS.glob("*.fleet.json")):
         told = json.loads(path.read_text(encoding="utf-8"))
-        found = sum(row["found"] for row in told["hidden"])
+        found = sum(row["verdict"] in SUSPECT for row in told["hidden"])
+        false = sum(row["verdict"] in SUSPECT for row in told["false"])
         counts = f"{told['machines']} machines, {told['cycles']} cycles, told in {told['took_s']:.0f} s"
-        missed, false = len(told["hidden"]) - found, len(told["false"])
+        missed, unconfirmed = len(told["hidden"]) - found, len(told["false"]) - false
         lines += [
             f"`{told['machine']}`: {counts} on {told['cores']} cores. {found} of {len(told['hidden'])} found, "
-            f"{missed} missed, {false} false, {len(told['refused'])} not judged.",
+            f"{missed} missed, {false} false, {len(told['refused'])} not judged; "
+            f"{unconfirmed} healthy ones have an unconfirmed finding.",
             "",
-            "| hidden | size | from day | told as | size told | in recording | apart from sisters |",
-            "|---|---|---|---|---|---|---|",
+            "| hidden | size | from day | verdict | told as | size told | in recording | apart from sisters |",
+            "|---|---|---|---|---|---|---|---|",
         ]
         for row in told["hidden"]:
             size = "" if row["found_size"] is None else f"{row['found_size']:.3g}"
             apart = "" if row["apart"] is None else f"{row['apart']:+.1f}"
-            name = row["finding"] or ("apart" if row["found"] else "missed")
-            cells = (row["fault"], f"{row['size']:g}", row["day"], name, size, Path(row["recording"]).stem, apart)
+            name = (row["verdict"] or "missed", row["finding"])
+            cells = (row["fault"], f"{row['size']:g}", row["day"], *name, size, Path(row["recording"]).stem, apart)
             lines.append(f"| {' | '.join(map(str, cells))} |")
-        lines += ["", *(f"False: {row['finding'] or 'apart'} ({row['apart']:+.1f})." for row in told["false"]), ""]
+        listed = [f"{row['finding'] or 'no finding'} ({row['apart']:+.1f}, {row['verdict']})" for row in told["false"]]
+        lines += ["", f"Of healthy machines: {'; '.join(listed)}." if listed else "", ""]
     return "\n".join(lines).rstrip()
 
 

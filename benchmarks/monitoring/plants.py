@@ -61,11 +61,16 @@ def wander(steps: int, step_s: float, random: np.random.Generator, first: float 
     return 1.0 + np.interp(step_s * np.arange(steps + 1), 0.1 * np.arange(knots), values)
 
 
+def steps_of_motion(machine: MonitoredMachine) -> int:
+    """Return the steps of a motion, its run-up before it."""
+    longest_s = PACKAGE_S if machine.name == "winding_drum" else RUN_S
+    return ceil((machine.declared.run_up_s + longest_s) / machine.entry.build(machine.parameters).coupling_step_s)
+
+
 def healthy_run(machine: MonitoredMachine, random: np.random.Generator) -> RollOut:
     """Return a healthy motion, its run-up before it."""
     built = machine.entry.build(machine.parameters)
-    longest_s = PACKAGE_S if machine.name == "winding_drum" else RUN_S
-    steps = ceil((machine.declared.run_up_s + longest_s) / built.coupling_step_s)
+    steps = steps_of_motion(machine)
     command = wander(steps, built.coupling_step_s, random, WANDER * random.standard_normal())
     run = roll_out(built, steps * built.coupling_step_s, needed_columns(machine.sensors), None, command)
     if run.error is not None:

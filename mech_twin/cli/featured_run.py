@@ -22,11 +22,11 @@ from mech_twin.parameters.load import catalogue_entry, kind_of
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import fitted_setup
+from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.origin import BaselineRun, joined_runs, new_origin, sensors_hash
 from mech_twin.studies.monitoring.report import known_sensors, vectors_of_parts
-from mech_twin.studies.monitoring.signatures import MonitoredMachine, Responses
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 ARL0_H = 24.0
 EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
@@ -50,13 +50,17 @@ def setup_of_runs(
     parameters: Parameters,
     arl0_h: float,
     seed: int,
-    known: Responses | None = None,
+    sister: MonitorSetup | None = None,
 ) -> MonitorSetup:
-    """Return the setup of the healthy cycles of several runs; those of the first are the sensors."""
+    """Return the setup of the healthy cycles of several runs; those of the first are the sensors.
+
+    A machine of a fleet has a ``sister`` whose thresholds and signatures serve it too.
+    """
     for run in runs:
         if sensors_hash(run.given) != sensors_hash(runs[0].given):
             raise CommandError(f"{run.path}: has other channels than {runs[0].path}; expected the same in each day")
-    found = fitted_setup(runs[0].monitored, joined_runs([run.vectors for run in runs]), arl0_h, seed, known)
+    vectors, monitored = joined_runs([run.vectors for run in runs]), runs[0].monitored
+    found = fitted_setup(monitored, vectors, arl0_h, seed) if sister is None else sister_setup(sister, vectors)
     told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
     return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
 

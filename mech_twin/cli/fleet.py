@@ -23,12 +23,12 @@ from mech_twin.files.report_page import page, section, versions
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
-from mech_twin.studies.monitoring.signatures import Responses
+from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.spreading import available_cores, spread
 
 SUSPECT = 1  # exit code
 BASELINE = "baseline.json"
-HEADS = ("rank", "machine", "cycles", "finding", "size", "unit", "began in", "at, s", "apart by", "feature")
+HEADS = ("rank", "machine", "verdict", "finding", "size", "unit", "began in", "at, s", "apart by", "feature", "cycles")
 
 
 class _Question(NamedTuple):
@@ -39,8 +39,9 @@ class _Question(NamedTuple):
     map_file: Path | None
     skip_s: float | None
     arl0_h: float
+    healthy: int
     save: bool
-    known: Responses
+    sister: MonitorSetup | None = None
 
 
 def rank_fleet(asked: FleetVerb) -> None:
@@ -53,10 +54,12 @@ def rank_fleet(asked: FleetVerb) -> None:
         raise CommandError(f"{asked.folder}: no folder in it; expected one for each machine, its recordings in it")
     parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
     arl0_h, kept = ARL0_H if asked.known_arl0_h is None else asked.known_arl0_h, asked.save_baselines
-    question = _Question(asked.machine, parameters, asked.map_file, asked.skip_s, arl0_h, kept, Responses({}, {}))
-    first, *others = folders
-    members = [judged_folder(question, first)]  # alone: what its roll-outs tell serves the others
-    task = partial(judged_folder, question)
+    question = _Question(asked.machine, parameters, asked.map_file, asked.skip_s, arl0_h, asked.healthy, kept)
+    members, others, sister = list[FleetMember](), folders, None
+    while others and sister is None:  # the first that can be judged: what its roll-outs tell serves the others
+        (first, sister), others = _judged(question, others[0]), others[1:]
+        members.append(first)
+    task = partial(judged_folder, question._replace(sister=sister))
     results = spread(task, others, asked.cores or available_cores(), asked.scheduler)
     with progress(results, len(others), "fleet") as found:
         members += found
@@ -70,31 +73,38 @@ def rank_fleet(asked: FleetVerb) -> None:
 
 def judged_folder(question: _Question, folder: Path) -> FleetMember:
     """Return what the baseline of a machine says of its recordings, or why it cannot."""
+    return _judged(question, folder)[0]
+
+
+def _judged(question: _Question, folder: Path) -> tuple[FleetMember, MonitorSetup | None]:
     try:
-        return _judged(question, folder, _runs(question, folder))
+        setup, runs = _setup(question, folder, _runs(question, folder))
+        return judged_member(folder.name, setup, {run.path.name: run.vectors for run in runs}), setup
     except (CommandError, MeasurementError, StudyError) as error:
-        return FleetMember(folder.name, refused=str(error))
+        return FleetMember(folder.name, refused=str(error)), None
 
 
 def _runs(question: _Question, folder: Path) -> list[FeaturedRun]:
     paths = sorted(each for each in _listed(folder) if each.name != BASELINE and not each.name.startswith("."))
-    if len(paths) + (folder / BASELINE).exists() < 2:
-        raise CommandError(f"{folder}: expected {BASELINE} and a recording, or two recordings, the first one healthy")
+    least = 1 if (folder / BASELINE).exists() else question.healthy + 1
+    if len(paths) < least:
+        expected = f"{BASELINE} and a recording, or {question.healthy} healthy recordings and one more"
+        raise CommandError(f"{folder}: {len(paths)} recordings; expected {expected}")
     asked = question.machine, question.parameters, question.map_file, question.skip_s
     return [featured_run(path, *asked) for path in paths]
 
 
-def _judged(question: _Question, folder: Path, runs: list[FeaturedRun]) -> FleetMember:
+def _setup(question: _Question, folder: Path, runs: list[FeaturedRun]) -> tuple[MonitorSetup, list[FeaturedRun]]:
+    """Return the setup of a machine, and the recordings that are to be judged."""
     kept = folder / BASELINE
     if kept.exists():
-        setup = read_setup(kept, question.machine, question.parameters, runs[0].given)
-    else:
-        first, *runs = runs
-        setup = setup_of_runs([first], question.parameters, question.arl0_h, 0, question.known)
-        if question.save:
-            with written_file(kept) as file:
-                file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
-    return judged_member(folder.name, setup, {run.path.name: run.vectors for run in runs})
+        return read_setup(kept, question.machine, question.parameters, runs[0].given), runs
+    healthy, later = runs[: question.healthy], runs[question.healthy :]
+    setup = setup_of_runs(healthy, question.parameters, question.arl0_h, 0, question.sister)
+    if question.save:
+        with written_file(kept) as file:
+            file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
+    return setup, later
 
 
 def _listed(folder: Path) -> list[Path]:
@@ -108,26 +118,28 @@ def _show(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
     rows = [_row(rank, sister) for rank, sister in enumerate(fleet.sisters, 1)]
     refused = [(member.name, member.refused) for member in fleet.refused]
     suspects = sum(sister.is_suspect for sister in fleet.sisters)
-    told = f"{len(rows)} machines, {suspects} suspect, {len(refused)} not judged; {took_s:.0f} s"
+    shown = sum(bool(sister.verdict) for sister in fleet.sisters)
+    counts = f"{suspects} suspect, {shown - suspects} unconfirmed, {len(refused)} not judged"
+    told = f"{len(rows)} machines, {counts}; {took_s:.0f} s"
     if asked.page is not None:
         parts = [
             f"<p>{told}; {versions()}</p>",
             section("Suspect", HEADS, rows[:suspects]),
+            section("Unconfirmed: not apart from its sisters", HEADS, rows[suspects:shown]),
             section("Not judged", ("machine", "reason"), refused),
             section("Moved in all", ("feature", "median, sigma"), list(fleet.common.items())),
-            section("Others", HEADS, rows[suspects:]),
+            section("Others", HEADS, rows[shown:]),
         ]
         with written_file(asked.page, force=asked.force) as file:
             file.write_text(page(f"{asked.machine}: fleet {asked.folder.name}", parts), encoding="utf-8")
         say(f"written to {asked.page}")
     if asked.as_json:
-        print_json({"machine": asked.machine, "limit": fleet.limit, "common": dict(fleet.common),
-                    "machines": [_record(sister) for sister in fleet.sisters],
+        print_json({"machine": asked.machine, "limit": fleet.limit, "confirming": fleet.confirming,
+                    "common": dict(fleet.common), "machines": [_record(sister) for sister in fleet.sisters],
                     "refused": dict(refused)})  # fmt: skip
         return
-    shown = rows if asked.everything else rows[:suspects]
-    if shown:
-        print_table(f"{asked.machine}: {told}", HEADS, shown)
+    if asked.everything or shown:
+        print_table(f"{asked.machine}: {told}", HEADS, rows if asked.everything else rows[:shown])
     else:
         say(f"{asked.machine}: {told}")
     for name, reason in refused:
@@ -138,10 +150,10 @@ def _show(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
 
 def _row(rank: int, sister: Sister) -> tuple[Any, ...]:
     member, size = sister.member, sister.member.candidate
-    place = (rank, member.name, member.cycles, member.finding or "none")
+    place = (rank, member.name, sister.verdict, member.finding or "none")
     sized = ("", "") if size is None else (_rounded(size.size), size.unit)
     since = (member.recording, _rounded(member.onset_s))
-    return (*place, *sized, *since, f"{_rounded(sister.apart)}{' apart' if sister.is_apart else ''}", sister.feature)
+    return (*place, *sized, *since, _rounded(sister.apart), sister.feature, member.cycles)
 
 
 def _record(sister: Sister) -> Mapping[str, Any]:
@@ -149,7 +161,7 @@ def _record(sister: Sister) -> Mapping[str, Any]:
     return {
         "name": member.name, "cycles": member.cycles, "finding": member.finding,
         "candidate": None if size is None else size._asdict(), "recording": member.recording,
-        "onset_s": member.onset_s, "apart": sister.apart, "feature": sister.feature, "is_apart": sister.is_apart,
+        "onset_s": member.onset_s, "apart": sister.apart, "feature": sister.feature, "verdict": sister.verdict,
         "shift": dict(member.shift),
     }  # fmt: skip
 

@@ -161,6 +161,7 @@ class FleetVerb(Verb):
     skip_s: float | None = option(
         "time at the start of each recording that is left out, s", unit="s", shown="the machine's run-up"
     )
+    healthy: int = option("first recordings of each machine that are its baseline, where it has no file", 1, ge=1)
     save_baselines: bool = option("keep each machine's baseline in its folder (baseline.json)", False)
     page: Path | None = option("page to write (.html)")
     everything: bool = option("every machine, not the suspect ones alone", False, "--all")

@@ -129,8 +129,9 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
     assert told["machines"][0]["finding"] == "first_level" and told["machines"][0]["recording"] == "b.csv"
     assert told["machines"][0]["candidate"]["low_95"] <= -0.1 <= told["machines"][0]["candidate"]["high_95"]
     assert told["machines"][0]["onset_s"] == pytest.approx(CHANGE_S, abs=0.1)
-    assert not any(each["finding"] or each["is_apart"] for each in told["machines"][1:]) and told["limit"] > 0.0
-    assert "expected baseline.json and a recording" in told["refused"]["m6"]
+    assert told["machines"][0]["verdict"] == "confirmed" and told["limit"] > told["confirming"] > 0.0
+    assert not any(each["verdict"] for each in told["machines"][1:])
+    assert "0 recordings; expected baseline.json and a recording" in told["refused"]["m6"]
     assert "first_level" in page.read_text(encoding="utf-8") and "Not judged" in page.read_text(encoding="utf-8")
     other = command(monkeypatch, capsys, *words[:5], "--set", "restitution=0.4", "--json")
     assert other[0] == 2 and "made with another configuration" in json.loads(other[1])["refused"]["m1"]

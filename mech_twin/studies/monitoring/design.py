@@ -10,23 +10,24 @@ Two faults i and j look alike by the share of i's effect that j can explain at i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import ceil, isfinite
 from typing import NamedTuple
 
 import numpy as np
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import siegmund_run_length
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature
-from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface
+from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface, sister_surface
 from mech_twin.studies.monitoring.sensing import seen_run
-from mech_twin.studies.monitoring.sensor_quality import sensor_limits
+from mech_twin.studies.monitoring.sensor_quality import SensorLimits, sensor_limits
 from mech_twin.studies.monitoring.signatures import (
     MonitoredMachine,
-    Responses,
     machine_signatures,
     mean_period_s,
 )
@@ -94,13 +95,12 @@ def fitted_setup(
     vectors: Sequence[FeatureVector],
     arl0_h: float,
     seed: int = 0,
-    known: Responses | None = None,
 ) -> MonitorSetup:
     """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h).
 
     Charts and signatures are of what the operating point leaves of the features, where the machine declares one.
     """
-    return setup_for_cycles(monitored, vectors, lambda period_s: arl0_cycles(arl0_h, period_s), seed, known=known)
+    return setup_for_cycles(monitored, vectors, lambda period_s: arl0_cycles(arl0_h, period_s), seed)
 
 
 def setup_for_cycles(
@@ -110,24 +110,19 @@ def setup_for_cycles(
     seed: int = 0,
     *,
     named: bool = True,
-    known: Responses | None = None,
 ) -> MonitorSetup:
     """Return the same for a stated number of cycles between false alarms, or that as a function of the period (s).
 
-    Without ``named`` there are no signatures: changes are found, but not named.  What
-    is ``known`` from roll-outs of a sister with the same sensors is not computed again, and what is new is added.
+    Without ``named`` there are no signatures: changes are found, but not named.
     """
     raw, _ = fitted_baseline(vectors)
-    known = known or Responses({}, {})
-    surface, runs = operating_surface(monitored, vectors, raw.names, known.points), vectors
+    surface, runs = operating_surface(monitored, vectors, raw.names), vectors
     if surface is not None:
         surface, runs = left_by_point(surface, vectors)
     baseline, innovations = fitted_baseline(runs)
     arl0 = wanted(baseline.period_s) if callable(wanted) else wanted
     limits = chart_limits(baseline, innovations, arl0, seed)
-    if named and raw.names not in known.signatures:
-        known.signatures[raw.names] = machine_signatures(monitored, raw.names)
-    signatures = known.signatures[raw.names] if named else ()
+    signatures = machine_signatures(monitored, raw.names) if named else ()
     if surface is not None:
         signatures = tuple(map(surface.reduced_signature, signatures))
     return MonitorSetup(
@@ -137,8 +132,34 @@ def setup_for_cycles(
         signatures,
         monitored.declared.settling_cycles,
         operating=surface,
-        sensors=sensor_limits([(vector.end_s - vector.begin_s, vector.quality) for vector in vectors]),
+        sensors=_sensor_limits(vectors),
     )
+
+
+def sister_setup(sister: MonitorSetup, vectors: Sequence[FeatureVector]) -> MonitorSetup:
+    """Return the setup of a machine that has the numbers and the sensors of another, from its own healthy cycles.
+
+    Healthy features and their noise are its own; what faults and operating points do to them, and the thresholds in
+    standard deviations of that noise, are the sister's.
+
+    Raises
+    ------
+    StudyError
+        It has other features than its sister.
+    """
+    raw, _ = fitted_baseline(vectors)
+    surface, runs = sister.operating, vectors
+    expected = sister.baseline.names if surface is None else surface.names
+    if raw.names != expected:
+        raise StudyError(f"features {', '.join(raw.names)}: expected those of its sisters, {', '.join(expected)}")
+    if surface is not None:
+        surface, runs = left_by_point(sister_surface(surface, vectors), vectors)
+    baseline, _ = fitted_baseline(runs)
+    return replace(sister, baseline=baseline, operating=surface, sensors=_sensor_limits(vectors))
+
+
+def _sensor_limits(vectors: Sequence[FeatureVector]) -> dict[str, SensorLimits]:
+    return sensor_limits([(vector.end_s - vector.begin_s, vector.quality) for vector in vectors])
 
 
 def sensor_design(setup: MonitorSetup) -> SensorDesign:

@@ -8,14 +8,15 @@ in standard deviations of one cycle::
     z_m = (s_m - median over the fleet) / (1.4826 median of |s - median|)
 
 What has moved all sisters alike (season, product, supply) is in the median, and not in z.  A machine is apart beyond
-the quantile of Student's distribution, for all features and machines together.
+the quantile of Student's distribution, for all features and machines together.  A finding of its own is confirmed
+beyond that for the features of one machine: its baseline has seen few operating points, and may be of none of these.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
@@ -33,6 +34,8 @@ FALSELY_APART = 0.01  # chance that any of a healthy fleet is called apart, were
 NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 EFFICIENCY = 0.37  # of the median absolute deviation: it knows a spread as well as so many normal values do
 PASSING = "passing"
+Verdict = Literal["confirmed", "apart", "unconfirmed", ""]
+ORDER: tuple[Verdict, ...] = ("confirmed", "apart", "unconfirmed", "")  # the most suspect first
 
 
 class FleetMember(NamedTuple):
@@ -69,17 +72,30 @@ class FleetMember(NamedTuple):
 
 
 class Sister(NamedTuple):
-    """A machine among its sisters: the feature that is farthest from theirs, and by how much (z)."""
+    """A machine among its sisters.
+
+    Attributes
+    ----------
+    member : FleetMember
+        Judged against itself.
+    feature : str
+        The one that is farthest from its sisters'.
+    apart : float
+        By how much (z); nan where there are too few sisters.
+    verdict : str
+        ``confirmed`` (a finding of its own, and apart), ``apart`` (without a finding), ``unconfirmed`` (a finding, but
+        not apart), or empty.
+    """
 
     member: FleetMember
     feature: str
     apart: float
-    is_apart: bool
+    verdict: Verdict
 
     @property
     def is_suspect(self) -> bool:
         """Whether somebody should look at it."""
-        return bool(self.member.finding) or self.is_apart
+        return self.verdict in ("confirmed", "apart") or (bool(self.member.finding) and not isfinite(self.apart))
 
 
 class Fleet(NamedTuple):
@@ -93,6 +109,8 @@ class Fleet(NamedTuple):
         Those that were not.
     limit : float
         Of z, beyond which a machine is apart; nan where there are too few sisters.
+    confirming : float
+        Of z, beyond which a machine's own finding is confirmed.
     common : mapping
         Median change of each feature, in standard deviations of a cycle.
     """
@@ -100,6 +118,7 @@ class Fleet(NamedTuple):
     sisters: tuple[Sister, ...]
     refused: tuple[FleetMember, ...]
     limit: float
+    confirming: float
     common: Mapping[str, float]
 
 
@@ -144,18 +163,26 @@ def fleet_of(members: Sequence[FleetMember]) -> Fleet:
     names = [name for name in (known[0].shift if known else ()) if all(name in member.shift for member in known)]
     shifts = np.array([[member.shift[name] for name in names] for member in known]).reshape(len(known), len(names))
     if len(known) < LEAST_SISTERS or not names:
-        alone = [Sister(member, "", float("nan"), is_apart=False) for member in known]
-        return Fleet(tuple(sorted(alone, key=_order)), refused, float("nan"), {})
+        nan = float("nan")
+        alone = [Sister(member, "", nan, "unconfirmed" if member.finding else "") for member in known]
+        return Fleet(tuple(sorted(alone, key=_order)), refused, nan, nan, {})
     middle = np.median(shifts, axis=0)
     apart = (shifts - middle) / _spread(shifts - middle)
-    limit = float(student.isf(0.5 * FALSELY_APART / apart.size, EFFICIENCY * (len(known) - 1)))
+    chances = 0.5 * FALSELY_APART / np.array([apart.size, len(names)])
+    limit, confirming = student.isf(chances, EFFICIENCY * (len(known) - 1)).tolist()
     farthest = np.abs(apart).argmax(axis=1)
     sisters = [
-        Sister(member, names[place], float(row[place]), is_apart=bool(abs(row[place]) > limit))
+        Sister(member, names[place], float(row[place]), _verdict(member, abs(row[place]), limit, confirming))
         for member, row, place in zip(known, apart, farthest, strict=True)
     ]
     common = dict(zip(names, middle.tolist(), strict=True))
-    return Fleet(tuple(sorted(sisters, key=_order)), refused, limit, common)
+    return Fleet(tuple(sorted(sisters, key=_order)), refused, limit, confirming, common)
+
+
+def _verdict(member: FleetMember, apart: float, limit: float, confirming: float) -> Verdict:
+    if member.finding:
+        return "confirmed" if apart > confirming else "unconfirmed"
+    return "apart" if apart > limit else ""
 
 
 def _spread(left: Array) -> Array:
@@ -167,6 +194,6 @@ def _only(alarm: Alarm) -> Candidate | None:
     return alarm.candidates[0] if len(alarm.candidates) == 1 else None
 
 
-def _order(sister: Sister) -> tuple[bool, bool, float, str]:
+def _order(sister: Sister) -> tuple[int, float, str]:
     apart = abs(sister.apart) if isfinite(sister.apart) else 0.0
-    return (not sister.member.finding, not sister.is_apart, -apart, sister.member.name)
+    return (ORDER.index(sister.verdict), -apart, sister.member.name)

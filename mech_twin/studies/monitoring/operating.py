@@ -149,6 +149,14 @@ class OperatingSurface:
             u = later
         return u
 
+    def centred(self, rows: Array) -> OperatingSurface:
+        """Return the surface with the mean at u = 0 of healthy cycles (n, d), their own wander taken off."""
+        found = replace(self, mean=rows.mean(axis=0))
+        for _ in range(2):
+            own = np.array([found.response(found.located(row))[0] for row in rows])
+            found = replace(found, mean=(rows - own).mean(axis=0))
+        return found
+
     def annihilator(self, u: Array) -> Array:
         """Return A (d - q, d) with y = A (x - m - r): no part of y goes along dr/du."""
         slope = self.response(u)[1]
@@ -314,9 +322,7 @@ def fitted_surface(
         names, tuple(g.name for g in groups), tuple(g.beyond for g in groups), pivots, ranges, rows.mean(axis=0), root,
         coefficients, np.zeros(len(names) - q), nothing, nothing, np.zeros((q, len(names) - q)), 1,
     )  # fmt: skip
-    for _ in range(2):  # the mean at u = 0, the baseline's own wander taken off
-        own = np.array([blank.response(blank.located(row))[0] for row in rows])
-        blank = replace(blank, mean=(rows - own).mean(axis=0))
+    blank = blank.centred(rows)
     off = np.array([blank.annihilator(u) @ left for u, left in zip(np.clip(points, -1, 1), held_out, strict=True)])
     doubt = np.sqrt((off**2).mean(axis=0)) + np.abs(blank.annihilator(nothing) @ unexplained)
     return replace(blank, doubt=doubt)

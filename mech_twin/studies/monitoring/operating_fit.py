@@ -38,7 +38,6 @@ def operating_surface(
     monitored: MonitoredMachine,
     vectors: Sequence[FeatureVector],
     names: tuple[str, ...],
-    points: dict[tuple[tuple[str, ...], str], Array | None],
 ) -> OperatingSurface | None:
     """Return the operating points of a machine for these features; None where it declares none that its sensors see.
 
@@ -50,8 +49,6 @@ def operating_surface(
         Healthy cycles.
     names : tuple of str
         Features.
-    points : dict
-        See `Responses`; what is computed is added.
     """
     declared = monitored.operating
     if not declared:
@@ -60,10 +57,7 @@ def operating_surface(
     duration_s = monitored.declared.run_up_s + (SETTLED_CYCLES + USED_CYCLES) * mean_period_s(monitored)
 
     def features_at(parameters: Parameters | None) -> Array | None:
-        key = (names, "" if parameters is None else parameters.model_dump_json())
-        if key not in points:
-            points[key] = _features_at(monitored, parameters, duration_s, names)
-        return points[key]
+        return _features_at(monitored, parameters, duration_s, names)
 
     reference = features_at(monitored.parameters)
     if reference is None:
@@ -91,6 +85,12 @@ def operating_surface(
 
     surface = fitted_surface(groups, rolled_out, names, rows, root, unexplained)
     return _settling(monitored, surface, chosen, duration_s)
+
+
+def sister_surface(surface: OperatingSurface, vectors: Sequence[FeatureVector]) -> OperatingSurface:
+    """Return the surface about the healthy cycles of another machine of the same numbers and sensors."""
+    rows, root = _rows(vectors, surface.names), _root_of_noise(vectors, surface.names)
+    return replace(surface, root=root).centred(rows)
 
 
 def left_by_point(

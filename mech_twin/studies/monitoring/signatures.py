@@ -145,21 +145,6 @@ class SteadyCycles(NamedTuple):
     cycles: int
 
 
-class Responses(NamedTuple):
-    """What roll-outs of a machine have told of its features; it serves sisters with the same sensors too.
-
-    Attributes
-    ----------
-    signatures : dict
-        Of the faults, by the names of the features.
-    points : dict
-        Mean features (d,) of steady running, by the names and the configuration; None where it does not run so.
-    """
-
-    signatures: dict[tuple[str, ...], tuple[Signature, ...]]
-    points: dict[tuple[tuple[str, ...], str], Array | None]
-
-
 def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tuple[Signature, ...]:
     """Return the signatures of every fault of machine and sensors, for these features.
 

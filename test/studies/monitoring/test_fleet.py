@@ -28,18 +28,21 @@ def test_the_one_that_moved_alone_is_first_and_apart_by_its_feature() -> None:
     members = healthy(40, np.random.default_rng(2), moved=-5.0)
     members[17] = members[17]._replace(shift={**members[17].shift, "feature_3": 10.0})
     first, *others = fleet_of(members).sisters
-    assert (first.member.name, first.feature, first.is_apart) == ("m017", "feature_3", True)
+    assert (first.member.name, first.feature, first.verdict) == ("m017", "feature_3", "apart")
     assert first.apart > 8.0
-    assert not any(sister.is_apart for sister in others)
+    assert not any(sister.verdict for sister in others)
 
 
-def test_a_named_fault_stands_before_one_that_is_only_apart_and_what_was_not_judged_is_told() -> None:
+def test_a_finding_is_confirmed_by_sisters_and_what_was_not_judged_is_told() -> None:
     members = healthy(20, np.random.default_rng(3))
     members[4] = members[4]._replace(shift={**members[4].shift, "feature_0": 40.0})
     members[9] = members[9]._replace(finding="spring_weak")
+    members[2] = members[2]._replace(finding="spring_weak", shift={**members[2].shift, "feature_0": 10.0})
     members.append(FleetMember("m020", refused="no complete cycle"))
     fleet = fleet_of(members)
-    assert [sister.member.name for sister in fleet.sisters[:2]] == ["m009", "m004"]
+    told = [(sister.member.name, sister.verdict, sister.is_suspect) for sister in fleet.sisters[:3]]
+    assert told == [("m002", "confirmed", True), ("m004", "apart", True), ("m009", "unconfirmed", False)]
+    assert fleet.confirming < abs(fleet.sisters[0].apart) < fleet.limit
     assert [member.name for member in fleet.refused] == ["m020"]
     assert len(fleet.sisters) == 20
 
@@ -47,12 +50,14 @@ def test_a_named_fault_stands_before_one_that_is_only_apart_and_what_was_not_jud
 def test_a_healthy_fleet_has_one_apart_not_more_often_than_stated() -> None:
     random, fleets = np.random.default_rng(4), 600
     for machines in (LEAST_SISTERS, 12, 50):
-        false = sum(any(s.is_apart for s in fleet_of(healthy(machines, random)).sisters) for _ in range(fleets))
+        false = sum(any(s.verdict for s in fleet_of(healthy(machines, random)).sisters) for _ in range(fleets))
         expected = FALSELY_APART * fleets
         assert false <= expected + 3.0 * np.sqrt(expected)
 
 
 def test_a_few_machines_are_not_compared() -> None:
-    fleet = fleet_of(healthy(LEAST_SISTERS - 1, np.random.default_rng(5)))
+    members = healthy(LEAST_SISTERS - 1, np.random.default_rng(5))
+    members[1] = members[1]._replace(finding="spring_weak")
+    fleet = fleet_of(members)
     assert isnan(fleet.limit)
-    assert not any(sister.is_apart for sister in fleet.sisters)
+    assert [(sister.verdict, sister.is_suspect) for sister in fleet.sisters[:2]] == [("unconfirmed", True), ("", False)]
