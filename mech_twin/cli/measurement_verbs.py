@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from mech_twin.cli.verb import Apart, Beside, Rules, Verb, argument, option
-from mech_twin.cli.verbs import Config, Force, Json, MachineName, MapFile, Settings
+from mech_twin.cli.verbs import Config, Force, Json, MachineName, MapFile, Namespace, Settings
 
 
 class ShadowVerb(Verb):
@@ -16,6 +16,7 @@ class ShadowVerb(Verb):
     answer: ClassVar[str] = "mech_twin.cli.shadow:shadow_machine"
     machine: MachineName
     followed: str = option("namespace of the machine to follow", ..., "--from", metavar="NAMESPACE")
+    namespace: Namespace = None
     given_map: MapFile = None
     config: Config = None
     settings: Settings = []

@@ -26,7 +26,7 @@ from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.cli.pages import own_name
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
-from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.nodes.run.domain import run_namespace, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, kind_of, machine_parameters
@@ -57,6 +57,8 @@ def shadow_machine(request: ShadowVerb) -> None:
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
     machine, own = kind_of(request.machine), own_name(request.machine, parameters)
+    if request.namespace is not None:
+        own = run_namespace(machine, request.namespace).removeprefix("/")
     from mech_twin.nodes.shadow.session import Company, FreeKeys, follow, followed_namespace
     from mech_twin.nodes.shadow.shadow_node import ShadowSetup
 

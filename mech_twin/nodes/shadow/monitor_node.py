@@ -301,7 +301,8 @@ class MonitorNode(TwinNode):
         if message.status:
             self._faults.send(message)
         origin_s = self._origin.clock_s(0.0)
-        alerts = alerts_of(self.machine_name, self.live.monitor.lives.values(), found, self._now_s, origin_s)
+        own = self.get_namespace().removeprefix("/")
+        alerts = alerts_of(own, self.live.monitor.lives.values(), found, self._now_s, origin_s)
         for outlet in self.outlets:
             outlet.send(alerts)
 
