@@ -181,6 +181,8 @@ def test_live_is_what_a_recording_says_and_a_fault_is_told_kept_and_acknowledged
     again = [offline.observe(v) for v in vectors_of({c.name: (c.times_s, c.values) for c in run.channels})][: len(live)]
     innovations = [np.array([found.standard for found in findings]) for findings in (live, again)]
     assert np.array_equal(*innovations, equal_nan=True)
+    told = [[event.text for found in findings for event in found.events] for findings in (live, again)]
+    assert told[0] == told[1] != []
     assert [(found.verdict, found.alarm) for found in live] == [(found.verdict, found.alarm) for found in again]
     active_s = next(f.time_s for f in live if any(each.state == "active" for each in f.faults))
     (box,) = boxes
