@@ -268,7 +268,8 @@ class ReducedSystem:
         self, accelerations: Sequence[Number], loads: Sequence[AppliedLoad], gravity: Vector
     ) -> tuple[list[BodyWrench], list[Number]]:
         """Return the wrench that each body lacks for its acceleration beside weight and loads; and magnitudes."""
-        found = []
+        found: list[BodyWrench] = []
+        sizes: list[Number] = [0.0] * len(self.structure.bodies)
         for number, body in enumerate(self.structure.bodies):
             if number == GROUND:
                 found.append(BodyWrench())
@@ -280,7 +281,9 @@ class ReducedSystem:
             fx, fy = body.mass * ax, body.mass * ay
             turning = body.inertia * dot(frame.row_angle, accelerations)
             found.append(BodyWrench(fx, fy, turning + at.x * fy - at.y * fx))
-        sizes = [_magnitude(w) for w in found]
+            sizes[number] = _magnitude(found[number])
+            for axis in gravity:  # in free fall the weight is all that there is
+                sizes[number] = sizes[number] + magnitude(body.mass * axis)
         for load in loads:
             if load.body != GROUND:
                 moment = load.moment + load.x * load.force_y - load.y * load.force_x

@@ -33,6 +33,7 @@ KIND, COLUMN, RATIO, FIRST, SECOND, SWITCHED = range(6)  # of a row of the drive
 MOTOR_NUMBERS, DRIVE_WIDTH = 6, 14
 ROUNDING = 1.0 + 1e-9
 NEAR_DEAD_POINT = -10
+UNLOADED = 1e-7  # of the greatest force: a joint with less carries rounding of the others
 REGULAR = 1e-3  # least regularity of the closures: the sine of an angle between links
 
 
@@ -358,8 +359,10 @@ def page_forces(
     out[0] = 0.0
     for i in range(3 * model.pins + model.quantities):
         out[PINS + i] = model.told[i]
-    place, size, worst = 3 * model.pins + model.quantities, s.free + s.dependent + s.driven, 0.0
+    place, size, worst, greatest = 3 * model.pins + model.quantities, s.free + s.dependent + s.driven, 0.0, 0.0
     for i in range(size):
-        worst = max(worst, abs(model.told[place + i]) / max(model.told[place + size + i], 1e-9))
+        greatest = max(greatest, model.told[place + size + i])
+    for i in range(size):
+        worst = max(worst, abs(model.told[place + i]) / max(model.told[place + size + i], UNLOADED * greatest, 1e-9))
     out[PINS + place] = worst
     return loads, 0
