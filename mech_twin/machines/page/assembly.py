@@ -33,6 +33,7 @@ from mech_twin.mechanics.structure import (
 Array = NDArray[np.float64]
 CLOSED = 1e-11  # of the machine's size: a miss of a loop that is none
 REGULAR = 1e-3  # least of the closures' singular values over the largest: the coordinates are well determined
+NEAR_RAD = 0.5  # largest turn of a step of the search: longer ones leave the guess, by whole turns too
 TRIALS, TURNS = 60, 200  # starts of the search for a closed pose, and its steps
 MOST_COORDINATES = 12
 PARTS = {REVOLUTE: ("",), SLIDER: ("",), "weld": (), FREE: ("_x", "_y", "_angle")}
@@ -182,19 +183,18 @@ class Assembly:
 
     def _closed_near(self, guess: Array) -> tuple[Array, float]:
         """Return the pose that a search from a guess ends in, and what it misses: Levenberg and Marquardt."""
-        s, damping = guess.copy(), 1e-3
+        s, damping, turning = guess.copy(), 1e-3, [name not in self.slides for name in self.coordinates]
         values, rows = self._closures(s)
         for _ in range(TURNS):
-            if np.abs(values).max(initial=0.0) <= CLOSED * self.size_m:
+            if np.abs(values).max(initial=0.0) <= CLOSED * self.size_m or damping > 1e12:
                 break
             pull = np.linalg.solve(rows.T @ rows + damping * np.eye(len(s)), -rows.T @ values)
+            pull *= min(1.0, NEAR_RAD / np.abs(pull[turning]).max(initial=NEAR_RAD))
             trial_values, trial_rows = self._closures(s + pull)
             if np.linalg.norm(trial_values) < np.linalg.norm(values):
                 s, values, rows, damping = s + pull, trial_values, trial_rows, max(0.2 * damping, 1e-15)
             else:
                 damping *= 5.0
-            if damping > 1e12:
-                break
         return s, float(np.abs(values).max(initial=0.0))
 
     @cached_property

@@ -156,3 +156,63 @@ def test_constant_speed_takes_impacts_without_changing():
     _, simulation = run(text, 3.0)
     assert len(impacts(simulation)) > 3
     assert all(residual.worst <= residual.limit for residual in simulation.residuals().values())
+
+
+FALLING = """
+gravity_m_per_s2: [0, -9.81]
+bodies: {frame: {mass_kg: 40, inertia_kg_m2: 1}, weight: {mass_kg: 14}, piston: {mass_kg: 2}}
+joints:
+  fall: {kind: free, between: [ground, frame], start_x_m: 0.3, start_y_m: 0.8}
+  guide: {kind: slider, between: [frame, weight], direction_deg: -77, start_m: 0.49}
+  cylinder: {kind: slider, between: [frame, piston], direction_deg: -70, start_m: 0.19}
+springs: {held: {between: [piston, weight], rate_n_per_m: 60000, preload_n: 0}}
+"""
+
+
+def test_joints_of_a_machine_in_free_fall_carry_rounding_of_its_weight():
+    told, simulation = run(FALLING, 0.02)
+    weight = 56 * 9.81
+    assert max(abs(w.force_x_n) + abs(w.force_y_n) for f in told for w in f.forces.wrenches) < 1e-14 * weight
+    assert simulation.residuals()["drive_torque_routes"].worst < 1e-14
+
+
+RIDER = """
+gravity_m_per_s2: [0, 0]
+bodies: {frame: {mass_kg: 2.9}, rider: {mass_kg: 0.31}}
+joints:
+  guide: {kind: slider, between: [ground, frame]}
+  ride: {kind: slider, between: [frame, rider]}
+loads: {push: {point: frame, force_n: [130, 0]}}
+"""
+
+
+def test_a_joint_without_force_beside_loaded_ones_carries_their_rounding():
+    _, simulation = run(RIDER, 0.003)
+    assert simulation.residuals()["drive_torque_routes"].worst < 1e-8
+
+
+PARALLEL = """
+gravity_m_per_s2: [0, 0]
+ground: {points_m: {front: [1.5, 0], shaft: [-0.737, 0.376]}}
+bodies:
+  rear: {mass_kg: 2, inertia_kg_m2: 0.03, points_m: {top: [0, 0.4]}}
+  front: {mass_kg: 2, inertia_kg_m2: 0.03, points_m: {top: [0, 0.4]}}
+  trough: {mass_kg: 120, inertia_kg_m2: 40, points_m: {front: [1.5, 0]}}
+  rod: {mass_kg: 4, inertia_kg_m2: 0.2, points_m: {end: [0.6, 0]}}
+  crank: {mass_kg: 10, inertia_kg_m2: 0.2, points_m: {pin: [0.012, 0]}}
+joints:
+  rear_bush: {kind: revolute, between: [ground, rear], start_deg: 20}
+  front_bush: {kind: revolute, between: [ground.front, front], start_deg: 20}
+  rear_top: {kind: revolute, between: [rear.top, trough], start_deg: -20}
+  front_top: {kind: revolute, between: [front.top, trough.front]}
+  bearing: {kind: revolute, between: [ground.shaft, crank], start_deg: 90}
+  pin: {kind: revolute, between: [crank.pin, rod]}
+  eye: {kind: revolute, between: [rod.end, trough]}
+drives: {motor: {kind: constant_speed, joint: bearing, speed_rpm: 400}}
+"""
+
+
+def test_a_loop_closes_near_the_guess_without_whole_turns():
+    told, _ = run(PARALLEL, 0.001)
+    for name in ("rear_bush", "front_bush"):
+        assert math.degrees(told[0].linkage.joint(name).position) == pytest.approx(20.0, abs=0.1)
