@@ -120,13 +120,18 @@ def check_page(asked: CheckVerb) -> None:
         print_json(found)
         return
     print_table(f"{page}: {parameters.name}", ("quantity", "value", "unit"), numbered(found["numbers"]))  # type: ignore[attr-defined]
-    rows = [(j["joint"], j["kind"], j["role"], f"{j['start']:.6g}", j["unit"]) for j in found["joints"]]
+    rows = [(j["joint"], j["kind"], j["role"], *_as_on_page(j["start"], j["unit"])) for j in found["joints"]]
     print_table("joints at the start", ("joint", "kind", "moves as", "start", "unit"), rows)
     if found["contacts"]:
-        gaps = [(c["contact"], c["state"], f"{c['gap']:.4g}") for c in found["contacts"]]
-        print_table("contacts at the start", ("contact", "state", "gap"), gaps)
+        gaps = [(c["contact"], c["state"], *_as_on_page(c["gap"], c["unit"])) for c in found["contacts"]]
+        print_table("contacts at the start", ("contact", "state", "gap", "unit"), gaps)
     for line in found["remarks"]:
         say_result(line)
+
+
+def _as_on_page(value: float, unit: str) -> tuple[str, str]:
+    """Return a length or an angle in the unit in which a page tells it."""
+    return (f"{math.degrees(value):.6g}", "deg") if unit == "rad" else (f"{value:.6g}", unit)
 
 
 def own_name(machine: str, parameters: Parameters) -> str:
@@ -166,14 +171,17 @@ def _page_record(shared: Any) -> dict[str, Any]:
             }
         )  # fmt: skip
     contacts = []
-    for name, law in zip(places.laws, now.laws, strict=True):
-        if law.restitution >= 0.0:
-            gap = real(law.scalar.value)
-            contacts.append({"contact": name, "state": "open" if gap > 1e-12 else "closed", "gap": gap})
+    gaps = {name: law.scalar.value for name, law in zip(places.laws, now.laws, strict=True) if law.restitution >= 0.0}
+    gaps |= {name: now.found_signals[name][0] for name in shared.page.contacts if name in now.found_signals}
+    for name in (name for name in shared.page.contacts if name in gaps):  # a wall that gives way has none
+        gap, unit = real(gaps[name]), "rad" if name in shared.turning_stops else "m"
+        contacts.append({"contact": name, "state": "open" if gap > 1e-12 else "closed", "gap": gap, "unit": unit})
     masses = {name: body.mass_kg for name, body in shared.page.bodies.items()}
     remarks = [f"{name} has no mass" for name, mass in masses.items() if mass == 0.0]
+    least = 1e-12 * shared.energy_scale_j / assembly.size_m  # less is rounding
     for name in shared.page.springs:
         size = real((now.conservative | now.actions)[name].efforts[0].size)
+        size = size if abs(size) > least else 0.0
         remarks.append(f"{name} gives {size:.4g} {'N m' if shared.page.springs[name].turns else 'N'} at the start")
     return {
         "page": shared.page.name, "numbers": numbers, "joints": joints, "contacts": contacts, "masses_kg": masses,

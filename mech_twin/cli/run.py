@@ -155,7 +155,8 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
     numbers = outcome.metrics.numbers()
     if not request.as_json:
         design = set(numbers) - set(outcome.metrics.running_numbers())
-        show_numbers(f"{request.machine}: metrics of the run", numbers, design, everything=request.everything)
+        name = getattr(parameters, "name", request.machine)
+        show_numbers(f"{name}: metrics of the run", numbers, design, everything=request.everything)
         say_result(how_told(configuration_tree(parameters)["coupling"]["step_s"]))
         show_events(tuple(outcome.metrics.events), everything=request.everything)
         if directory is not None and directory.exists():

@@ -25,6 +25,7 @@ from mech_twin.engine.compiled_run import (
     run_steps,
 )
 from mech_twin.engine.compiled_steps import NoBody
+from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import (
     EVENT_WIDTH,
@@ -103,8 +104,17 @@ class CompiledMachine:
         end = RunEnd(*fields)
         if end.failed == DONE:
             return end, None
-        role = self.machine.linkage if end.failed == LINKAGE_FAILED else self.machine.body
-        return end, failed(getattr(role, "failures", ()), end.status, (first + end.steps) * step_s)
+        if end.failed == LINKAGE_FAILED:
+            return end, self._failure(self.layout.frame(first + end.steps, row.tolist()), targets[end.steps])
+        return end, failed(getattr(self.machine.body, "failures", ()), end.status, (first + end.steps) * step_s)
+
+    def _failure(self, frame: Frame, target: float) -> MotionError:
+        """Return the error of the step that the linkage gives up, by its role, which has the events at hand."""
+        try:
+            next_frame(self.machine, frame, target)
+        except MotionError as error:
+            return error
+        raise AssertionError("a step that a roll-out gives up is given up by its role too")
 
     def run_interruptibly(
         self,

@@ -89,6 +89,10 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
         """What a step may end in, in the order of its numbers."""
         return ()
 
+    def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
+        """Return the error for a step that the kernel gave up; ``log`` has the events that it still told."""
+        return failed(self.failures, status, begin_s)
+
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later, its events located inside the step."""
         layout, out = self.layout, np.empty(self.layout.size)
@@ -97,7 +101,7 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
             self.held, linkage.step, layout.row(linkage), motor_row(motor), led, out, layout.events.table()
         )
         if count < 0:
-            raise failed(self.failures, count, linkage.time_s)
+            raise self.failure(count, linkage.time_s, log)
         step = linkage.step + 1
         return layout.sample(step, step * self.step_s, out.tolist(), layout.events.events(log[:count]))
 

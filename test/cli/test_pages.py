@@ -53,6 +53,32 @@ def test_check_draws_the_machine(page, tmp_path):
     assert picture.stat().st_size > 5000
 
 
+def test_check_tells_the_gap_of_rigid_and_compliant_contacts_in_the_page_s_units(tmp_path):
+    file = tmp_path / "my.yaml"
+    text = """
+        name: mine
+        gravity_m_per_s2: [0, 0]
+        bodies: {arm: {inertia_kg_m2: 1}, ram: {mass_kg: 2}}
+        joints:
+          pivot: {kind: revolute, between: [ground, arm], start_deg: 40}
+          guide: {kind: slider, between: [ground, ram], start_m: -0.1}
+        springs: {rest: {joint: guide, rate_n_per_m: 1e4, free_m: -0.1}}
+        contacts:
+          soft: {point: ram, line: ground, normal_deg: 180, stiffness_n_per_m: 1e6}
+          stop: {joint: pivot, least_deg: 10, restitution: 0}
+        """
+    file.write_text(text, encoding="utf-8")
+    gaps = {
+        contact["contact"]: (contact["gap"], contact["unit"])
+        for contact in json.loads(answer("check", file, "--json"))["contacts"]
+    }
+    assert gaps == {"soft": (pytest.approx(0.1), "m"), "stop": (pytest.approx(np.pi / 6.0), "rad")}
+    told = answer("check", file)
+    assert ["pivot", "revolute", "free", "40", "deg"] in [line.split() for line in told.splitlines()]
+    assert ["stop", "open", "30", "deg"] in [line.split() for line in told.splitlines()]
+    assert "rest gives 0 N at the start" in told
+
+
 def test_a_page_stands_where_a_machine_s_name_does(page):
     found = json.loads(answer("simulate", page, "--duration", "1", "--json"))
     assert found["config"]["name"] == "spring_hammer"

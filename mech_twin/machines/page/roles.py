@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage, CompiledMotor
+from mech_twin.engine.errors import MotionError
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import entry_of
 from mech_twin.engine.sample_vectors import COMMAND, EventLayout, ForceLayout, LinkageLayout, MotorLayout
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DriveElement
 from mech_twin.machines.page.equations import PageInstant
+from mech_twin.machines.page.failures import FAILURES, failure_of
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import Functions, drive_row, functions_of, start_state
 from mech_twin.machines.page.parameters import Page
@@ -43,11 +45,6 @@ from mech_twin.samples import LinkageSample
 Array = NDArray[np.float64]
 LIMITS = {"loop_closure_m": 1e-10, "energy_balance": 1e-7}
 FORCE_LIMITS = {"drive_torque_routes": 1e-8}
-FAILURES = (
-    "more events in a coupling step than are followed", "no step is short enough for the motion",
-    "too many steps in a coupling step", "contacts contradict each other", "more events than the log takes",
-    "", "", "", "", "a loop comes to a dead point, where its closures no longer determine the joints",
-)  # fmt: skip
 TOLERANCE = 1e-12  # of the error of a step, in parts of the machine's size, and of its speeds
 DEEP = 1e-9  # of the machine's size: a contact that begins deeper than this begins wrongly
 
@@ -104,10 +101,18 @@ class PageModel:
             value = law.scalar.value
             assert isinstance(value, float | int)
             if law.restitution >= 0.0 and value < -DEEP * self.assembly.size_m:
+                how, unit = ("stop", "rad") if name in self.turning_stops else ("line", "m")
                 raise ConfigurationError(
-                    f"contacts.{name}: begins {-value:.4g} m or rad inside its stop; start its bodies further off"
+                    f"contacts.{name}: begins {-value:.4g} {unit} behind its {how}; start its bodies further off"
                 )
         return now
+
+    @cached_property
+    def turning_stops(self) -> frozenset[str]:
+        """The contacts that are stops of a revolute: their gap is an angle."""
+        return frozenset(
+            name for name, c in self.page.contacts.items() if c.joint and self.page.joints[c.joint].kind == "revolute"
+        )
 
     @cached_property
     def drives(self) -> Array:
@@ -186,8 +191,7 @@ class PageModel:
             return f"{name}_acceleration_{'m_per_s2' if name in slides else 'rad_per_s2'}"
 
         turning = {name for name, joint in self.page.joints.items() if joint.kind == "revolute"}
-        contacts = {n: c.joint in turning for n, c in self.page.contacts.items()}
-        of_law = {name: contacts.get(name, p.resisted.get(name, "") in turning) for name in p.laws}
+        of_law = {name: name in self.turning_stops or p.resisted.get(name, "") in turning for name in p.laws}
         turns = {name: drive.turns for name, drive in self.page.drives.items()}
         efforts = [f"{name}_{'torque_nm' if turns[name] else 'force_n'}" for name in p.driven_names]
         names = [
@@ -283,6 +287,10 @@ class PageLinkage(CompiledLinkage):
     def coordinates(self) -> tuple[str, ...]:
         """Names of the free coordinates."""
         return tuple(self.shared.assembly.coordinates[j] for j in self.shared.assembly.split.free)
+
+    def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
+        """Return the error for a step that is given up, with the elements that had most of its events."""
+        return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log)
 
     @property
     def timed_drives(self) -> tuple[str, ...]:

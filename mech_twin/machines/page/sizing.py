@@ -69,14 +69,16 @@ def _turned(page: Page) -> tuple[str, float]:
     places = build(page).linkage.shared.places  # type: ignore[attr-defined] # the linkage of a page
     if places.free or places.driven != 1 or places.motors:
         raise StudyError(
-            "page: a flywheel is sized where one drive of kind constant_speed leads every joint; "
+            f"{page.name}: a flywheel is sized where one drive of kind constant_speed leads every joint; "
             f"this page has {places.free} free and {places.driven} driven"
         )
     (name,) = places.driven_names
     drive = page.drives[name]
     ends = [page.point(point)[0] for point in page.joints[drive.joint].between]
     if drive.speed_rpm is None or GROUND not in ends or drive.speed_rpm == 0.0:
-        raise StudyError(f"page: drives.{name}: a flywheel needs a joint that turns a body on the ground at a speed")
+        raise StudyError(
+            f"{page.name}: drives.{name}: a flywheel needs a joint that turns a body on the ground at a speed"
+        )
     return next(body for body in ends if body != GROUND), abs(drive.speed_rpm) * RPM
 
 

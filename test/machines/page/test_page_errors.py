@@ -4,9 +4,27 @@
 from __future__ import annotations
 
 import pytest
-from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page
+from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 
+from mech_twin.engine.errors import MotionError
 from mech_twin.machines.page import build
+
+BIT = """
+name: bit
+gravity_m_per_s2: [0, 0]
+bodies: {housing: {mass_kg: 3.5}, striker: {mass_kg: 0.15}, bit: {mass_kg: 0.3}}
+joints:
+  hold: {kind: slider, between: [ground, housing]}
+  barrel: {kind: slider, between: [ground, striker], start_m: -0.01, start_m_per_s: 10}
+  seat: {kind: slider, between: [ground, bit]}
+contacts:
+  blow: {point: striker, line: bit, normal_deg: 180, restitution: 0.6}
+  nose: {point: housing, line: bit, normal_deg: 180, restitution: 0.3}
+  wall: {joint: seat, gives_way_n: 4000}
+loads:
+  operator: {point: housing, force_n: [150, 0]}
+  air: {point: striker, force_n: [90, 0]}
+"""
 
 
 def refused(text, **changes):
@@ -58,7 +76,7 @@ def test_a_motion_without_inertia_is_named():
 
 def test_a_contact_that_begins_inside_is_named_with_its_depth():
     told = refused(BALL, joints={"fall": {"start_m": -0.25}})
-    assert "contacts.bounce: begins 0.25 m" in told
+    assert "contacts.bounce: begins 0.25 m behind its line" in told
 
 
 def test_two_drives_of_one_joint_are_refused():
@@ -134,3 +152,17 @@ VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
 )  # fmt: skip
 def test_a_wrong_key_of_an_element_is_named_with_what_was_expected(group, element, told):
     assert told in refused(BLOCK, **{group: {"there": element}})
+
+
+def test_a_stop_that_begins_inside_is_told_as_an_angle():
+    stop = {"stop": {"joint": "pivot", "least_deg": -30.0, "restitution": 0.0}}
+    assert "contacts.stop: begins 0.5236 rad behind its stop" in refused(PENDULUM, contacts=stop)
+
+
+def test_a_series_of_impacts_without_end_names_page_and_contacts():
+    with pytest.raises(MotionError) as ended:
+        run(BIT, 0.05)
+    told = str(ended.value)
+    assert told.startswith("bit: more events in a coupling step than are followed, in the step from 0.009 s")
+    assert all(name in told.partition("most of")[2] for name in ("wall", "nose", "blow"))
+    assert run(BIT, 0.05, contacts={"nose": {"restitution": 0.0}})[0]  # what it advises helps

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a coupling step of a page may end in, told with its elements."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from mech_twin.engine.compiled_roles import failed
+from mech_twin.engine.errors import MotionError
+from mech_twin.engine.hybrid.laws import Array
+from mech_twin.engine.hybrid.loop import TOO_MANY
+from mech_twin.engine.sample_vectors import EventLayout
+
+FAILURES = (
+    "more events in a coupling step than are followed", "no step is short enough for the motion",
+    "too many steps in a coupling step", "contacts contradict each other", "more events than the log takes",
+    "", "", "", "", "a loop comes to a dead point, where its closures no longer determine the joints",
+)  # fmt: skip
+
+
+def failure_of(page: str, status: int, begin_s: float, events: EventLayout, log: Array) -> MotionError:
+    """Return the error for a step that is given up: with the page, and the elements that had most of its events.
+
+    Parameters
+    ----------
+    page : str
+        Name of the page.
+    status : int
+        What the kernel returned.
+    begin_s : float
+        Begin of the step (s).
+    events : EventLayout
+        How ``log`` tells events.
+    log : ndarray
+        Events of the step, begun anew with twice the room, and 8 rows, as often as it was full.
+    """
+    error = f"{page}: {failed(FAILURES, status, begin_s)}"
+    filled = (len(log) - 8) // 2 - 2 * len(events.contacts) - 2
+    if status != TOO_MANY or filled <= 0:
+        return MotionError(error)
+    counts = Counter(event.contact for event in events.events(log[:filled]))
+    most = ", ".join(name for name, _ in counts.most_common(3))
+    return MotionError(
+        f"{error}, most of {most}; give a contact that stays pressed while another strikes restitution 0"
+    )
