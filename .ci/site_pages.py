@@ -88,6 +88,20 @@ def parameter_table(model: type[Parameters]) -> str:
     return table(("key", "unit", "legal values", "live", "meaning"), parameter_rows(model))
 
 
+def default(field: FieldInfo) -> str:
+    """Return what holds where a key is left out: a value, nothing, or that it may not be."""
+    if field.is_required():
+        return "needed"
+    return "" if field.default in (None, "", {}) else json.dumps(field.default)
+
+
+def element_table(model: type[Parameters]) -> str:
+    """Return the table of an element's keys: those of `parameter_rows`, and what holds where they are left out."""
+    defaults = {f"`{key}`": default(field) for key, field in fields_of(model)}
+    rows = [(*row[:3], defaults[row[0]], *row[3:]) for row in parameter_rows(model)]
+    return table(("key", "unit", "legal values", "default", "live", "meaning"), rows)
+
+
 def topic_row(topic: Topic) -> tuple[str, ...]:
     """Return name, type and delivery of a topic."""
     kept = "reliable, transient local" if topic.qos is LATCHED else "reliable"
@@ -142,7 +156,8 @@ def elements_page() -> str:
     """Return the reference of a page's elements, made from their models."""
     parts = [
         "# Elements of a page",
-        "Generated from the code. How a page is written: [a machine from a page](../pages.md). `NAME` is yours.",
+        "Generated from the code. How a page is written: [a machine from a page](../pages.md). `NAME` is yours. "
+        "*needed*: not to be left out, of `group.key` where its group is there.",
     ]
     alone: list[tuple[str, ...]] = []
     for group, field in Page.model_fields.items():
@@ -153,7 +168,7 @@ def elements_page() -> str:
             alone.append((f"`{group}`", unit, field.description or ""))
             continue
         named = ".NAME" if get_origin(field.annotation) is dict else ""
-        parts += [f"## `{group}{named}`", f"{(models[0].__doc__ or '').strip()}", parameter_table(models[0])]
+        parts += [f"## `{group}{named}`", f"{(models[0].__doc__ or '').strip()}", element_table(models[0])]
     parts[2:2] = ["## Of the whole machine", table(("key", "unit", "meaning"), alone)]
     return "\n\n".join([*parts, ""])
 

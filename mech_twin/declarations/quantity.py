@@ -25,6 +25,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "N m s/rad": (1e-9, 1e9),
     "N m/rad": (1e-9, 1e12),
     "N s/m": (1e-9, 1e9),
+    "s/m": (1e-9, 1e6),
     "N/m": (1e-9, 1e13),
     "Pa": (1e-3, 1e13),
     "W": (1e-6, 1e9),

@@ -269,7 +269,7 @@ class Contact(Parameters):
     restitution: float | None = quantity("1", "speed after an impact over that before", default=None, ge=0.0, le=1.0)
     stiffness_n_per_m: float | None = quantity("N/m", "stiffness of a compliant contact", default=None, gt=0.0)
     damping_s_per_m: float = quantity(
-        "1", "damping of a compliant contact: force (1 + d v), d in s/m", default=0.0, ge=0.0
+        "s/m", "damping d of a compliant contact: its force times (1 + d v)", default=0.0, ge=0.0
     )
     rod: ContactRod | None = choice(
         "rod on a wall that the contact strikes through: the blow is a wave in it, its restitution a result",

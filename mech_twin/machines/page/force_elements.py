@@ -176,7 +176,7 @@ class Damper(Parameters):
 
     between: tuple[str, str] | None = choice("the two points", default=None)
     joint: str | None = choice("joint along which it acts", default=None)
-    rate_ns_per_m: float | None = quantity("N/m", "force per speed, N s/m", live=True, default=None, ge=0.0)
+    rate_ns_per_m: float | None = quantity("N s/m", "force per speed", live=True, default=None, ge=0.0)
     rate_nms_per_rad: float | None = quantity("N m s/rad", "moment per angular speed", live=True, default=None, ge=0.0)
 
     @model_validator(mode="after")
