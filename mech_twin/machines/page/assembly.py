@@ -266,11 +266,11 @@ class Assembly:
             if len(rows) > structure.size or values[len(rows) - 1] < 1e-7 * values[0]:
                 raise ConfigurationError(self._redundant(rows))
         if freedoms <= 0:
-            raise ConfigurationError("joints: no freedom is left: the joints hold every body; take one away")
+            raise ConfigurationError("joints: no freedom is left: joints and couplings hold every body; take one away")
         if len(driven) > freedoms:
             raise ConfigurationError(
-                f"drives: {len(driven)} joints have a given speed, but the machine has {freedoms} "
-                f"freedom{'s' if freedoms > 1 else ''}"
+                f"drives: {', '.join(self.coordinates[j] for j in driven)} have a given speed, but the machine has "
+                f"{freedoms} freedom{'s' if freedoms > 1 else ''}"
             )
         if freedoms - len(driven) > MOST_COORDINATES:
             raise ConfigurationError(f"joints: {freedoms} freedoms; expected at most {MOST_COORDINATES}")

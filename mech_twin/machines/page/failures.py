@@ -13,7 +13,8 @@ from mech_twin.engine.sample_vectors import EventLayout
 
 FAILURES = (
     "more events in a coupling step than are followed", "no step is short enough for the motion",
-    "too many steps in a coupling step", "contacts contradict each other", "more events than the log takes",
+    "more steps in a coupling step than are taken: a loop near a dead point, or a rate too stiff",
+    "contacts contradict each other", "more events than the log takes",
     "", "", "", "", "a loop comes to a dead point, where its closures no longer determine the joints",
 )  # fmt: skip
 

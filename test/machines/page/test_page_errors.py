@@ -86,7 +86,7 @@ def test_two_drives_of_one_joint_are_refused():
 
 def test_more_given_speeds_than_freedoms_are_refused():
     told = refused(SLIDER_CRANK, drives={"second": {"kind": "constant_speed", "joint": "guide", "speed_m_per_s": 1.0}})
-    assert "2 joints have a given speed, but the machine has 1 freedom" in told
+    assert "drives: bearing, guide have a given speed, but the machine has 1 freedom" in told
 
 
 def test_a_body_that_nothing_joins_is_named():
@@ -166,3 +166,8 @@ def test_a_series_of_impacts_without_end_names_page_and_contacts():
     assert told.startswith("bit: more events in a coupling step than are followed, in the step from 0.009 s")
     assert all(name in told.partition("most of")[2] for name in ("wall", "nose", "blow"))
     assert run(BIT, 0.05, contacts={"nose": {"restitution": 0.0}})[0]  # what it advises helps
+
+
+def test_a_coupling_that_takes_the_last_freedom_is_told():
+    rack = {"rack": {"kind": "rack", "joints": ["bearing", "guide"], "radius_m": 0.02}}
+    assert "joints and couplings hold every body" in refused(SLIDER_CRANK, couplings=rack)
