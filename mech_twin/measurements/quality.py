@@ -140,7 +140,7 @@ class QualityGauge:
         lengths = own.copy()
         if values[0] == last:
             lengths[0] += run
-        ends = (self._low, self._high)
+        ends = {self._low, self._high}  # one while the channel is constant
         for value in ends:
             stands = (lengths >= SATURATED_RUN) & (values[starts] == value)
             self._extremes[value] = self._extremes.get(value, 0) + int(own[stands].sum())

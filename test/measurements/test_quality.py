@@ -76,6 +76,11 @@ def test_few_samples_and_a_constant_are_named() -> None:
     assert gauged(np.arange(20.0), np.full(20, 4.5)).flaws() == ["constant at 4.5"]
 
 
+def test_a_sample_at_an_end_of_the_range_counts_once() -> None:
+    values = np.repeat([0.0, 1.0], 100)
+    assert gauged(np.arange(200.0), values, cuts=(100,)).saturated == 1.0
+
+
 @settings(max_examples=30)
 @given(st.lists(st.integers(1, COUNT - 1), max_size=6))
 def test_quality_does_not_depend_on_the_blocks(cuts: list[int]) -> None:
