@@ -31,6 +31,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.hand_over import Handed, HeardBytes
 from mech_twin.parameters.load import catalogue_entry, description
 from mech_twin.recording.stamps import stamp_ns
 from mech_twin.roles import Machine
@@ -75,10 +76,11 @@ class FramesNode(TwinNode):
         self._last_ns: int | None = None
         self._describe()
         self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
-        self.listen(JOINT_STATES, lambda handed: self._on_joints(handed.raw), self._on_joints, qos=NEWEST)
+        self.listen(JOINT_STATES, self._on_joints, self._on_joints, qos=NEWEST)
 
-    def _on_joints(self, raw: bytes) -> None:
+    def _on_joints(self, heard: Handed | HeardBytes) -> None:
         """Publish the frames at the stream's rate; time that goes back is another run, or a replay that jumped."""
+        raw = heard.raw
         now_ns = stamp_ns(type_name(JOINT_STATES), raw)
         if now_ns is None:
             return
