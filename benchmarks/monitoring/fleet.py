@@ -14,9 +14,9 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import resource
 import subprocess
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -118,7 +118,7 @@ def write_map(name: str, folder: Path) -> Path:
 def told_fleet(name: str, folder: Path, machines: int) -> dict[str, Any]:
     """Return what the verb tells of the fleet beside what is hidden in it."""
     secret, words = hidden(name, machines), ["-c", "from mech_twin.cli.main import main; main()"]
-    begun_s = time.monotonic()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     settings = [f"--set={key}={value}" for key, value in _settings(name).items()]
     asked = [
         "fleet",
@@ -134,6 +134,8 @@ def told_fleet(name: str, folder: Path, machines: int) -> dict[str, Any]:
     ]
     asked += ["--cores", str(available_cores()), *settings]
     done = subprocess.run([sys.executable, *words, *asked], stdout=subprocess.PIPE, text=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     found = json.loads(done.stdout)
     suspects = {each["name"]: each for each in found["machines"] if each["verdict"]}
     rows = []
@@ -145,8 +147,8 @@ def told_fleet(name: str, folder: Path, machines: int) -> dict[str, Any]:
         rows.append({"fault": fault, "size": size, "day": day, **told})
     false = [{key: each[key] for key in ("finding", "apart", "verdict")} for each in suspects.values()]
     cycles = sum(each["cycles"] for each in found["machines"])
-    return {"machine": name, "machines": machines, "cycles": cycles, "took_s": time.monotonic() - begun_s,
-            "cores": available_cores(), "hidden": rows, "false": false, "refused": found["refused"]}  # fmt: skip
+    return {"machine": name, "machines": machines, "cycles": cycles, "spent_s": spent_s,
+            "hidden": rows, "false": false, "refused": found["refused"]}  # fmt: skip
 
 
 def _settings(name: str) -> dict[str, Any]:
@@ -162,10 +164,10 @@ def table() -> str:
         told = json.loads(path.read_text(encoding="utf-8"))
         found = sum(row["verdict"] in SUSPECT for row in told["hidden"])
         false = sum(row["verdict"] in SUSPECT for row in told["false"])
-        counts = f"{told['machines']} machines, {told['cycles']} cycles, told in {told['took_s']:.0f} s"
+        counts = f"{told['machines']} machines, {told['cycles']} cycles, {told['spent_s']:.0f} s of processor time"
         missed, unconfirmed = len(told["hidden"]) - found, len(told["false"]) - false
         lines += [
-            f"`{told['machine']}`: {counts} on {told['cores']} cores. {found} of {len(told['hidden'])} found, "
+            f"`{told['machine']}`: {counts}. {found} of {len(told['hidden'])} found, "
             f"{missed} missed, {false} false, {len(told['refused'])} not judged; "
             f"{unconfirmed} healthy ones have an unconfirmed finding.",
             "",
