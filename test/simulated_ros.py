@@ -8,6 +8,7 @@ seed and its number of schedules give the same run again.
 from __future__ import annotations
 
 import heapq
+import inspect
 import random
 import time
 from collections.abc import Callable, Iterator
@@ -46,6 +47,7 @@ class Publisher(Ended):
     def __init__(self, network: Network, node: Node, kind: Any, topic: str, latched: bool) -> None:
         self.network, self.node, self.kind, self.topic, self.latched = network, node, kind, topic, latched
         self.last: Any = None
+        self.sent = 0
 
     def get_subscription_count(self) -> int:
         return sum(each.alive for each in self.network.subscriptions.get(self.topic, ()))
@@ -53,6 +55,7 @@ class Publisher(Ended):
     def publish(self, message: Any) -> None:
         if self.alive:
             self.last = message
+            self.sent += 1
             self.network.publish(self, message)
 
 
@@ -60,18 +63,27 @@ class Subscription(Ended):
     def __init__(self, network: Network, node: Node, kind: Any, topic: str, call: Any, raw: bool) -> None:
         self.network, self.node, self.kind, self.topic, self.call, self.raw = network, node, kind, topic, call, raw
         self.latest_s: dict[int, float] = {}
+        try:
+            inspect.signature(call).bind(object())  # as rclpy asks
+        except TypeError:
+            self.with_info = True
+        else:
+            self.with_info = False
 
     def get_publisher_count(self) -> int:
         return sum(each.alive for each in self.network.publishers.get(self.topic, ()))
 
-    def take(self, message: Any) -> None:
+    def take(self, message: Any, number: int) -> None:
         if not self.alive:
             return
         if isinstance(message, bytes) and not self.raw:
             message = deserialize_message(message, self.kind)
         elif self.raw and not isinstance(message, bytes):
             message = serialize_message(message)
-        self.call(message)
+        if self.with_info:
+            self.call(message, {"publication_sequence_number": number})
+        else:
+            self.call(message)
 
 
 class Timer(Ended):
@@ -129,7 +141,8 @@ class Network:
         if self.random.random() >= OVERTAKES:
             due_s = max(due_s, subscription.latest_s.get(id(publisher), 0.0))
             subscription.latest_s[id(publisher)] = due_s
-        self.at(due_s, lambda: subscription.take(message))
+        number = publisher.sent
+        self.at(due_s, lambda: subscription.take(message, number))
 
     def turn(self) -> None:
         """Let happen what is next: a step that is handed over, or the earliest event."""

@@ -194,6 +194,7 @@ class CheckedContact(PrintedDocument):
     contact: str
     state: str
     gap: float
+    unit: str
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -202,7 +202,7 @@ def _salvaged(document: Document) -> RecoveryReport:
 
 
 def _fleet(document: Document) -> Fleet:
-    own = ("feature", "apart", "is_apart")
+    own = ("feature", "apart", "verdict")
     sisters = [
         {"member": {key: value for key, value in row.items() if key not in own}, **{key: row[key] for key in own}}
         for row in document["machines"]

@@ -261,7 +261,8 @@ def test_an_unknown_type_is_left_out_and_said(drum_bag: Path, monkeypatch: pytes
     monkeypatch.setattr(message_types, "message_schema", without_strings)
     with ReplayBench(drum_bag, rate=4.0) as bench:
         bench.to_the_end()
-        assert bench.source.unknown == {DESCRIPTION: f"type '{STRING}': not installed"}
+        reason = f"type '{STRING}': not installed"
+        assert bench.source.unknown == {DESCRIPTION: reason, f"/{DRUM}/robot_description": reason}
         assert not bench.of(DESCRIPTION)
         assert len(bench.of(STATES)) == 501
 

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 from catalogue import built
+from geometry_msgs.msg import TransformStamped
+from rclpy.serialization import deserialize_message
 from recordings import decoded_messages, simulated_bag
 
 from mech_twin.capabilities.urdf import urdf
@@ -22,7 +24,8 @@ def test_a_simulated_recording_carries_frames_and_robot_description(tmp_path):
     expected = []
     for stamp in dict.fromkeys(map(stamp_of, found)):
         positions = dict(zip(steps[stamp].name, steps[stamp].position, strict=True))
-        expected += transforms(mechanism, positions, stamp[0] + 1e-9 * stamp[1], CRANK)
+        made = transforms(mechanism, positions, stamp[0] + 1e-9 * stamp[1], CRANK)
+        expected += [deserialize_message(raw, TransformStamped) for raw in made]
     assert len({stamp_of(message) for message in found}) > 4
     assert found == expected
 

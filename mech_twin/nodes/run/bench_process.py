@@ -145,7 +145,7 @@ class BenchProcess:
         """Pass no further orders on to the machine that ran."""
         trials, orders, self._trials, self._orders = self._trials, self._orders, None, None
         if trials is not None:
-            trials.close()
+            await trials.close()
         if orders is not None:
             orders.close()
             await asyncio.to_thread(orders.join, END_S)

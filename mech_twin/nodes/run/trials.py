@@ -81,10 +81,12 @@ class Trials:
                 raise OrderError("the trial was ended")
         return answer.decode()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Let the process go."""
-        if self._process is not None and self._process.returncode is None:
-            self._process.kill()
+        if self._process is not None:
+            if self._process.returncode is None:
+                self._process.kill()
+            await self._process.wait()
 
 
 def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:

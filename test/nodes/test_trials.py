@@ -5,16 +5,18 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from itertools import islice
 
 import pytest
 
-from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import continued, frames
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.nodes.run.bench_process import SPAN_S, Ghost, rolled_out
+from mech_twin.nodes.run.trials import SPAN_S, Trials, rolled_out
 from mech_twin.parameters.load import machine as load
 from mech_twin.view.bench.frame_text import framed, listed
+from mech_twin.view.bench.server import OrderError
 
 BEFORE, AFTER = 150, 100
 
@@ -52,12 +54,18 @@ def test_a_trial_takes_its_values_begins_at_the_present_and_leaves_the_run_as_it
 
 def test_a_trial_of_a_value_the_machine_refuses_is_refused_in_its_words():
     machine = load("mb10_breaker")
-    ghost = Ghost("mb10_breaker", configuration_tree(machine.parameters))
-    with pytest.raises(ConfigurationError, match="nothing runs yet"):
-        asyncio.run(ghost.tried({}))
-    ghost.frame = sent(next(frames(machine, 0.1)))
-    try:
-        with pytest.raises(ConfigurationError, match=r"tool\.restitution.*7"):
-            asyncio.run(ghost.tried({"tool.restitution": 7.0}))
-    finally:
-        ghost.close()
+
+    async def tried():
+        trials = Trials("mb10_breaker", configuration_tree(machine.parameters))
+        with pytest.raises(OrderError, match="nothing runs yet"):
+            await trials.tried({})
+        trials.frame = sent(next(frames(machine, 0.1)))
+        try:
+            return [json.loads(await trials.tried({"tool.restitution": value})) for value in (7.0, 0.3)]
+        finally:
+            await trials.close()
+
+    refused, answer = asyncio.run(tried())
+    assert re.search(r"tool\.restitution.*7", refused["refused"])
+    assert "refused" not in answer
+    assert answer["cards"]
