@@ -21,6 +21,7 @@ from mech_twin.cli.pages import former_page
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
 from mech_twin.nodes.shadow.inputs import followed_topics, sensed_channels
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
@@ -65,10 +66,11 @@ def test_a_damaged_baseline_is_a_setup_or_one_line(tmp_path: Path) -> None:
     chance, file = random.Random("baseline"), tmp_path / "healthy.json"
     content = BASELINE.read_bytes()
     tree = json.loads(content)
+    parameters, given = machine_parameters(BREAKER, None, None), given_map(BASELINE.parent / "map.yaml")
     accepted = 0
     for i in range(2 * MUTATIONS):
         file.write_bytes(mutated(content, chance) if i % 2 else json.dumps(mutated_tree(tree, chance)).encode())
-        setup = refused(lambda: read_setup(file, BREAKER), file)
+        setup = refused(lambda: read_setup(file, BREAKER, parameters, given), file)
         if setup is not None:
             accepted += 1
             judged(setup, 40 if accepted <= 20 else 5, i)
