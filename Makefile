@@ -71,7 +71,7 @@ explore: $(VENV)/.test # the property tests with examples of their own each time
 	$(BIN)/python -m pytest -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)
 
 test-browser: $(VENV)/.test
-	$(BIN)/python -m pytest -m browser $(ARGS)
+	$(BIN)/python -m pytest -m browser test/view $(ARGS)
 
 test-ros: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist loadfile test/messages test/nodes -m "not slow" $(ARGS)
