@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Foxglove client sees the topics of a running machine, and commands it where that is allowed: by its protocol."""
+"""A Foxglove client sees the topics of a running machine, and commands it where that is allowed."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 import aiohttp
 import pytest
@@ -18,6 +19,7 @@ from sensor_msgs.msg import JointState
 pytest.importorskip("foxglove")
 CRANK, LIMIT_S = "vibration_crank", 30.0
 SUBPROTOCOL = "foxglove.sdk.v1"
+NPM = Path(__file__).parents[1] / "recording" / "npm"
 pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
@@ -142,6 +144,19 @@ def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
 
     with served("--commands") as port:
         with_client(port, talk)
+
+
+def test_foxgloves_own_client_sees_a_topic_a_parameter_and_a_service():
+    if not (NPM / "node_modules").is_dir():
+        pytest.skip("npm's packages are not installed")
+    with served("--commands") as port:
+        words = [str(port), f"/{CRANK}/joint_states", "drive.speed_rpm", f"/{CRANK}/step"]
+        done = subprocess.run(["node", "foxglove.mjs", *words], cwd=NPM, capture_output=True, text=True, timeout=LIMIT_S)
+    assert done.returncode == 0, done.stderr
+    seen = json.loads(done.stdout)
+    assert "crank" in seen["message"]["name"]
+    assert seen["parameters"][0]["value"] > 0.0
+    assert "the run is not paused" in seen["answer"]["message"]
 
 
 def test_without_commands_a_client_watches_and_changes_nothing():
