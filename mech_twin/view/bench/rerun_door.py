@@ -16,13 +16,12 @@ from typing import Any
 
 from aiohttp import WSCloseCode, web
 
-from mech_twin.view.bench.guard import HEADERS, content_policy, plain
+from mech_twin.view.bench.guard import content_policy, plain, sent_file
 from mech_twin.view.bench.pictures import Pictures
 from mech_twin.view.errors import ViewerError
 
 PAGE = "rerun.html"
 SLOW_S = 60.0  # that a page may take for a file or a piece: where a processor draws the viewer is slow to start
-PIECE_BYTES = 1 << 20
 APART_S = 0.1  # between two pieces of a recording
 MOST_VIEWERS = 2  # each converts the pictures for itself
 KINDS = {".js": "text/javascript", ".wasm": "application/wasm"}
@@ -89,14 +88,7 @@ class RerunDoor:
                     await asyncio.to_thread(fetch_viewer, self._folder)
                 except ViewerError as error:
                     return plain(404, str(error))
-        answer = web.StreamResponse(headers=HEADERS)
-        answer.content_type, answer.content_length = KINDS[file.suffix], file.stat().st_size
-        await answer.prepare(request)
-        async with asyncio.timeout(SLOW_S):
-            with file.open("rb") as content:
-                while piece := content.read(PIECE_BYTES):
-                    await answer.write(piece)
-        return answer
+        return await sent_file(request, file, KINDS[file.suffix], {}, SLOW_S)
 
     async def serve_run(self, socket: web.WebSocketResponse) -> None:
         """Send the run so far, and then what comes of it, until the page is gone."""

@@ -26,25 +26,33 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from mech_twin.files.report_page import versions
 from mech_twin.view.bench.bench_page import SEND_S, BenchPage
-from mech_twin.view.bench.guard import HEADERS, LONGEST_LINE, SILENT_S, Guard, content_policy, plain, silent_logger
+from mech_twin.view.bench.guard import (
+    HEADERS,
+    LONGEST_LINE,
+    SILENT_S,
+    Guard,
+    content_policy,
+    plain,
+    sent_file,
+    silent_logger,
+)
 from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
 from mech_twin.view.bench.pictures import Pictures
 from mech_twin.view.bench.rerun_door import PAGE, SLOW_S, RerunDoor, viewer_policy
 
+FOLDER = Path(str(files("mech_twin.view.bench"))) / "page"
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
 TOKEN_S = 3.0  # how long a connection may be open without the token
 HEARTBEAT_S = 10.0
-OFFER_S = 60.0  # how long a file may be fetched
+OFFER_S, FETCH_S = 60.0, 3600.0  # how soon a file is to be fetched, and how long that may take
 LOOK_S = 0.02
-MOST_PAGES = 16
-MOST_ORDERS = 4  # of one page that have no answer yet
+MOST_PAGES, MOST_ORDERS = 16, 4  # pages, and orders of one of them that have no answer yet
 LARGEST_ORDER = 16 << 10
 PENDING_BYTES = 4 << 20  # of pictures kept for a page that is slower than the run
 STATES = ("machine", "layout", "status", "parameters", "metrics", "alarms", "advice", "fit", "pause", "end", "health")
 KEPT = (*STATES, "comparison", "hall")
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
-Try = Callable[[Mapping[str, Any]], Awaitable[str]]
 Obey = Callable[[Mapping[str, Any]], Awaitable[str]]
 
 
@@ -79,10 +87,10 @@ class Bench:
         self._feed: asyncio.Server | None = None
         self._runner: web.AppRunner | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self._files = {path.name: path.read_bytes() for path in _page_files()}
+        self._files = {path.name: path.read_bytes() for path in FOLDER.iterdir() if path.suffix in KINDS}
         self._on_machine: Callable[[Mapping[str, Any]], None] = lambda machine: None
         self._on_frame: Callable[[dict[str, Any]], None] = lambda frame: None
-        self._try: Try | None = None
+        self._try: Obey | None = None
         self._offers: dict[str, tuple[Path, float]] = {}
         self._rerun: RerunDoor | None = None
 
@@ -100,7 +108,7 @@ class Bench:
         """Have something called with what is said of the machine that runs."""
         self._on_machine = call
 
-    def on_frame(self, call: Callable[[dict[str, Any]], None], tried: Try) -> None:
+    def on_frame(self, call: Callable[[dict[str, Any]], None], tried: Obey) -> None:
         """Have the state of the run told now and then, and values tried out from it that a page asks about."""
         self._on_frame, self._try = call, tried
 
@@ -237,7 +245,8 @@ class Bench:
         file, until = self._offers.pop(request.match_info["ticket"], (None, 0.0))
         if file is None or until < asyncio.get_running_loop().time() or not file.is_file():
             return plain(404, "no such file")
-        return web.FileResponse(file, headers=HEADERS | {"Content-Disposition": f'attachment; filename="{file.name}"'})
+        named = {"Content-Disposition": f'attachment; filename="{file.name}"'}
+        return await sent_file(request, file, "application/octet-stream", named, FETCH_S)
 
     async def _serve_page(self, request: web.Request) -> web.StreamResponse:
         """Serve one page over its connection, which begins with the token."""
@@ -350,7 +359,7 @@ class Bench:
             page.orders -= 1
         page.tell(answer | said)
 
-    async def _tried(self, page: BenchPage, message: Mapping[str, Any], tried: Try) -> None:
+    async def _tried(self, page: BenchPage, message: Mapping[str, Any], tried: Obey) -> None:
         """Tell a page, and it alone, what would come of values; nothing is sent to the machine."""
         try:
             check_order({"name": "try", **message})
@@ -378,7 +387,7 @@ def check_order(message: Mapping[str, Any]) -> None:
     name, values, fault = message.get("name"), message.get("values", {}), message.get("fault")
     if not isinstance(name, str):
         raise OrderError("expected the name of an order")
-    if fault is not None and not isinstance(fault, str):
+    if not isinstance(fault, str | None):
         raise OrderError(f"{name}: expected the name of a fault")
     if not isinstance(values, dict):
         raise OrderError(f"{name}: expected values by key")
@@ -387,8 +396,3 @@ def check_order(message: Mapping[str, Any]) -> None:
             raise OrderError(f"{key}: expected a number, a word or a switch")
         if isinstance(value, float) and not math.isfinite(value):
             raise OrderError(f"{key}: expected a finite number")
-
-
-def _page_files() -> list[Path]:
-    folder = Path(str(files("mech_twin.view.bench"))) / "page"
-    return [path for path in folder.iterdir() if path.suffix in KINDS]

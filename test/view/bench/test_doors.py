@@ -344,3 +344,22 @@ def test_a_bench_listens_on_the_loopback_interface_alone_and_ends_with_the_run()
         bound = {row[1] for row in listening if row[3] == "0A" and int(row[1].partition(":")[2], 16) == bench.port}
         assert bound == {f"0100007F:{bench.port:04X}"}
     assert not Path(f"/proc/{pid}").exists()
+
+
+@pytest.mark.slow
+@in_loop
+async def test_a_recording_is_fetched_whole_by_a_client_that_takes_longer_than_a_silent_one_may(tmp_path):
+    file, size = tmp_path / "long.mcap", 40 << 20
+    file.write_bytes(os.urandom(size))
+    async with served(tmp_path) as (bench, _):
+        reader, writer = await asyncio.open_connection("127.0.0.1", bench.port, limit=1 << 16)
+        writer.write(f"GET {bench.offer(file)} HTTP/1.1\r\nHost: 127.0.0.1:{bench.port}\r\n\r\n".encode())
+        head = await reader.readuntil(b"\r\n\r\n")
+        begin, held = time.monotonic(), b""
+        while len(held) < size and (piece := await reader.read(1 << 20)):
+            held += piece
+            await asyncio.sleep(max(0.0, (SILENT_S + 2.0) * len(held) / size - (time.monotonic() - begin)))
+        writer.close()
+    assert b'filename="long.mcap"' in head
+    assert time.monotonic() - begin > SILENT_S
+    assert held == file.read_bytes()

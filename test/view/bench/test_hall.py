@@ -102,6 +102,7 @@ def test_machines_and_a_page_of_ones_own_are_run_from_the_bench_and_their_record
 
 def step_once(page) -> None:
     """Order one step of a paused run: its time goes on by a step, and no further."""
+    page.wait_for_timeout(500)  # the pictures on their way when it paused are drawn
     before = page.evaluate("() => window.bench.shown")
     page.locator("#order-step").click()
     page.wait_for_function(f"() => window.bench.shown > {before}")
