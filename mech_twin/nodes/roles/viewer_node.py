@@ -165,6 +165,8 @@ class ViewerNode(ObserverNode):
         self._shown = time.monotonic()
         # the drawing, the state and the curves are then of one instant
         self._draws = place.startswith(PREFIX) or not on_topics
+        self._in_batches = place.startswith(PREFIX) and not on_topics  # whoever shows them asks for the last one
+        self._undrawn: Frame | None = None
         self.draw: Callable[[Frame], tuple[Shape, ...]] | None = None  # of the run in this process, as it is now
         if not self._draws:
             self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)
@@ -188,14 +190,24 @@ class ViewerNode(ObserverNode):
             self.scene.event(event)
         if isinstance(self.scene, BenchScene):
             self.scene.state(frame)
-        if self._draws and self.scene.drawing_due(self.time_s):
-            machine = self.run_metrics.machine
-            shapes = machine.draw(frame.linkage, frame.body) if self.draw is None else self.draw(frame)
-            self.scene.drawing(Drawing(frame.linkage.step, self.time_s, shapes))
+        if self._draws:
+            self._undrawn = frame
+            if not self._in_batches:
+                self.draw_newest()
         now = time.monotonic()
         if now - self._shown > METRICS_EVERY_S:
             self._shown = now
             self.scene.metrics(self.run_metrics.running_numbers())
+
+    def draw_newest(self) -> None:
+        """Draw the newest frame, if it is not drawn yet and a picture is due."""
+        frame = self._undrawn
+        if frame is None or not self.scene.drawing_due(frame.linkage.time_s):
+            return
+        self._undrawn = None
+        machine = self.run_metrics.machine
+        shapes = machine.draw(frame.linkage, frame.body) if self.draw is None else self.draw(frame)
+        self.scene.drawing(Drawing(frame.linkage.step, frame.linkage.time_s, shapes))
 
     def _on_scene(self, message: MarkerArray) -> None:
         try:

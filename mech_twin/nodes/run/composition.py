@@ -160,6 +160,8 @@ def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> tuple[Run
             frame = assembler.add(computed.popleft())
             if frame is not None:
                 take(frame)
+        if viewer is not None:
+            viewer.draw_newest()
 
     for node in roles:
         node.on_sample = computed.append
