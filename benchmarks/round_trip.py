@@ -30,7 +30,8 @@ from mech_twin.parameters.load import machine
 
 NAME = "mb10_breaker"
 TRIPS, ROUNDS = 1000, 5
-LIMIT_S = 60.0  # for the other process to be discovered
+LIMIT_S = 60.0  # for the other process to be discovered, and for the trips
+SETTLE_S = 0.5  # in which what was sent before comes back
 EXECUTORS: dict[str, Any] = {"single": SingleThreadedExecutor, "events": EventsExecutor}
 CELLS = " | "
 
@@ -48,14 +49,15 @@ def trip(message: Any, executor_name: str, clock: Callable[[], float], *, here: 
     executor = EXECUTORS[executor_name]()
     nodes = [rclpy.create_node("first", namespace="/trip")]
     there = nodes[0].create_publisher(JointState, "there", DATA)
-    count = 0
+    count, goes_on = 0, False
 
     def returned(_: Any) -> None:
         nonlocal count
         count += 1
-        there.publish(message)
+        if goes_on:
+            there.publish(message)
 
-    back = nodes[0].create_subscription(JointState, "back", returned, DATA, raw=raw)
+    nodes[0].create_subscription(JointState, "back", returned, DATA, raw=raw)
     command = [sys.executable, __file__, executor_name, "bytes" if raw else "object"]
     other = None if here else subprocess.Popen(command)
     try:
@@ -65,13 +67,20 @@ def trip(message: Any, executor_name: str, clock: Callable[[], float], *, here: 
         for node in nodes:
             executor.add_node(node)
         end_s = time.monotonic() + LIMIT_S
-        while not (there.get_subscription_count() and back.handle.get_publisher_count()):
+        while not count:  # each side has discovered the other once a message is back
             if time.monotonic() > end_s:
                 raise TimeoutError(f"the other node was not discovered in {LIMIT_S:g} s")
-            executor.spin_once(timeout_sec=0.01)
+            there.publish(message)
+            executor.spin_once(timeout_sec=0.05)
+        settled_s = time.monotonic() + SETTLE_S
+        while time.monotonic() < settled_s:
+            executor.spin_once(timeout_sec=0.05)
+        count, goes_on = 0, True
         begun = clock()
         there.publish(message)
         while count < TRIPS:
+            if time.monotonic() > end_s:
+                raise TimeoutError(f"{count} of {TRIPS} round trips in {LIMIT_S:g} s: a message was lost")
             executor.spin_once(timeout_sec=1.0)
         return (clock() - begun) / TRIPS
     finally:
