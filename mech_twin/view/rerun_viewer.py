@@ -8,6 +8,7 @@ import socket
 import subprocess
 import time
 from importlib.util import find_spec
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from urllib.error import URLError
 from urllib.request import urlopen
@@ -21,8 +22,9 @@ UP_LIMIT_S, FETCH_LIMIT_S, LOOK_S = 20.0, 60.0, 0.05
 
 
 def fetch_viewer(folder: Path) -> None:
-    """Put the viewer's files into a folder.
+    """Put the viewer's files into a folder, each only as the program has it inside.
 
+    Its port may be taken by another user of this machine before the program has it.
     The command keeps its settings below that folder too, where it is told to send nobody anything of its use.
 
     Raises
@@ -45,26 +47,39 @@ def fetch_viewer(folder: Path) -> None:
     with subprocess.Popen([program, *words], env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as server:
         try:
             for name in VIEWER_FILES:
-                _fetch(server, f"http://{LOOPBACK}:{ports[1]}/{name}", folder / name)
+                content = _served(server, f"http://{LOOPBACK}:{ports[1]}/{name}")
+                keep_own(program, content, folder / name)
         finally:
             server.kill()
 
 
-def _fetch(server: subprocess.Popen[bytes], address: str, file: Path) -> None:
-    """Fetch a file, as soon as the server listens; it is there whole or not at all."""
+def keep_own(program: Path, content: bytes, file: Path) -> None:
+    """Write what a program has inside to a file, which is there whole or not at all.
+
+    Raises
+    ------
+    ViewerError
+        The program does not have it.
+    """
+    with program.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as inside:
+        if not content or inside.find(content) < 0:
+            raise ViewerError(f"view: {file.name} was served by another program than {program}")
+    unfinished = file.with_suffix(".part")
+    unfinished.write_bytes(content)
+    unfinished.replace(file)
+
+
+def _served(server: subprocess.Popen[bytes], address: str) -> bytes:
+    """Return a file, as soon as the server listens."""
     end = time.monotonic() + UP_LIMIT_S
     while True:
         try:
             with urlopen(address, timeout=FETCH_LIMIT_S) as answer:
-                content = answer.read()
-            break
+                return bytes(answer.read())
         except (URLError, ConnectionError) as reason:
             if server.poll() is not None or time.monotonic() > end:
                 raise ViewerError(f"view: rerun's viewer is not served: {reason}") from reason
             time.sleep(LOOK_S)
-    unfinished = file.with_suffix(".part")
-    unfinished.write_bytes(content)
-    unfinished.replace(file)
 
 
 def _free_ports(count: int) -> list[int]:

@@ -148,7 +148,7 @@ def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
 
 def test_foxgloves_own_client_sees_a_topic_a_parameter_and_a_service():
     if not (NPM / "node_modules").is_dir():
-        pytest.skip("npm's packages are not installed")
+        pytest.skip("the JavaScript client is not set up: make test does it where npm is found")
     with served("--commands") as port:
         words = [str(port), f"/{CRANK}/joint_states", "drive.speed_rpm", f"/{CRANK}/step"]
         command = ["node", "foxglove.mjs", *words]

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import aiohttp
 import numpy as np
@@ -15,8 +16,11 @@ from served_bench import LIMIT_S, in_loop, served, status
 from mech_twin.samples import Shape
 from mech_twin.view.bench.link import FEED, PREFIX, BenchLink
 from mech_twin.view.bench.picture import Curves, packed_curves, packed_shapes
+from mech_twin.view.errors import ViewerError
 from mech_twin.view.rerun_pictures import unpacked_shapes
+from mech_twin.view.rerun_viewer import keep_own
 
+PROGRAM = Path("/bin/sh")
 PANEL = {"title": "Torque, N m", "curves": [{"path": "motor/torque", "names": ["motor"]}]}
 
 
@@ -123,3 +127,12 @@ def test_reruns_viewer_shows_the_run_at_the_time_of_the_bench(browser, ros_domai
             pytest.fail("the viewer did not go to 0.5 s")
         page.locator("#rerun").click()
         page.wait_for_selector("#drawing")
+
+
+@pytest.mark.parametrize("content", [b"fetch('/feed')", b""])
+def test_what_another_program_serves_in_place_of_the_viewer_is_refused(content, tmp_path):
+    with pytest.raises(ViewerError, match=r"re_viewer\.js was served by another program than /bin/sh"):
+        keep_own(PROGRAM, content, tmp_path / "re_viewer.js")
+    assert list(tmp_path.iterdir()) == []
+    keep_own(PROGRAM, PROGRAM.read_bytes()[100:900], tmp_path / "re_viewer.js")
+    assert (tmp_path / "re_viewer.js").stat().st_size == 800
