@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.cli.console import print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.featured_run import ARL0_H, FeaturedRun, featured_run, setup_of_runs
 from mech_twin.cli.measurement_verbs import FleetVerb
-from mech_twin.cli.monitor_baseline import read_setup
+from mech_twin.cli.monitor_baseline import ARL0_H, FeaturedRun, featured_run, read_setup, setup_of_runs
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.files.report_page import page, section, versions

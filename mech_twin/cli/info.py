@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin info``: contents and losses of a recording."""
+"""``mech-twin info`` and ``recover``: contents and losses of a recording; what is intact of a damaged one."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import yaml
 from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.pages import check_page
-from mech_twin.cli.verbs import CheckVerb, InfoVerb
+from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb
 from mech_twin.files.bounded_yaml import bounded_yaml
 from mech_twin.measurements.tables import is_table
 from mech_twin.parameters.load import is_page
@@ -20,6 +20,7 @@ from mech_twin.parameters.load import is_page
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagInfo, RecordingReader
     from mech_twin.studies.configuration_history import ConfigurationHistory
+
 
 COUNTERS = ("received", "written", "dropped", "cut", "missed", "late", "publishers")
 LOSSES = ("dropped", "cut", "missed", "late")
@@ -199,3 +200,24 @@ def _configuration_head(text: str | None) -> dict[str, str]:
     except (yaml.YAMLError, ValueError, RecursionError):
         return {}
     return {key: str(tree[key]) for key in ("machine", "version") if key in tree} if isinstance(tree, dict) else {}
+
+
+def recover_bag(asked: RecoverVerb) -> None:
+    """Write the new recording and report what was salvaged."""
+    from mech_twin.recording.recovery import recover
+
+    report = recover(asked.bag, asked.out, force=asked.force)
+    if not asked.as_json:
+        say_result("\n".join(report.lines()))
+        return
+    print_json(
+        {
+            "bag": str(report.bag),
+            "out": str(report.out),
+            "messages": dict(sorted(report.messages.items())),
+            "messages_of_lost_topics": report.unassigned,
+            "bytes_read": report.bytes_read,
+            "bytes_skipped": report.bytes_skipped,
+            "damages": report.damages,
+        }
+    )

@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from mech_twin import __version__
-from mech_twin.cli import completion, measurement_verbs, study_verbs, verbs
+from mech_twin.cli import measurement_verbs, study_verbs, verbs
 from mech_twin.cli.command_group import CommandGroup, QuestionGroup, VerbCommand
 from mech_twin.cli.compile_progress import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
-from mech_twin.cli.option_values import machine_name
+from mech_twin.cli.option_values import machine_name, machines
 from mech_twin.cli.verb import Verb, command
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.process.system_limits import NUMERICS_BYTES, check_address_space
@@ -92,7 +92,7 @@ def study(
         typer.Argument(
             help="machine, or the beginning of its name (see `mech-twin list`)",
             callback=machine_name,
-            autocompletion=completion.machines,
+            autocompletion=machines,
         ),
     ],
 ) -> None:

@@ -1,27 +1,48 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The file of a baseline: read, checked against what it was made for, and renewed with a yes."""
+"""What a monitor judges by: a run's features of each cycle, its setup of healthy runs, and the file that keeps it."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import typer
 from pydantic import ValidationError
 
+from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.engine.rollout import roll_out
 from mech_twin.files.input_file import opened_input
-from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.measurements.blocks import RunReader
+from mech_twin.measurements.machine_columns import is_event, machine_columns
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
+from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
+from mech_twin.measurements.runs import read_parts
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import kind_of
+from mech_twin.parameters.load import catalogue_entry, kind_of
+from mech_twin.results.opened_runs import given_map, opened_run
+from mech_twin.roles import Machine
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.origin import OLD_DAYS, BaselineRun, configuration_hash, sensors_hash
+from mech_twin.studies.monitoring.origin import (
+    OLD_DAYS,
+    BaselineRun,
+    configuration_hash,
+    joined_runs,
+    new_origin,
+    sensors_hash,
+)
+from mech_twin.studies.monitoring.report import known_sensors, vectors_of_parts
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 SETUP_SUFFIX = ".json"
 
@@ -102,3 +123,113 @@ def agreed(path: Path, setup: MonitorSetup, runs: Sequence[str]) -> bool:
     if not sys.stdin.isatty():
         return False
     return typer.confirm(f"take {', '.join(runs)} as healthy into {path} ({setup.baseline.cycles} cycles)?", err=True)
+
+
+ARL0_H = 24.0
+EVENTS_OF_S = 2.0  # of the model's own run, that tell which contacts its events have
+IMPACTS, BLOW_GAUGE = "impacts", "blow/gauge"  # topics of the twin, below its namespace
+EVENT_FIELDS = {"time": "stamp", "pre_velocity": "vector.x", "post_velocity": "vector.y", "impulse": "vector.z"}
+
+
+class FeaturedRun(NamedTuple):
+    """The features of a run, and what it was measured with."""
+
+    path: Path
+    vectors: list[FeatureVector]
+    skipped: int
+    monitored: MonitoredMachine
+    units: Mapping[str, str]
+    given: MeasurementMap
+
+
+def setup_of_runs(
+    runs: Sequence[FeaturedRun],
+    parameters: Parameters,
+    arl0_h: float,
+    seed: int,
+    sister: MonitorSetup | None = None,
+) -> MonitorSetup:
+    """Return the setup of the healthy cycles of several runs; those of the first are the sensors.
+
+    A machine of a fleet has a ``sister`` whose thresholds and signatures serve it too.
+    """
+    for run in runs:
+        if sensors_hash(run.given) != sensors_hash(runs[0].given):
+            raise CommandError(f"{run.path}: has other channels than {runs[0].path}; expected the same in each day")
+    vectors, monitored = joined_runs([run.vectors for run in runs]), runs[0].monitored
+    found = fitted_setup(monitored, vectors, arl0_h, seed) if sister is None else sister_setup(sister, vectors)
+    told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
+    return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
+
+
+def featured_run(
+    path: Path, machine: str, parameters: Parameters, map_file: Path | None = None, skip_s: float | None = None
+) -> FeaturedRun:
+    """Return the features of a run, its map proposed from the twin's own names where none is given."""
+    with opened_run(path) as reader:
+        built = catalogue_entry(machine).build(parameters)
+        given = given_map(map_file, built) if map_file is not None else _own_map(built, parameters, reader)
+        check_machine(machine, map_file or path, given)
+        parts = read_parts(reader, given)
+    monitored = MonitoredMachine(machine, parameters, known_sensors(given, parts[0]))
+    declared = monitored.declared
+    feed = monitored.feed()
+    feed.run_up_s = declared.run_up_s if skip_s is None else skip_s
+    feed, vectors = vectors_of_parts(feed, parts)
+    if not vectors:
+        reference = declared.reference.column
+        raise CommandError(
+            f"{path}: no complete cycle of {reference} after {feed.run_up_s:g} s; expected some (--skip)"
+        )
+    units = {feature.name: feature.unit for feature in feed.features}
+    return FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
+
+
+def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> MeasurementMap:
+    """Return the map of a run under the twin's own names: the columns that the machine's features are made of."""
+    machine = built.name
+    ask = catalogue_entry(machine).capabilities.features
+    needed: set[str] = set()
+    if ask is not None:
+        declared = ask(parameters)
+        needed = {declared.reference.column, *(name for feature in declared.features for name in feature.needs)}
+    offered = reader.offered()
+    channels = [each for each in proposed_channels(offered, machine_columns(built)) if each.surety == EXACT]
+    proposed = map_of(machine, reader.proposed_time(), [each for each in channels if each.column in needed])
+    if proposed is None:
+        raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")
+    return proposed.model_copy(
+        update={"channels": (*proposed.channels, *_own_events(machine, parameters, reader, needed))}
+    )
+
+
+def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed: set[str]) -> list[Channel]:
+    """Return the channels of the twin's own impacts that features need; contacts are those of the model's own run."""
+    topic = next(
+        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith(IMPACTS)),
+        None,
+    )
+    kinds = {name.split(".")[1] for name in needed if is_event(name)}
+    if topic is None or not kinds:
+        return []
+    run = roll_out(catalogue_entry(machine).build(parameters), EVENTS_OF_S, ())
+    contacts = {event.kind: event.contact for event in run.events if event.kind in kinds}
+    return [
+        Channel.model_validate({"source": _event_source(topic, contacts[kind], kind, what), "is": column})
+        for column in sorted(needed)
+        if is_event(column)
+        for _, kind, what in (column.split("."),)
+        if kind in contacts
+    ]
+
+
+def _event_source(topic: str, contact: str, kind: str, what: str) -> Source:
+    if what in GAUGE_UNITS:
+        return Source(topic=f"{topic.removesuffix(IMPACTS)}{BLOW_GAUGE}", joint=what, field="effort")
+    return Source(topic=topic, joint=f"{contact}/{kind}", field=EVENT_FIELDS[what])
+
+
+def check_machine(machine: str, where: Path, given: MeasurementMap) -> None:
+    """Raise where a map is of another machine."""
+    if given.machine != kind_of(machine):
+        raise CommandError(f"{where}: key 'machine', value {given.machine!r}: expected {kind_of(machine)!r}")

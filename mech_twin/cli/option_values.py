@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values of options and arguments that are more than a word: a machine, a time."""
+"""Values of options that are more than a word - a machine, a time - and what the shell completes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import re
 from typing import Any
 
 import typer
+from typer import Context
 
 SECONDS_PER = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
 EXPECTED = "expected a time such as 3, 3s, 500ms, 2min or 1h"
@@ -37,11 +38,6 @@ def seconds(text: str | float) -> float:
     return value
 
 
-def time_option(meaning: str, default: str | bool = True) -> Any:
-    """Return an option whose value is a time; ``default`` says in words what is taken without it."""
-    return typer.Option(help=meaning, parser=seconds, metavar="TIME", show_default=default)
-
-
 def machine_name(text: str | None) -> str | None:
     """Return the name of the machine that is meant: the name, or a beginning that no other machine has."""
     if text is None:
@@ -49,3 +45,88 @@ def machine_name(text: str | None) -> str | None:
     from mech_twin.parameters.load import machine_of_prefix
 
     return machine_of_prefix(text)
+
+
+def machines(incomplete: str) -> list[tuple[str, str]]:
+    """Return the machines that begin so, with their titles."""
+    from mech_twin.machines.catalog import CATALOGUE
+
+    return [(name, entry.title) for name, entry in CATALOGUE.items() if name.startswith(incomplete)]
+
+
+def settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
+    """Return the configuration keys of the machine that begin so, ready for a value, with unit and meaning."""
+    from mech_twin.parameters.key_hints import key_units
+
+    model = _entry(context).parameters if _named(context) else None
+    units = key_units(model) if model is not None else {}
+    return [(f"{key}=", unit) for key, unit in units.items() if key.startswith(incomplete)]
+
+
+def live_settings(context: Context, incomplete: str) -> list[str]:
+    """Return the keys that may change while the machine runs."""
+    if not _named(context):
+        return []
+    from mech_twin.parameters.live_change import live_numbers
+    from mech_twin.parameters.load import machine_parameters
+
+    keys = dict(live_numbers(machine_parameters(_entry(context).name)))
+    return [f"{key}=" for key in keys if key.startswith(incomplete)]
+
+
+def limits(context: Context, incomplete: str) -> list[tuple[str, str]]:
+    """Return the limits of the machine's size or design question, with their usual values."""
+    question = _question(context)
+    known = {} if question is None else dict(question.limits)
+    return [(f"{name}=", _usually(value)) for name, value in known.items() if name.startswith(incomplete)]
+
+
+def objectives(context: Context, incomplete: str) -> list[str]:
+    """Return the objectives of the machine's size or design question."""
+    question = _question(context)
+    return [] if question is None else [name for name in question.objectives if name.startswith(incomplete)]
+
+
+def bounds(context: Context, incomplete: str) -> list[tuple[str, str]]:
+    """Return the variables of the machine's design question, with their usual bounds in SI units."""
+    question = _entry(context).capabilities.design if _named(context) else None
+    known: dict[str, Any] = {} if question is None else dict(question.variables)
+    return [
+        (f"{name}=", f"usually {low:g}:{high:g}") for name, (low, high) in known.items() if name.startswith(incomplete)
+    ]
+
+
+def _named(context: Context) -> str:
+    """Return the machine of the command line that is being written, or nothing.
+
+    Of ``study`` it stands before the question; while an option still lacks its value it is among the arguments that are
+    not yet taken.
+    """
+    from mech_twin.declarations.configuration_tree import ConfigurationError
+    from mech_twin.parameters.load import machine_of_prefix
+
+    above = context.parent.params if context.parent is not None else {}
+    for word in (context.params.get("machine"), above.get("machine"), *context.args):
+        try:
+            if word:
+                return machine_of_prefix(word)
+        except ConfigurationError:
+            continue
+    return ""
+
+
+def _entry(context: Context) -> Any:
+    from mech_twin.machines.catalog import CATALOGUE
+
+    return CATALOGUE[_named(context)]
+
+
+def _question(context: Context) -> Any:
+    if not _named(context):
+        return None
+    able = _entry(context).capabilities
+    return able.sizing if context.info_name == "size" else able.design
+
+
+def _usually(value: float) -> str:
+    return "" if math.isnan(value) else f"usually {value:g}"

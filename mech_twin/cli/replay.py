@@ -1,23 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin replay``: publishes a recording on its topics."""
+"""``mech-twin replay``: a recording published on its topics, or recomputed and compared bit for bit."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from mech_twin.cli.console import say
+from mech_twin import __version__
+from mech_twin.cli.console import print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.info import shared_topics
 from mech_twin.cli.pages import check_is_no_page
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
+from mech_twin.studies.configuration_history import ConfigurationHistory
+from mech_twin.studies.resimulation import Verdict, analysed, resimulated
 
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode
     from mech_twin.nodes.replay.session import ReplayOutcome
     from mech_twin.nodes.replay.source import ReplaySource
+    from mech_twin.recording.bag_samples import BagSamples
 
 
 def replay(asked: ReplayVerb) -> None:
@@ -32,8 +40,6 @@ def replay(asked: ReplayVerb) -> None:
 
         analyse_measured(asked, asked.given_map)
     elif asked.analyse or asked.resimulate:
-        from mech_twin.cli.recompute import recompute_bag
-
         recompute_bag(asked)
     else:
         replay_bag(asked)
@@ -94,3 +100,116 @@ def _report(outcome: ReplayOutcome) -> None:
         say(f"{name}: {number} messages skipped: not decodable as the topic's type")
     for name, number in outcome.refused.items():
         say(f"{name}: {number} messages not published")
+
+
+DIFFERENT = 1
+LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes
+TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
+WORDS = {
+    "machine": "machine",
+    "identical": "identical",
+    "steps_compared": "compared",
+    "samples_compared": "compared",
+    "incomplete_steps": "incomplete",
+    "parameter_changes": "parameter changes",
+    "resets": "resets",
+}
+UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
+
+
+def recompute_bag(asked: ReplayVerb) -> None:
+    """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared.
+
+    A difference at or after a step that was published twice, and not alike, proves nothing: that is not certain.
+    """
+    bag, mode = asked.bag, "analyse" if asked.analyse else "resimulate"
+    settle_domain()
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.bag_samples import BagSamples
+
+    with open_bag(bag) as reader:
+        samples = BagSamples(reader)
+        history = _history(samples, bag, asked.config)
+        samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
+        if set(history.versions) != {__version__}:
+            say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
+        with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
+            if mode == "analyse":
+                verdict = analysed(steps, history.machine_at, asked.tolerance or 0.0)
+            else:
+                verdict = resimulated(steps, history.machine_at)
+            for _ in islice(steps, LATEST_SECOND):
+                pass
+        shared = shared_topics(reader.info.counters)
+    _write(bag, mode, samples, history, verdict, asked.as_json)
+    for line in shared:
+        say(line)
+    if not verdict.identical:
+        raise SystemExit(DIFFERENT)
+
+
+def _history(samples: BagSamples, bag: Path, config: Path | None) -> ConfigurationHistory:
+    """Return the configurations of a recording, or the given one where it holds none."""
+    texts = samples.descriptions()
+    if config is None:
+        if not texts:
+            raise CommandError(f"{bag}: holds no configuration of the machine; expected --config FILE beside it")
+        return ConfigurationHistory(texts, str(bag))
+    if texts:
+        raise CommandError(f"--config {config}: {bag} holds its own configuration, which says what ran")
+    name = str(file_tree(config).get(MACHINE_KEY, samples.machine))
+    return ConfigurationHistory([description_text(name, machine_parameters(name, config))], str(config))
+
+
+def _write(
+    bag: Path, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict, as_json: bool
+) -> None:
+    first, doubted = _first(samples.topics, verdict), samples.contradicted_from
+    uncertain = first is not None and doubted is not None and first["step"] >= doubted
+    numbers = {
+        "machine": history.name,
+        "identical": None if uncertain else verdict.identical,
+        "steps_compared": verdict.steps,
+        "samples_compared": verdict.samples,
+        "incomplete_steps": verdict.missing_steps,
+        "parameter_changes": history.changes,
+    }
+    if mode == "resimulate":
+        numbers |= {"resets": verdict.resets}
+    if as_json:
+        more = {
+            "resumed_at_steps": verdict.taken_up,
+            "unused_samples": dict(samples.unused),
+            "contradicted_from_step": doubted,
+            "first_difference": first,
+        }
+        print_json(
+            {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
+        )
+        return
+    numbers["identical"] = "not certain" if uncertain else verdict.identical
+    rows = [(WORDS[name], value, UNITS.get(name, "")) for name, value in numbers.items()]
+    print_table(f"{bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
+    for step in verdict.taken_up[:10]:
+        say(f"step {step}: resumed from the recorded state")
+    for reason, number in samples.unused.items():
+        say(f"{number} recorded samples not used: {reason}")
+    if uncertain:
+        say(
+            f"not certain from step {doubted} on: samples of it differ, so that a second publisher spoke; "
+            "which of them the run used, no message tells"
+        )
+    if first is not None:
+        say(
+            f"first difference at {first['time_s']:.9g} s (step {first['step']}), topic {first['topic']}, "
+            f"field {first['field']}: recorded {first['recorded']!r}, computed {first['computed']!r}"
+        )
+    elif not verdict.samples:
+        say("nothing could be compared")
+
+
+def _first(topics: dict[str, str], verdict: Verdict) -> dict[str, Any] | None:
+    if verdict.first is None:
+        return None
+    row = verdict.first._asdict()
+    return {"topic": topics[row.pop("role")], **row}

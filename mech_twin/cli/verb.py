@@ -12,9 +12,8 @@ import typer
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
-from mech_twin.cli import completion
+from mech_twin.cli import option_values
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.option_values import machine_name, seconds
 
 Form = Literal["narrow", "wide", "csv", "json"]
 
@@ -97,7 +96,7 @@ def option(
     shown : str, optional
         The default in words.
     complete : str
-        Function of `completion` that offers values.
+        Function of `option_values` that offers values.
     **bounds
         ``ge`` and ``le`` of a number.
     """
@@ -162,14 +161,14 @@ def _parameter(name: str, field: FieldInfo) -> Parameter:
     kind: Any = str if _choices(field) else field.annotation
     options: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar")}
     if complete:
-        options["autocompletion"] = getattr(completion, complete)
+        options["autocompletion"] = getattr(option_values, complete)
     if complete == "machines":
-        options["callback"] = machine_name
+        options["callback"] = option_values.machine_name
     if said.get("argument"):
         info: Any = typer.Argument(**options)
     else:
         if said.get("unit") == "s":
-            options |= {"parser": seconds, "metavar": "TIME"}
+            options |= {"parser": option_values.seconds, "metavar": "TIME"}
         for bound in field.metadata:
             options |= {word: getattr(bound, at) for at, word in (("ge", "min"), ("le", "max")) if hasattr(bound, at)}
         info = typer.Option(*flags_of(name, field), show_default=said.get("shown") or True, **options)

@@ -259,7 +259,7 @@ class TellVerb(Verb):
 class RecoverVerb(Verb):
     """Salvage a damaged recording: write its intact part into a new one."""
 
-    answer: ClassVar[str] = "mech_twin.cli.recover:recover_bag"
+    answer: ClassVar[str] = "mech_twin.cli.info:recover_bag"
     bag: Bag
     out: Path = argument("directory of the new recording")
     force: Force = False

@@ -9,11 +9,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from mech_twin.cli.compare import USUAL_DURATION_S, configured_machine
+from mech_twin.cli.compare import PATIENCE_S, SHOWN_BYTES, USUAL_DURATION_S, configured_machine
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.live_view import opened_bench
-from mech_twin.cli.overlay import PATIENCE_S, SHOWN_BYTES
 from mech_twin.cli.verbs import ViewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.run import frames, steps_for

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.cli.consequences import consequences, say_consequences
+from mech_twin.cli.run_summary import consequences, say_consequences
 
 
 def test_a_preload_in_the_wrong_unit_is_said_with_the_force_it_makes(capsys):

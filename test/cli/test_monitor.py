@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from mech_twin.cli.main import main
-from mech_twin.cli.monitor_output import show_design
+from mech_twin.cli.monitor import show_design
 
 pytest.importorskip("pyarrow")
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]

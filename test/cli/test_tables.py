@@ -14,8 +14,18 @@ from typer.main import get_command
 
 from mech_twin.cli.console import print_table
 from mech_twin.cli.main import app, main
-from mech_twin.cli.metric_groups import GROUPS, HEADLINES, analysed_groups, group_of, grouped, headlines
-from mech_twin.cli.run_summary import is_notable, show_events, show_numbers, show_residuals
+from mech_twin.cli.run_summary import (
+    GROUPS,
+    HEADLINES,
+    analysed_groups,
+    group_of,
+    grouped,
+    headlines,
+    is_notable,
+    show_events,
+    show_numbers,
+    show_residuals,
+)
 from mech_twin.cli.study_long_run import joined
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine

@@ -15,7 +15,7 @@ import yaml
 from ci_scripts import ci_script
 
 from mech_twin.cli.main import app
-from mech_twin.cli.metric_groups import grouped, headlines
+from mech_twin.cli.run_summary import grouped, headlines
 from mech_twin.engine import crank_motion
 from mech_twin.engine.coupling import RESET
 from mech_twin.engine.run import frames
