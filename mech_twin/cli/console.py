@@ -19,8 +19,15 @@ Item = TypeVar("Item")
 UNFOLDED = 10_000  # characters
 PIPED = 140  # characters, where no terminal says how wide it is
 LONGEST_WORD = 48  # beyond it a cell is folded rather than given room
-WORDS = ("unit", "kind", "contact", "state", "regime", "description")  # columns that hold words
-VERDICT_STYLES = {"holds": "green", "binds": "yellow", "not met": "bold red", "broken": "bold red"}
+WORDS = frozenset(
+    {"unit", "kind", "contact", "state", "regime", "description", "figure or equation", "quantity", "inputs", "verdict"}
+    | {"reason"}
+)  # columns that hold words
+VERDICT_STYLES = {
+    **dict.fromkeys(("holds", "reproduced", "reproduced with a stated change"), "green"),
+    **dict.fromkeys(("not met", "broken", "not reproduced"), "bold red"),
+    "binds": "yellow",
+}
 FIRST_ESTIMATE_S = 2.0
 BEYOND_REASON_S = 1e7  # a hundred days
 
