@@ -7,13 +7,11 @@ from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
-from mech_twin.machines.compaction_press.drawing import drawing
+from mech_twin.machines.compaction_press.drawing import drawing, mechanism
 from mech_twin.machines.compaction_press.forces import PressForces
-from mech_twin.machines.compaction_press.mechanism import mechanism
-from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
+from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
-from mech_twin.machines.compaction_press.run_metrics import PressObserver
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress
@@ -65,7 +63,7 @@ def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.compaction_press import design_search, faults, features, operating, plots, published, sizing
+    from mech_twin.machines.compaction_press import design_search, monitoring, plots, published, sizing
     from mech_twin.machines.compaction_press.design_problem import SENSES
 
     return Capabilities(
@@ -79,7 +77,7 @@ def capabilities() -> Capabilities:
             design_search.evaluated,
             design_search.searched,
         ),
-        features=features.features,
-        faults=faults.faults,
-        operating=operating.operating,
+        features=monitoring.features,
+        faults=monitoring.faults,
+        operating=monitoring.operating,
     )

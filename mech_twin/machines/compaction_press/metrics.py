@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import degrees, pi
+from math import degrees, hypot, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,10 @@ from mech_twin.machines.compaction_press.cycle_extremes import cycle_extremes, t
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.stroke_load import layer_work
+from mech_twin.machines.crank_run import CrankRun
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
+from mech_twin.parts.induction_motor import MotorConstants
+from mech_twin.samples import Frame
 
 GAMMA_LIMIT_DEG = 20.0  # published
 ALPHA_TOLERANCE_DEG = 5.0  # the design search's reading of "near 90"
@@ -159,3 +162,21 @@ def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
         "conditions_hold_1": 1.0 if gamma_check.holds and alpha_check.holds and flywheel_check.holds else 0.0,
         **working_quarter(press),
     }
+
+
+class PressObserver:
+    """Running numbers of a run: those of every crank machine, the largest pin force, the layer's work."""
+
+    def __init__(self, motor: MotorConstants | None = None) -> None:
+        self._run = CrankRun(motor)
+        self._layer_work = 0.0
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        pins = max(hypot(pin.force_x_n, pin.force_y_n) for pin in frame.forces.wrenches)
+        self._run.observe(frame, **{"pin_force_{}_n": pins})
+        self._layer_work = frame.linkage.memory.as_dict()["load_work_j"]
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers so far."""
+        return {**self._run.numbers(), "run_layer_work_j": self._layer_work}

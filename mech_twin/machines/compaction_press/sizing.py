@@ -3,18 +3,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import product
 from math import degrees, isnan, nan
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, press_cycle
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, press_cycle, turn_flywheel
+from mech_twin.machines.compaction_press.dynamics import Press
 from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.metrics import conditions
-from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.tolerance_box import WorstCase, asked_of, worst_case
+from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
 from mech_twin.parts.flywheel import non_uniformity, wittenbauer
+from mech_twin.parts.four_bar import Link
 
 LIMITS: dict[str, float] = {"non_uniformity": nan}  # nan: the configured one
 OBJECTIVES = ("flywheel_inertia_kg_m2",)
@@ -90,3 +97,128 @@ def _trade_off(nominal: CompactionPress, worst: CompactionPress) -> tuple[dict[s
         }
         for delta in TRADE
     )
+
+
+STROKE_KEYS = ("working_force.contact_fraction", "working_force.application_from_a_m")
+LOAD_KEYS = ("working_force.peak_n", "working_force.exponent", "drive.speed_rpm")
+BETWEEN_KEYS = (*STROKE_KEYS, "working_force.exponent")
+LINK_KEYS = tuple(
+    f"links.{link}.{size}" for link in ("crank", "plate", "pendulum") for size in ("mass_kg", "inertia_kg_m2")
+)
+ASSUMED = (*STROKE_KEYS, *LOAD_KEYS, *LINK_KEYS)
+INSIDE = 40  # random points of the box
+
+
+class WorstCase(NamedTuple):
+    """The flywheel (kg m2) of the worst machine of a box, its configuration, and how many machines were tried."""
+
+    inertia_kg_m2: float
+    parameters: CompactionPress
+    factors: dict[str, float]
+    tried: int
+
+
+def asked_of(parameters: CompactionPress, delta: float) -> float:
+    """Return the flywheel (kg m2) that a configuration's bare press asks for; negative where none is needed."""
+    press, stroke = press_constants(parameters, fitted=False)
+    return turn_flywheel(press, stroke, parameters.drive.speed_rad_per_s, delta)
+
+
+def moved(parameters: CompactionPress, factors: Mapping[str, float]) -> CompactionPress:
+    """Return the configuration with these keys multiplied by their factors."""
+    return varied(parameters, {key: _value(parameters, key) * factor for key, factor in factors.items()})
+
+
+def _value(parameters: CompactionPress, key: str) -> float:
+    found: Any = configuration_tree(parameters)
+    for name in key.split("."):
+        found = found[name]
+    return float(found)
+
+
+def _active(parameters: CompactionPress, keys: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the keys that change something: not 0, no mass of a crank whose centroid lies in its axis."""
+    crank = parameters.links.crank
+    balanced = crank.centroid_along_m == 0.0 and crank.centroid_across_m == 0.0
+    idle = {"links.crank.mass_kg"} if balanced else set()
+    if parameters.working_force.working_quarter:
+        idle.add("working_force.contact_fraction")
+    return tuple(key for key in keys if key not in idle and _value(parameters, key) != 0.0)
+
+
+def _corners(keys: tuple[str, ...], tolerance: float) -> Iterator[dict[str, float]]:
+    for signs in product((1.0 + tolerance, 1.0 - tolerance), repeat=len(keys)):
+        yield dict(zip(keys, signs, strict=True))
+
+
+def _scaled(press: Press, factors: Mapping[str, float]) -> Press:
+    def link(name: str, known: Link) -> Link:
+        return known._replace(
+            mass_kg=known.mass_kg * factors.get(f"links.{name}.mass_kg", 1.0),
+            inertia_kg_m2=known.inertia_kg_m2 * factors.get(f"links.{name}.inertia_kg_m2", 1.0),
+        )
+
+    load = press.load._replace(
+        peak_n=press.load.peak_n * factors.get("working_force.peak_n", 1.0),
+        exponent=press.load.exponent * factors.get("working_force.exponent", 1.0),
+    )
+    return press._replace(
+        crank=link("crank", press.crank),
+        plate=link("plate", press.plate),
+        pendulum=link("pendulum", press.pendulum),
+        load=load,
+    )
+
+
+def _worst_corner(parameters: CompactionPress, delta: float, tolerance: float) -> tuple[float, dict[str, float], int]:
+    best, where, tried = -np.inf, dict[str, float](), 0
+    rest = _active(parameters, (*LOAD_KEYS, *LINK_KEYS))
+    speed = parameters.drive.speed_rad_per_s
+    for outer in _corners(_active(parameters, STROKE_KEYS), tolerance):
+        press, stroke = _constants(moved(parameters, outer))
+        for inner in _corners(rest, tolerance):
+            asked = turn_flywheel(_scaled(press, inner), stroke, speed * inner.get("drive.speed_rpm", 1.0), delta)
+            tried += 1
+            if asked > best:
+                best, where = asked, {**outer, **inner}
+    return best, where, tried
+
+
+def _constants(parameters: CompactionPress) -> tuple[Press, Stroke]:
+    return press_constants(parameters, fitted=False)
+
+
+def _between(
+    asked: Callable[[dict[str, float]], float], where: dict[str, float], keys: tuple[str, ...], tolerance: float
+) -> dict[str, float]:
+    """Return a worse point of the box than ``where``, one key at a time, or ``where`` itself."""
+    for key in keys:
+
+        def loss(factor: float, key: str = key, base: dict[str, float] = where) -> float:
+            return -asked({**base, key: factor})
+
+        found = minimize_scalar(loss, bounds=(1.0 - tolerance, 1.0 + tolerance), method="bounded")
+        if -found.fun > asked(where):
+            where = {**where, key: float(found.x)}
+    return where
+
+
+def worst_case(parameters: CompactionPress, delta: float, tolerance: float, seed: int = 1) -> WorstCase:
+    """Return the machine of the box that asks for the largest flywheel: corners, between them, and random inside."""
+    if tolerance == 0.0:
+        return WorstCase(asked_of(parameters, delta), parameters, {}, 1)
+    _, where, tried = _worst_corner(parameters, delta, tolerance)
+    known: dict[tuple[float, ...], float] = {}
+
+    def asked(factors: dict[str, float]) -> float:
+        place = tuple(factors.values())
+        if place not in known:
+            known[place] = asked_of(moved(parameters, factors), delta)
+        return known[place]
+
+    where = _between(asked, where, _active(parameters, BETWEEN_KEYS), tolerance)
+    random = np.random.default_rng(seed)
+    for _ in range(INSIDE):
+        factors = {key: float(random.uniform(1.0 - tolerance, 1.0 + tolerance)) for key in where}
+        where = max((where, factors), key=asked)
+    return WorstCase(asked(where), moved(parameters, where), where, tried + len(known))

@@ -9,9 +9,8 @@ from typing import Any
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.machines.impact_mass.drawing import mass_drawing
+from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
 from mech_twin.machines.impact_mass.forces import StopReaction
-from mech_twin.machines.impact_mass.mechanism import mechanism
 from mech_twin.machines.impact_mass.metrics import contact_metrics, cycle_metrics, position_metrics, wave_metrics
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
@@ -88,7 +87,7 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
-    from mech_twin.machines.impact_mass import faults, features, long_run_answers, plots, published
+    from mech_twin.machines.impact_mass import long_run_answers, monitoring, plots, published
     from mech_twin.machines.impact_mass.anchored_motion import ANCHORED_MOTION
 
     return Capabilities(
@@ -100,7 +99,7 @@ def capabilities() -> Capabilities:
         regimes=RegimeQuestion(
             long_run_answers.USUAL_KEY, long_run_answers.regime_answer, long_run_answers.regimes_read
         ),
-        features=features.features,
-        faults=faults.faults,
+        features=monitoring.features,
+        faults=monitoring.faults,
         anchored_motion=ANCHORED_MOTION,
     )

@@ -18,6 +18,7 @@ from mech_twin.capabilities.figure import (
     measure,
     millimetres,
 )
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, fixed, sliding
 from mech_twin.machines.impact_mass.memory import MassMemory
 from mech_twin.machines.impact_mass.states import PHASE_1
 from mech_twin.samples import LinkageSample, Shape
@@ -84,4 +85,21 @@ def _portrait(stop_m: float, sample: LinkageSample, memory: MassMemory) -> tuple
         label("portrait_name", (stop_m - 0.8 * TRACK_M, PORTRAIT_M - 0.05), "velocity over position", MEASURE),
         Shape("portrait_arc", "line", tuple(arc), ROD, 0.004),
         Shape("portrait_point", "points", ((x1, PORTRAIT_M + SCALE_S * v1),), CRANK, 0.02, f"{v1:+.1f} m/s"),
+    )
+
+
+TRAVEL_M = 100.0  # a viewer's slider needs an end; the mass has none but the stop
+
+
+def mechanism(stop_m: float, mass_kg: float) -> FrameTree:
+    """Return the face of the mass, which slides along x, and the stop."""
+    return FrameTree(
+        (sliding("mass", ROOT, "mass", (1.0, 0.0), TRAVEL_M), fixed(ROOT, "stop", (stop_m, 0.0))),
+        (),
+        (
+            Bar("mass", (-MASS_M, 0.0), (0.0, 0.0), MASS_M, (60, 90, 180)),
+            Bar("stop", (0.0, -0.15), (0.0, 0.15), 0.012, (90, 90, 90)),
+        ),
+        ("generator", "phase_1_level", "phase_2_level"),
+        (Inertia("mass", mass_kg, (-0.5 * MASS_M, 0.0)),),
     )

@@ -8,9 +8,8 @@ from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import KlossDrive
-from mech_twin.machines.roller_former.drawing import former_drawing
+from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
 from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
-from mech_twin.machines.roller_former.mechanism import mechanism
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
@@ -61,13 +60,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.roller_former import faults, features, operating, plots, published, sizing
+    from mech_twin.machines.roller_former import monitoring, plots, published, sizing
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=features.features,
-        faults=faults.faults,
-        operating=operating.operating,
+        features=monitoring.features,
+        faults=monitoring.faults,
+        operating=monitoring.operating,
     )

@@ -4,8 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import product
 from math import isnan
 from typing import Any
+
+import numpy as np
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
@@ -19,9 +22,8 @@ from mech_twin.machines.roller_former.coupling_choice import (
     coupling_point,
 )
 from mech_twin.machines.roller_former.motor_choice import MotorVerdict, motor_selection, power_required_w
-from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
+from mech_twin.machines.roller_former.parameters import SET_KEYS, RollerFormer, former_of
 from mech_twin.machines.roller_former.steady import steady_turn
-from mech_twin.machines.roller_former.tolerance_box import corners, inside
 
 # share of the coupling's rated moment; twist peak to peak (published: 0.003 to 0.008); what more damping may gain
 LIMITS: dict[str, float] = {"share_of_rated": 1.0, "twist_range_rad": 0.005, "damping_gain": 0.02}
@@ -188,3 +190,37 @@ def sizing(
         tuple({name: getattr(point, name) for name in shown} for point in sweep[::2]),
         tolerance,
     )
+
+
+INSIDE = 16  # random points of the box
+
+
+def assumed(parameters: RollerFormer, load: float, efficiency: float, inertia: float) -> RollerFormer:
+    """Return the configuration with loads, efficiency and inertia factor multiplied by these."""
+    p = parameters
+    changes: dict[str, Any] = {f"carts.{key}": getattr(p.carts, key) * load for key in SET_KEYS}
+    if p.carts.masses_kg is not None:
+        changes["carts.masses_kg"] = [mass * load for mass in p.carts.masses_kg]
+    changes["drive.efficiency"] = min(1.0, p.drive.efficiency * efficiency)
+    changes["drive.inertia_factor"] = max(1.0, p.drive.inertia_factor * inertia)
+    return varied(p, changes)
+
+
+def corners(parameters: RollerFormer, tolerance: float) -> tuple[RollerFormer, ...]:
+    """Return the configuration itself and, for a tolerance above 0, at the eight corners of the box."""
+    if tolerance == 0.0:
+        return (parameters,)
+    ends = (1.0 - tolerance, 1.0 + tolerance)
+    return (parameters, *_of(parameters, product(ends, repeat=3)))
+
+
+def inside(parameters: RollerFormer, tolerance: float, seed: int = 1) -> tuple[RollerFormer, ...]:
+    """Return the configuration at random points inside the box; none for a tolerance of 0."""
+    if tolerance == 0.0:
+        return ()
+    points = np.random.default_rng(seed).uniform(1.0 - tolerance, 1.0 + tolerance, (INSIDE, 3))
+    return _of(parameters, points.tolist())
+
+
+def _of(parameters: RollerFormer, points: Iterable[Iterable[float]]) -> tuple[RollerFormer, ...]:
+    return tuple(assumed(parameters, *point) for point in points)

@@ -7,13 +7,11 @@ from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.crank_linkage import CrankLinkage
-from mech_twin.machines.vibration_crank.drawing import drawing
+from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
 from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
 from mech_twin.machines.vibration_crank.forces import SliderCrankForces
-from mech_twin.machines.vibration_crank.mechanism import mechanism
-from mech_twin.machines.vibration_crank.metrics import cycle_metrics, position_metrics
+from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
-from mech_twin.machines.vibration_crank.run_metrics import VibrationCrankObserver
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
 from mech_twin.roles import Capabilities, LinkageRole, Machine
 
@@ -71,13 +69,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.vibration_crank import faults, features, operating, plots, published, sizing
+    from mech_twin.machines.vibration_crank import monitoring, plots, published, sizing
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=features.features,
-        faults=faults.faults,
-        operating=operating.operating,
+        features=monitoring.features,
+        faults=monitoring.faults,
+        operating=monitoring.operating,
     )

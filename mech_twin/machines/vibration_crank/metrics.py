@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from mech_twin.kernels.kernel import kernel
+from mech_twin.machines.crank_run import CrankRun
 from mech_twin.machines.vibration_crank.counterweight import balanced_mass, derived_counterweight
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.slider_crank import (
@@ -23,6 +24,8 @@ from mech_twin.machines.vibration_crank.slider_crank import (
     reduced,
     stored_energy,
 )
+from mech_twin.parts.induction_motor import MotorConstants
+from mech_twin.samples import Frame
 
 Array = NDArray[np.float64]
 GRID = 3600
@@ -219,3 +222,24 @@ def position_metrics(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
         "reduced_inertia_slope_kg_m2_per_rad": slope,
         "reduced_moment_nm": load,
     }
+
+
+class VibrationCrankObserver:
+    """Running numbers of a run: those of every crank machine, and the force on the frame."""
+
+    def __init__(self, motor: MotorConstants | None = None) -> None:
+        self._run = CrankRun(motor)
+
+    def observe(self, frame: Frame) -> None:
+        """Take one frame into account."""
+        force = frame.forces.quantities.as_dict()["shaking_force_n"]
+        self._run.observe(frame, **{"shaking_force_{}_n": force})
+
+    def numbers(self) -> dict[str, float]:
+        """Return the numbers so far; the torque's peak is its greatest size."""
+        out = self._run.numbers()
+        if out:
+            out["run_drive_torque_peak_nm"] = max(
+                abs(out["run_drive_torque_min_nm"]), abs(out["run_drive_torque_max_nm"])
+            )
+        return out

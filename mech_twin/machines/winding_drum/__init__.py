@@ -7,9 +7,8 @@ from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import PrescribedSpeed
-from mech_twin.machines.winding_drum.drawing import package_drawing
+from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
 from mech_twin.machines.winding_drum.drum_row import ENDED
-from mech_twin.machines.winding_drum.mechanism import mechanism
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.roles import JOINTS, DrumForces, DrumLinkage
@@ -67,12 +66,12 @@ def build(parameters: Parameters) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
-    from mech_twin.machines.winding_drum import faults, features, operating, plots, published
+    from mech_twin.machines.winding_drum import monitoring, plots, published
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
-        features=features.features,
-        faults=faults.faults,
-        operating=operating.operating,
+        features=monitoring.features,
+        faults=monitoring.faults,
+        operating=monitoring.operating,
     )

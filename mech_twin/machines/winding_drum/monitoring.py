@@ -1,9 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors tell of one turn of the winding drum.
-
-The package changes all the time, so a turn is compared with the model's own torque at the radius that the yarn of that
-turn tells, R = yarn/(2 pi): what is left does not drift as the package runs off.
-"""
+"""What a monitor asks of the machine: features of a cycle, faults, the operating point."""
 
 from __future__ import annotations
 
@@ -22,6 +18,8 @@ from mech_twin.capabilities.cycle import (
     speed_harmonic,
 )
 from mech_twin.capabilities.cycle_kernels import fitted_slope, fourier_coefficient, weighted_sum
+from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
+from mech_twin.capabilities.operating_point import FREQUENCY_RANGE, OperatingVariable, varying_key
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
@@ -95,3 +93,23 @@ def _run_out(name: str, part: Literal["cos", "sin"], meaning: str) -> CycleFeatu
     """Return a coefficient of the drum's relative speed times the radius: about the eccentricity at steady yarn."""
     relative = speed_harmonic(name, DRUM, 1, part, meaning)
     return CycleFeature(name, "m", meaning, (DRUM, YARN), lambda cycle: relative.of(cycle) * _yarn_per_radian(cycle))
+
+
+def faults(parameters: WindingDrum) -> tuple[MachineFault, ...]:
+    """Return the faults of package and drum."""
+    return (
+        added_to_key(
+            "eccentricity", "the package sits off centre", "eccentricity_m", "m", (0.0005, 0.001, 0.002, 0.004, 0.01)
+        ),
+        share_of_key("density", "the package is denser or softer", "package_density_kg_per_m3", (-0.3, -0.1, 0.1, 0.3)),
+        added_to_key("drum_friction", "the drum's bearings rub", "friction.coulomb_nm", "N.m", (0.2, 0.5, 1.0, 2.0)),
+    )
+
+
+def operating(parameters: WindingDrum) -> tuple[OperatingVariable, ...]:
+    """Return the speed of the yarn, which the supply gives, and the yarn's weight."""
+    speed, density = "yarn_speed_m_per_s", "package_density_kg_per_m3"
+    return (
+        varying_key("supply_frequency", "frequency of the supply", speed, FREQUENCY_RANGE, "supply_sag"),
+        varying_key("yarn_weight", "density of the package, by the yarn's moisture", density, 0.1, "density"),
+    )
