@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.capabilities.faults import MachineFault
-from mech_twin.cli.measurement import columns_of
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters

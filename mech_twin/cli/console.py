@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Output: tables, progress bars on a terminal, JSON."""
+"""Output: tables, JSON, progress bars on a terminal, and how the compiling of kernels goes."""
 
 from __future__ import annotations
 
 import csv
 import json
+import logging
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, TypeVar
 
 from mech_twin.process.terminal_output import printable, printable_json
@@ -182,36 +184,127 @@ def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
 
 
 @contextmanager
+def bar(title: str, *columns: str, total: float | None = None) -> Iterator[Callable[..., None] | None]:
+    """Give what updates a bar on a terminal; None where no terminal listens.
+
+    Parameters
+    ----------
+    title : str
+        What is going on.
+    *columns : str
+        Names of columns of rich, or text with fields of the task in braces.
+    total : float, optional
+        How much there is, if that is known.
+    """
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich import progress as rich_progress
+    from rich.console import Console
+
+    parts = [getattr(rich_progress, each)() if each.endswith("Column") else each for each in columns]
+    with rich_progress.Progress(*parts, console=Console(stderr=True), transient=True) as shown:
+        yield partial(shown.update, shown.add_task(title, total=total))
+
+
+@contextmanager
 def busy(title: str) -> Iterator[None]:
     """Show on a terminal that something is computed whose length is not known, and for how long already."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    parts = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
-        bar.add_task(title, total=None)
+    with bar(title, "SpinnerColumn", "{task.description}", "TimeElapsedColumn"):
         yield
 
 
 @contextmanager
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
     """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
-    if not sys.stderr.isatty():
-        yield _estimated(items, total, title)
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    columns = ("{task.description}", "BarColumn", "MofNCompleteColumn", "TimeRemainingColumn")
+    with bar(title, *columns, total=total) as update:
 
-    parts = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=total)
-
-        def counted() -> Iterator[Item]:
+        def counted(update: Callable[..., None]) -> Iterator[Item]:
             for item in items:
                 yield item
-                bar.advance(task)
+                update(advance=1)
 
-        yield counted()
+        yield _estimated(items, total, title) if update is None else counted(update)
+
+
+@contextmanager
+def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Give ``progress(done, all)``: a bar with the time left when a terminal listens."""
+    columns = ("{task.description}", "BarColumn", "MofNCompleteColumn", "TimeElapsedColumn", "TimeRemainingColumn")
+    with bar(title, *columns) as update:
+        yield None if update is None else lambda done, total: update(completed=done, total=total)
+
+
+LOGGER = "mech_twin.kernels"
+FIRST_TOLD_S = 5.0
+GROWTH = 2.0  # of the time until the next line
+
+
+class CompileProgress(logging.Handler):
+    """Handler of the compiler's logger.
+
+    Parameters
+    ----------
+    write : callable
+        Takes a line with its end.
+    clock : callable, optional
+        Time in seconds.
+    """
+
+    def __init__(self, write: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__(logging.INFO)
+        self._write, self._clock = write, clock
+        self._begun_s = clock()
+        self._due_s = FIRST_TOLD_S
+        self._count = 0
+        self._end: Callable[[], None] | None = None
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Pass a line of the compiler on; the one with which it begins starts the counting."""
+        self._write(f"{record.getMessage()}\n")
+        if record.levelno == logging.INFO and self._end is None:
+            from mech_twin.kernels.cache import on_compile
+
+            self._begun_s = self._clock()
+            self._end = on_compile(self.compiling)
+
+    def compiling(self, kernel: str, count: int) -> None:
+        """Take note of the kernel that is compiled now, the ``count``-th; say so where a line is due."""
+        self._count, spent_s = count, self._clock() - self._begun_s
+        if spent_s >= self._due_s:
+            self._due_s = GROWTH * spent_s
+            self._write(f"  kernels compiled: {count - 1} in {spent_s:.0f} s, going on\n")
+
+    def close(self) -> None:
+        """Say what was compiled, if anything was, and observe no longer."""
+        if self._end is not None:
+            self._end()
+            self._end = None
+            spent_s = self._clock() - self._begun_s
+            if spent_s >= FIRST_TOLD_S:
+                self._write(f"  kernels compiled: {self._count}; they are kept, the next time begins at once\n")
+        super().close()
+
+
+def _to_standard_error(line: str) -> None:
+    """Write a line to whatever standard error is now: a progress bar that runs moves out of its way."""
+    sys.stderr.write(line)
+
+
+@contextmanager
+def compiling_shown() -> Iterator[None]:
+    """Show on a terminal how compiling goes; elsewhere do nothing."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    logger, handler = logging.getLogger(LOGGER), CompileProgress(_to_standard_error)
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        handler.close()

@@ -19,7 +19,7 @@ from mech_twin.cli.identify_request import (
     prior_keys,
     split_runs,
 )
-from mech_twin.cli.measurement import checked_run
+from mech_twin.cli.map import checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters

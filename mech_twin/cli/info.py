@@ -11,7 +11,7 @@ import yaml
 
 from mech_twin.cli.console import print_csv, print_json, print_table, say, say_result
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.pages import check_page
+from mech_twin.cli.machines import check_page
 from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb
 from mech_twin.files.bounded_yaml import bounded_yaml
 from mech_twin.measurements.tables import is_table
@@ -38,7 +38,7 @@ def show_info(asked: InfoVerb) -> None:
     """Print messages per topic, loss counters, files and problems; with a map, the quality of channels."""
     bag = asked.bag
     if asked.given_map is not None:
-        from mech_twin.cli.measurement import examine_by_file
+        from mech_twin.cli.map import examine_by_file
 
         examine_by_file(bag, asked.given_map, asked.config, as_json=asked.as_json)
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The option ``--view`` of what runs live: a page in the browser, a file, or nothing."""
+"""The option ``--view`` of what runs live - a page in the browser, a file, or nothing - and the bench without a run."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.machines import shipped_pages
+from mech_twin.cli.verbs import BenchVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import check_output_file
+from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.parameters.load import PAGE, PAGE_SUFFIXES
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.parent_death import end_with_parent
 from mech_twin.process.stop_signal import StopSignal
@@ -23,6 +28,7 @@ from mech_twin.view.bench.link import BEGUN_BY
 if TYPE_CHECKING:
     from mech_twin.declarations.quantity import Parameters
     from mech_twin.view.bench.link import BenchLink
+
 
 WEB_VIEWS = ("web",)
 NO_VIEW = "none"
@@ -142,3 +148,20 @@ def hold_view(page: str) -> None:
     with StopSignal() as stop:
         while not stop.asked:
             time.sleep(LOOK_S)
+
+
+def open_bench(asked: BenchVerb) -> None:
+    """Open the bench on a folder of recordings until stopped."""
+    folder = asked.folder
+    if not folder.is_dir():
+        raise CommandError(f"{folder}: expected a directory of recordings")
+    require_modules("aiohttp")
+    settle_domain()
+    from mech_twin.view.bench.started import StartedBench
+
+    own = sorted(path.name for suffix in PAGE_SUFFIXES for path in folder.glob(f"*{suffix}"))
+    machines = [*(name for name in CATALOGUE if name != PAGE.name), *own, *map(str, shipped_pages().values())]
+    hall = {"folder": str(folder.resolve()), "machines": machines}
+    with StartedBench(asked.port or None, hall=hall, history_bytes=512 << 20, announce=say) as bench:
+        say(f"view: {bench.url}")
+        hold_view(bench.url)

@@ -11,7 +11,7 @@ import typer
 from mech_twin import __version__
 from mech_twin.cli import measurement_verbs, study_verbs, verbs
 from mech_twin.cli.command_group import CommandGroup, QuestionGroup, VerbCommand
-from mech_twin.cli.compile_progress import compiling_shown
+from mech_twin.cli.console import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.option_values import machine_name, machines
 from mech_twin.cli.verb import Verb, command

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement import checked_run
+from mech_twin.cli.map import checked_run
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.model_turn import ModelTurn, model_turn

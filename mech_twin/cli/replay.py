@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import islice
@@ -11,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mech_twin import __version__
-from mech_twin.cli.console import print_json, print_table, progress, say
+from mech_twin.cli.console import bar, print_json, print_table, progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.info import shared_topics
-from mech_twin.cli.pages import check_is_no_page
+from mech_twin.cli.machines import check_is_no_page
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
@@ -76,20 +75,14 @@ def _check(request: ReplayVerb) -> None:
 @contextmanager
 def _progress(source: ReplaySource) -> Iterator[Callable[[ReplayNode], None]]:
     """Provide the callback that shows the position, if standard error is a terminal."""
-    if not sys.stderr.isatty():
-        yield lambda node: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    parts = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed:.2f} of {task.total:.2f} s"))
     first, last = source.seconds(source.first_ns), source.seconds(source.last_ns)
-    with Progress(*parts, console=Console(stderr=True), transient=True, refresh_per_second=10) as bar:
-        task = bar.add_task("replaying", total=last - first)
+    shown = "{task.completed:.2f} of {task.total:.2f} s"
+    with bar("replaying", "{task.description}", "BarColumn", shown, total=last - first) as update:
 
         def notice(node: ReplayNode) -> None:
-            word = "paused" if node.paused else f"replaying at {node.rate:.3g}"
-            bar.update(task, completed=node.position_s - first, description=word)
+            if update is not None:
+                word = "paused" if node.paused else f"replaying at {node.rate:.3g}"
+                update(completed=node.position_s - first, description=word)
 
         yield notice
 

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
-from mech_twin.cli.pages import own_name
+from mech_twin.cli.machines import own_name
 from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import RunVerb
 from mech_twin.declarations.configuration_tree import configuration_tree

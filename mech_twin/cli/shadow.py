@@ -21,9 +21,9 @@ from mech_twin.cli.live_view import (
     opened_view,
     told_machine,
 )
+from mech_twin.cli.machines import own_name
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
-from mech_twin.cli.pages import own_name
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain

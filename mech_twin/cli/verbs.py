@@ -44,7 +44,7 @@ Port = Annotated[int, option("port of the web view; 0: any free port", 0, ge=0, 
 class ListVerb(Verb):
     """List available machines."""
 
-    answer: ClassVar[str] = "mech_twin.cli.catalogue:show_catalogue"
+    answer: ClassVar[str] = "mech_twin.cli.machines:show_catalogue"
     as_json: Json = False
 
 
@@ -227,7 +227,7 @@ class CompareVerb(Verb):
 class BenchVerb(Verb):
     """Open the bench without a run: machines and pages to run, recordings to open, two of them in one view."""
 
-    answer: ClassVar[str] = "mech_twin.cli.bench:open_bench"
+    answer: ClassVar[str] = "mech_twin.cli.live_view:open_bench"
     folder: Path = argument("directory of recordings and of pages of your own", Path())
     port: Port = 0
 
@@ -235,7 +235,7 @@ class BenchVerb(Verb):
 class FoxgloveVerb(Verb):
     """Serve a running machine to Foxglove: topics, and with --commands its live parameters and services."""
 
-    answer: ClassVar[str] = "mech_twin.cli.foxglove:serve_foxglove"
+    answer: ClassVar[str] = "mech_twin.cli.running:serve_foxglove"
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
     port: int = option("port, on this host alone; 0: any free port", 8765, ge=0, le=65535)
     commands: bool = option("let clients set live parameters and call services", False)
@@ -244,7 +244,7 @@ class FoxgloveVerb(Verb):
 class TellVerb(Verb):
     """Tell a running machine to start, stop or change, its monitor to be quiet, its advisor yes or no."""
 
-    answer: ClassVar[str] = "mech_twin.cli.tell:tell_nodes"
+    answer: ClassVar[str] = "mech_twin.cli.running:tell_nodes"
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
     what: list[str] = argument(
         "start, stop, reset; step (of a paused run); snapshot (of a recorder); acknowledge, shelve (a fault); "
@@ -283,7 +283,7 @@ class ReproduceVerb(Verb):
 class NewVerb(Verb):
     """Write a page to start from: a planar machine of one's own."""
 
-    answer: ClassVar[str] = "mech_twin.cli.pages:write_page"
+    answer: ClassVar[str] = "mech_twin.cli.machines:write_page"
     kind: str | None = argument("page to start from; names them where absent", None)
     former: Path | None = option("page from a planar_linkage's configuration, or a recording of it", None, "--from")
 
@@ -291,7 +291,7 @@ class NewVerb(Verb):
 class CheckVerb(Verb):
     """Check a page: freedoms, loops, masses, contacts and the pose at the start."""
 
-    answer: ClassVar[str] = "mech_twin.cli.pages:check_page"
+    answer: ClassVar[str] = "mech_twin.cli.machines:check_page"
     page: str = argument("page (.yaml)", metavar="PAGE")
     picture: Path | None = option("picture (.png or .svg) of the machine at its start")
     force: Force = False
@@ -301,7 +301,7 @@ class CheckVerb(Verb):
 class FmuVerb(Verb):
     """Export a machine as a functional mock-up unit (FMI 2.0 or 3.0, co-simulation) that needs no Python."""
 
-    answer: ClassVar[str] = "mech_twin.cli.export:export_unit"
+    answer: ClassVar[str] = "mech_twin.cli.machines:export_unit"
     machine: MachineName
     fmi: int = option("version of the standard: 2 or 3", 2, ge=2, le=3)
     windows: bool = option("for 64-bit Windows as well as for Linux", False)

@@ -10,15 +10,15 @@ import sys
 
 import pytest
 
-from mech_twin.cli.compile_progress import FIRST_TOLD_S, CompileProgress
+from mech_twin.cli.console import FIRST_TOLD_S, CompileProgress
 from mech_twin.machines.catalog import CATALOGUE
 
 COMPILING_FOR_REAL = """
 import logging, sys
-from mech_twin.cli import compile_progress
+from mech_twin.cli import console
 now, lines = [0.0], []
-handler = compile_progress.CompileProgress(lines.append, lambda: now[0])
-logger = logging.getLogger(compile_progress.LOGGER)
+handler = console.CompileProgress(lines.append, lambda: now[0])
+logger = logging.getLogger(console.LOGGER)
 logger.addHandler(handler)
 logger.setLevel(logging.INFO)
 assert "numba" not in sys.modules, "the command line does not load the compiler for it"

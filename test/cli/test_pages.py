@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.main import app
-from mech_twin.cli.pages import shipped_pages
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import description, machine_parameters
 

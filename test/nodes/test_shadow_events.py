@@ -16,7 +16,7 @@ from geometry_msgs.msg import Vector3Stamped
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from mech_twin.cli.measurement import opened_run
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap

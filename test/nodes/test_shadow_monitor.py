@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from mech_twin.cli.measurement import opened_run
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap

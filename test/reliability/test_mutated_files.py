@@ -16,8 +16,8 @@ import yaml
 from mutations import mutated, mutated_tree
 
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.machines import former_page
 from mech_twin.cli.monitor_baseline import read_setup
-from mech_twin.cli.pages import former_page
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
 from mech_twin.nodes.shadow.inputs import followed_topics, sensed_channels

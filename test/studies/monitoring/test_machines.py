@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.cli.measurement import columns_of
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.measurements.units import UNITS

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.cli.measurement import columns_of, opened_run
+from mech_twin.results.opened_runs import columns_of, opened_run
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap, read_map
 from mech_twin.measurements.runs import read_parts

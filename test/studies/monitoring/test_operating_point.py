@@ -13,7 +13,7 @@ import pytest
 
 from mech_twin.capabilities.operating_point import motor_changes
 from mech_twin.capabilities.variation import varied
-from mech_twin.cli.measurement import columns_of
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.cli.measurement import columns_of
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.monitoring.baseline import fitted_baseline

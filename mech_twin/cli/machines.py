@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin new`` and ``mech-twin check``: a page to start from, and what a page amounts to before it runs."""
+"""``mech-twin list``, ``new``, ``check``, ``export fmu``: machines, pages and units."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from typing import Any
 import yaml
 
 from mech_twin import __version__
-from mech_twin.cli.console import numbered, print_json, print_table, say_result
+from mech_twin.cli.console import busy, numbered, print_json, print_table, say_result
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.verbs import CheckVerb, NewVerb
+from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file
-from mech_twin.machines.catalog import FORMER
+from mech_twin.machines.catalog import CATALOGUE, FORMER
 from mech_twin.parameters.load import (
     MACHINE_KEY,
     MOTOR_TABLE,
     PAGE,
     PAGE_SUFFIXES,
     RUN_GROUP,
+    assignments,
     configuration_directories,
     configuration_file,
     configuration_text,
@@ -33,8 +34,17 @@ from mech_twin.parameters.load import (
     text_tree,
     validated,
 )
+from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.motors import with_catalogue_motor
 from mech_twin.samples import Shape
+
+
+def show_catalogue(asked: ListVerb) -> None:
+    """Print the names and titles of all machines."""
+    if asked.as_json:
+        print_json({"machines": [{"name": e.name, "title": e.title} for e in CATALOGUE.values()]})
+    else:
+        print_table("machines", ("name", "description"), [(e.name, e.title) for e in CATALOGUE.values()])
 
 
 def shipped_pages() -> dict[str, Path]:
@@ -222,3 +232,32 @@ def _draw(shapes: tuple[Shape, ...], picture: Path) -> None:
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
     figure.savefig(picture)
+
+
+def export_unit(asked: FmuVerb) -> None:
+    """Write the unit, and say what an importer sees of it."""
+    from mech_twin.fmi.export import LINUX, WINDOWS, export_fmu
+    from mech_twin.fmi.unit_variables import unit_name
+
+    built = built_machine(asked.machine, asked.config, assignments(asked.settings))
+    fmi, file = asked.fmi, asked.out or Path(f"{unit_name(built)}.fmu")
+    platforms = (LINUX, WINDOWS) if asked.windows else (LINUX,)
+    with busy("compiling the unit"):
+        written = export_fmu(built, file, fmi, platforms, force=asked.force)
+    if asked.as_json:
+        print_json(
+            {
+                "machine": unit_name(built),
+                "file": str(file),
+                "fmi": fmi,
+                "platforms": [platform.folders[fmi - 2] for platform in platforms],
+                "inputs": [v.name for v in written.variables if v.causality == "input"],
+                "outputs": [v.name for v in written.variables if v.causality == "output"],
+                "parameters": list(written.parameters),
+            }
+        )
+        return
+    outputs = sum(v.causality == "output" for v in written.variables)
+    keys = ", ".join(written.parameters) or "none"
+    say_result(f"{file}: FMI {fmi}.0 co-simulation of {unit_name(built)}, {outputs} outputs")
+    say_result(f"keys that an importer may set: {keys}; for others export anew with --set")
