@@ -9,14 +9,19 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from mech_twin.capabilities.progress import listening
-from mech_twin.cli.console import FIRST_ESTIMATE_S, estimate, print_numbers, say
+from mech_twin.cli.console import FIRST_ESTIMATE_S, counted, estimate, print_numbers, say
 from mech_twin.cli.failure import CommandError
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.output_file import check_output_file
+from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.yaml_text import scalar
+from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.asking import asked_of
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
@@ -103,6 +108,53 @@ def ranges_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     return ranges
 
 
+def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
+    """Return names and bounds of ``NAME=LOW:HIGH``, or of ``NAME=VALUE`` for a variable that is held."""
+    bounds = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        low, _, high = values.partition(":")
+        try:
+            bounds[name.strip()] = (float(low), float(high or low))
+        except ValueError as error:
+            raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH") from error
+        if not equals or not name.strip():
+            raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH")
+        if high and float(low) > float(high):
+            raise CommandError(
+                f"--bound {text}: bounds of {name.strip()}: the lower bound is above the upper one; "
+                f"expected {name.strip()}={high}:{low}"
+            )
+    return bounds
+
+
+def checked_output(asked: Any, usual: str, suffixes: Sequence[str], *extras: str) -> Path:
+    """Return the file that a study writes: the one asked for, else the usual one of the machine.
+
+    Raises
+    ------
+    OutputError, ImportError
+        It, or the report, could not be written, or a library for it is not installed.
+    """
+    out = asked.out or Path(f"{Path(asked.machine).stem}-{usual}")
+    check_output_file(out, force=asked.force, suffixes=suffixes)
+    check_report(asked.report, force=asked.force)
+    for extra in extras:
+        require_extra(extra)
+    return out
+
+
+def check_report(report: Path | None, *, force: bool) -> None:
+    """Raise an OutputError where the report could not be written."""
+    if report is not None:
+        check_output_file(report, force=force, suffixes=(".html",))
+
+
+def configured(asked: Any) -> Parameters:
+    """Return the configuration that a study is of."""
+    return machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+
+
 @contextmanager
 def study_errors() -> Iterator[None]:
     """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""
@@ -119,31 +171,6 @@ def study_errors() -> Iterator[None]:
         raise refusal("this study", error) from error
     except OSError as error:
         raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
-
-
-@contextmanager
-def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Give ``progress(done, all)``: a bar with the time left when a terminal listens."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    parts = (
-        *(TextColumn("{task.description}"), BarColumn(bar_width=20), MofNCompleteColumn()),
-        *(TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()),
-    )
-    with Progress(*parts, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 @contextmanager

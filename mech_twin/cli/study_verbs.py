@@ -50,7 +50,7 @@ SPREAD = Apart("cores", "scheduler", "processes here, or workers of a cluster")
 class SweepVerb(Verb):
     """Sweep configuration keys over a grid; resume an interrupted sweep."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_output:answer_sweep"
+    answer: ClassVar[str] = "mech_twin.cli.study_maps:answer_sweep"
     rules: ClassVar[Rules] = (SPREAD,)
     machine: str
     over: Over
@@ -72,7 +72,7 @@ class SweepVerb(Verb):
 class SizeVerb(Verb):
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_output:answer_size"
+    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_size"
     machine: str
     out: Path | None = option("configuration to write", shown="MACHINE-sized.yaml")
     objective: str | None = option(
@@ -95,7 +95,7 @@ class SizeVerb(Verb):
 class SearchVerb(Verb):
     """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives; or by runs."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_design:answer_search"
+    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_search"
     machine: str
     objective: list[str] = option(
         "quantity to minimise; several give a Pareto front; by runs any number, large with - before it",
@@ -123,7 +123,7 @@ class SearchVerb(Verb):
 class DesignsVerb(Verb):
     """Evaluate random designs of a machine, a million or more."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_design:answer_designs"
+    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_designs"
     rules: ClassVar[Rules] = (SPREAD,)
     machine: str
     count: int = option("random designs to evaluate", 1_000_000, ge=1, le=1_000_000_000)
@@ -143,7 +143,7 @@ class DesignsVerb(Verb):
 class SynthesiseVerb(Verb):
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_long_run:answer_synthesise"
+    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_synthesise"
     machine: str
     impact_speed_m_per_s: float = option("target impact speed, m/s", 20.0, "--impact-speed")
     margin: float = option("stability margin: least 1 - |largest multiplier|", 0.1)
@@ -166,7 +166,7 @@ class SynthesiseVerb(Verb):
 class RegimesVerb(Verb):
     """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_long_run:answer_regimes"
+    answer: ClassVar[str] = "mech_twin.cli.study_maps:answer_regimes"
     machine: str
     over: Over
     settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
