@@ -17,7 +17,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
 from mech_twin.cli.main import EXPORTS, QUESTIONS, VERBS
-from mech_twin.cli.verb import Apart, declared, flags_of
+from mech_twin.cli.verb import Apart, declared, flags_of, in_order
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.machines.page.parameters import Page
@@ -208,7 +208,7 @@ def verbs_page() -> str:
     groups = (("mech-twin ", VERBS), ("mech-twin study MACHINE ", QUESTIONS), ("mech-twin export ", EXPORTS))
     for before, (name, verb) in ((before, item) for before, verbs in groups for item in verbs.items()):
         rows = []
-        for field_name, field in verb.model_fields.items():
+        for field_name, field in in_order(verb).items():
             said = declared(field)
             written = said.get("metavar") or field_name.upper()
             if said and not said.get("argument"):

@@ -6,11 +6,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from mech_twin.cli.verb import Apart, Beside, Rules, Verb, argument, option
-from mech_twin.cli.verbs import Config, Force, Json, MachineName, MapFile, Namespace, Settings
+from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
+from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Settings, Written
 
 
-class ShadowVerb(Verb):
+class ShadowVerb(Configured):
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
 
     answer: ClassVar[str] = "mech_twin.cli.shadow:shadow_machine"
@@ -18,8 +18,6 @@ class ShadowVerb(Verb):
     followed: str = option("namespace of the machine to follow", ..., "--from", metavar="NAMESPACE")
     namespace: Namespace = None
     given_map: MapFile = None
-    config: Config = None
-    settings: Settings = []
     record: Path | None = option("directory of a recording of what is received and estimated")
     duration_s: float = option("time after which it ends, s (10, 2min); 0: until stopped", 0.0, unit="s")
     uncertain: list[str] = option(
@@ -40,11 +38,9 @@ class ShadowVerb(Verb):
     view_port: int = option("port of the page; 0: a free one", 0, ge=0, le=65535)
     mqtt: str | None = option("broker that is told each fault (extra: alerts)", metavar="HOST:PORT")
     prometheus: str | None = option("serve the faults as metrics there; :9464 is this host alone", metavar="HOST:PORT")
-    force: Force = False
-    as_json: Json = False
 
 
-class MapVerb(Verb):
+class MapVerb(Written):
     """Propose the map of a measurement, and show the quality of its data."""
 
     answer: ClassVar[str] = "mech_twin.cli.map:propose_map"
@@ -54,11 +50,9 @@ class MapVerb(Verb):
     machine: MachineName
     config: Config = None
     out: Path | None = option("file (.yaml) to write the map to, instead of standard output")
-    force: Force = False
-    as_json: Json = False
 
 
-class IdentifyVerb(Verb):
+class IdentifyVerb(Written):
     """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
 
     answer: ClassVar[str] = "mech_twin.cli.identify:identify_machine"
@@ -103,11 +97,9 @@ class IdentifyVerb(Verb):
     out: Path | None = option("directory of the results, or file (.yaml) of the configuration")
     config: Path | None = option("configuration to start from instead of the installed one", None, "--config", "--base")
     settings: Settings = []
-    force: Force = False
-    as_json: Json = False
 
 
-class MonitorVerb(Verb):
+class MonitorVerb(Configured):
     """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
 
     answer: ClassVar[str] = "mech_twin.cli.monitor:monitor_machine"
@@ -143,13 +135,9 @@ class MonitorVerb(Verb):
     design: bool = option("judge a sensor set instead of runs", False)
     sensors: Path | None = option("with --design: the sensors, as for simulate")
     seed: int | None = option("seed of the draws that thresholds come from", ge=0, shown="0")
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False
 
 
-class FleetVerb(Verb):
+class FleetVerb(Configured):
     """Rank machines of one kind, each against its own baseline and its sisters (exit code 1: one is suspect)."""
 
     answer: ClassVar[str] = "mech_twin.cli.fleet:rank_fleet"
@@ -168,7 +156,3 @@ class FleetVerb(Verb):
     everything: bool = option("every machine, not the suspect ones alone", False, "--all")
     cores: int | None = option("processor cores to use", ge=1, shown="all")
     scheduler: str | None = option("Dask scheduler to spread over, tcp://HOST:PORT", metavar="ADDRESS")
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False

@@ -6,12 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-from mech_twin.cli.verb import Apart, Rules, Verb, option
-from mech_twin.cli.verbs import Config, Csv, Force, Json
+from mech_twin.cli.verb import Apart, Rules, option
+from mech_twin.cli.verbs import Configured, Csv
 
-Settings = Annotated[
-    list[str], option("override configuration keys", [], "--set", metavar="KEY=VALUE...", complete="settings")
-]
 Everything = Annotated[bool, option("every row and column", False, "--all")]
 Cores = Annotated[int | None, option("processor cores to use, a process each", ge=1, le=1024, shown="all cores")]
 Scheduler = Annotated[str | None, option("Dask scheduler, tcp://HOST:PORT", metavar="ADDRESS")]
@@ -43,37 +40,36 @@ Bounds = Annotated[
         complete="bounds",
     ),
 ]
-Report = Annotated[Path | None, option("report to write, one page that prints well (NAME.html)", None)]
 SPREAD = Apart("cores", "scheduler", "processes here, or workers of a cluster")
 
 
-class SweepVerb(Verb):
+class Study(Configured):
+    """A question about a machine, whose name stands before it."""
+
+    machine: str
+    report: Path | None = option("report to write, one page that prints well (NAME.html)")
+
+
+class SweepVerb(Study):
     """Sweep configuration keys over a grid; resume an interrupted sweep."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_maps:answer_sweep"
     rules: ClassVar[Rules] = (SPREAD,)
-    machine: str
     over: Over
     out: Path | None = option("table to write, NAME.parquet or NAME.csv", shown="MACHINE-sweep.parquet")
     number: list[str] = option("number to tabulate; may be given several times", [], metavar="NAME", shown="all")
     duration_s: float = option("time to simulate at each point, s (3, 500ms); 0: the analysis alone", 0.0, unit="s")
     no_picture: bool = option("write the table alone", False)
-    report: Report = None
     cores: Cores = None
     scheduler: Scheduler = None
-    config: Config = None
-    settings: Settings = []
     everything: Everything = False
-    force: Force = False
     as_csv: Csv = False
-    as_json: Json = False
 
 
-class SizeVerb(Verb):
+class SizeVerb(Study):
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_size"
-    machine: str
     out: Path | None = option("configuration to write", shown="MACHINE-sized.yaml")
     objective: str | None = option(
         "quantity to minimise, or what is to be made large",
@@ -85,18 +81,12 @@ class SizeVerb(Verb):
     tolerance: float | None = option(
         "relative tolerance of each assumed value within which limits are tried", shown="the usual one of the machine"
     )
-    report: Report = None
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False
 
 
-class SearchVerb(Verb):
+class SearchVerb(Study):
     """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives; or by runs."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_search"
-    machine: str
     objective: list[str] = option(
         "quantity to minimise; several give a Pareto front; by runs any number, large with - before it",
         [],
@@ -113,38 +103,26 @@ class SearchVerb(Verb):
     )
     cores: int | None = option("by runs: processor cores to use", ge=1, le=1024, shown="all cores")
     out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
-    report: Report = None
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False
 
 
-class DesignsVerb(Verb):
+class DesignsVerb(Study):
     """Evaluate random designs of a machine, a million or more."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_designs"
     rules: ClassVar[Rules] = (SPREAD,)
-    machine: str
     count: int = option("random designs to evaluate", 1_000_000, ge=1, le=1_000_000_000)
     bound: Bounds = []
     limit: Limits = []
     seed: Seed = 1
     out: Path | None = option("Parquet file of the feasible designs")
-    report: Report = None
     cores: Cores = None
     scheduler: Scheduler = None
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False
 
 
-class SynthesiseVerb(Verb):
+class SynthesiseVerb(Study):
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_synthesise"
-    machine: str
     impact_speed_m_per_s: float = option("target impact speed, m/s", 20.0, "--impact-speed")
     margin: float = option("stability margin: least 1 - |largest multiplier|", 0.1)
     basin_fraction: float = option(
@@ -156,25 +134,14 @@ class SynthesiseVerb(Verb):
     seed: Seed = 1
     periods: int = option("length of the endurance runs in periods, at most 1000000000", 1_000_000, ge=1)
     out: Path | None = option("robust configuration to write", shown="MACHINE-robust.yaml")
-    report: Report = None
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False
 
 
-class RegimesVerb(Verb):
+class RegimesVerb(Study):
     """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
 
     answer: ClassVar[str] = "mech_twin.cli.study_maps:answer_regimes"
-    machine: str
     over: Over
     settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
     out: Path | None = option("bifurcation diagram to write (.png, .svg, .pdf)", shown="MACHINE-regimes.png")
-    report: Report = None
-    config: Config = None
-    settings: Settings = []
     everything: Everything = False
-    force: Force = False
     as_csv: Csv = False
-    as_json: Json = False

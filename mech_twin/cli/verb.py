@@ -123,6 +123,12 @@ def flags_of(name: str, field: FieldInfo) -> tuple[str, ...]:
     return tuple(said.get("flags") or (f"--{bare.replace('_', '-')}",))
 
 
+def in_order(verb: type[Verb]) -> dict[str, FieldInfo]:
+    """Return the fields of a verb as the help has them: its own before those it shares with others."""
+    fields = verb.model_fields
+    return {name: fields[name] for name in sorted(fields, key=lambda name: name not in verb.__annotations__)}
+
+
 def command(verb: type[Verb]) -> Callable[..., None]:
     """Return the function of a verb as the command line library wants it, its signature made from the fields."""
     fields = verb.model_fields
@@ -138,7 +144,7 @@ def command(verb: type[Verb]) -> Callable[..., None]:
             given["machine"] = context.obj
         verb(**given).answered()
 
-    shown = {name: field for name, field in fields.items() if declared(field)}
+    shown = {name: field for name, field in in_order(verb).items() if declared(field)}
     parameters = [Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)]
     parameters += [_parameter(name, field) for name, field in shown.items()]
     asked.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # which the library reads

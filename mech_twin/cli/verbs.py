@@ -41,6 +41,20 @@ Wide = Annotated[bool, option("every column, whatever the width of the terminal"
 Port = Annotated[int, option("port of the web view; 0: any free port", 0, ge=0, le=65535)]
 
 
+class Written(Verb):
+    """A verb that writes files, and prints JSON if asked."""
+
+    force: Force = False
+    as_json: Json = False
+
+
+class Configured(Written):
+    """A verb on a machine as it is configured."""
+
+    config: Config = None
+    settings: Settings = []
+
+
 class ListVerb(Verb):
     """List available machines."""
 
@@ -48,7 +62,7 @@ class ListVerb(Verb):
     as_json: Json = False
 
 
-class RunVerb(Verb):
+class RunVerb(Configured):
     """Run a machine as ROS 2 nodes, with recorder and viewer."""
 
     answer: ClassVar[str] = "mech_twin.cli.run:run_machine"
@@ -79,14 +93,10 @@ class RunVerb(Verb):
     body: str | None = option("the same for the body", metavar="MODULE:CLASS")
     namespace: Namespace = None
     open_to_other_hosts: bool = option("expose topics and web view to the network, without authentication", False)
-    config: Config = None
-    settings: Settings = []
     everything: Everything = False
-    force: Force = False
-    as_json: Json = False
 
 
-class SimulateVerb(Verb):
+class SimulateVerb(Configured):
     """Simulate a machine in one process, without ROS communication."""
 
     answer: ClassVar[str] = "mech_twin.cli.simulate:simulate_machine"
@@ -110,12 +120,8 @@ class SimulateVerb(Verb):
     seed: int = option("seed of the noise, jitter and losses of the sensors", 0, ge=0)
     one_step: bool = option("one run alone, in a third of the time: the last digits told depend on the step", False)
     samples: bool = option("with --json: include every sample, as columns", False)
-    config: Config = None
-    settings: Settings = []
     everything: Everything = False
-    force: Force = False
     as_csv: Csv = False
-    as_json: Json = False
 
 
 class AnalyseVerb(Verb):
@@ -204,7 +210,7 @@ class InfoVerb(Verb):
     as_json: Json = False
 
 
-class CompareVerb(Verb):
+class CompareVerb(Written):
     """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
 
     answer: ClassVar[str] = "mech_twin.cli.compare:compare_sides"
@@ -220,8 +226,6 @@ class CompareVerb(Verb):
     view: Literal["web", "none"] = option("web: both in one view on the bench", "none")
     view_port: Port = 0
     everything: bool = option("all numbers, not only those that differ", False, "--all")
-    force: Force = False
-    as_json: Json = False
 
 
 class BenchVerb(Verb):
@@ -256,28 +260,22 @@ class TellVerb(Verb):
     wait_s: float = option("time to find the nodes, s", 5.0, unit="s", shown="5")
 
 
-class RecoverVerb(Verb):
+class RecoverVerb(Written):
     """Salvage a damaged recording: write its intact part into a new one."""
 
     answer: ClassVar[str] = "mech_twin.cli.info:recover_bag"
     bag: Bag
     out: Path = argument("directory of the new recording")
-    force: Force = False
-    as_json: Json = False
 
 
-class ReproduceVerb(Verb):
+class ReproduceVerb(Configured):
     """Compare every published number with the computed one; draw the published figures."""
 
     answer: ClassVar[str] = "mech_twin.cli.reproduce:reproduce_machines"
     machine: str | None = argument("machine, or the beginning of its name; all if absent", None, complete="machines")
     figures: Path | None = option("directory for the figures of the sources")
-    config: Config = None
-    settings: Settings = []
     wide: Wide = False
     as_csv: bool = option("every column as CSV", False, "--csv")
-    force: Force = False
-    as_json: Json = False
 
 
 class NewVerb(Verb):
@@ -288,17 +286,15 @@ class NewVerb(Verb):
     former: Path | None = option("page from a planar_linkage's configuration, or a recording of it", None, "--from")
 
 
-class CheckVerb(Verb):
+class CheckVerb(Written):
     """Check a page: freedoms, loops, masses, contacts and the pose at the start."""
 
     answer: ClassVar[str] = "mech_twin.cli.machines:check_page"
     page: str = argument("page (.yaml)", metavar="PAGE")
     picture: Path | None = option("picture (.png or .svg) of the machine at its start")
-    force: Force = False
-    as_json: Json = False
 
 
-class FmuVerb(Verb):
+class FmuVerb(Configured):
     """Export a machine as a functional mock-up unit (FMI 2.0 or 3.0, co-simulation) that needs no Python."""
 
     answer: ClassVar[str] = "mech_twin.cli.machines:export_unit"
@@ -306,7 +302,3 @@ class FmuVerb(Verb):
     fmi: int = option("version of the standard: 2 or 3", 2, ge=2, le=3)
     windows: bool = option("for 64-bit Windows as well as for Linux", False)
     out: Path | None = option("file to write", shown="MACHINE.fmu")
-    config: Config = None
-    settings: Settings = []
-    force: Force = False
-    as_json: Json = False
