@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.cli.console import print_json, print_table, progress, say, say_result
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.live_view import NO_VIEW, hold_view, opened_bench
 from mech_twin.cli.verbs import CompareVerb
 from mech_twin.declarations.captions import caption
@@ -44,7 +44,6 @@ from mech_twin.view.bench.picture import packed
 from mech_twin.view.bench.scene import BenchScene
 from mech_twin.view.sending import RECORDED
 
-APART = 1
 USUAL_DURATION_S = 3.0
 PANELS = 6
 See = Callable[[Machine, Frame], None]
@@ -78,7 +77,7 @@ def compare_sides(asked: CompareVerb) -> None:
     for line in broken:
         say(line)
     if found.beyond or broken:
-        raise SystemExit(APART)
+        raise SystemExit(FOUND)
 
 
 def _compared(

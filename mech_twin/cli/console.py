@@ -12,8 +12,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
+from mech_twin.files.output_file import written_file
 from mech_twin.process.terminal_output import printable, printable_json
 
 Item = TypeVar("Item")
@@ -149,6 +151,12 @@ def say(line: str) -> None:
     """Write a line to standard error, separate from the output proper."""
     sys.stderr.write(printable(line) + "\n")
     sys.stderr.flush()
+
+
+def write_text(file: Path, text: str, *, force: bool) -> None:
+    """Write a file as a whole or not at all."""
+    with written_file(file, force=force) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def duration_words(seconds: float) -> str:

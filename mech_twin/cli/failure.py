@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 EXIT_CODE = 2
 LOSS_EXIT_CODE = 3
+FOUND = 1  # exit code of a verb that found what it looks for: a difference, a fault, a broken residual
 UNREAD = 1  # of a command whose output nobody reads to its end
 STANDARD_ERROR = 2
 _NO_MEMORY_LINE = b"mech-twin: not enough memory to clean up\n"

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -12,12 +11,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.cli.console import print_json, print_table, progress, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import print_json, print_table, progress, say, write_text
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import FleetVerb
-from mech_twin.cli.monitor_baseline import ARL0_H, FeaturedRun, featured_run, read_setup, setup_of_runs
+from mech_twin.cli.monitor_baseline import ARL0_H, FeaturedRun, featured_run, read_setup, setup_of_runs, write_setup
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.files.output_file import check_output_file, written_file
+from mech_twin.files.output_file import check_output_file
 from mech_twin.files.report_page import page, section, versions
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.parameters.load import assignments, machine_parameters
@@ -25,7 +24,6 @@ from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.spreading import available_cores, spread
 
-SUSPECT = 1  # exit code
 BASELINE = "baseline.json"
 HEADS = ("rank", "machine", "verdict", "finding", "size", "unit", "began in", "at, s", "apart by", "feature", "cycles")
 
@@ -65,7 +63,7 @@ def rank_fleet(asked: FleetVerb) -> None:
     fleet = fleet_of(sorted(members))
     _show(fleet, asked, time.monotonic() - begun_s)
     if any(sister.is_suspect for sister in fleet.sisters):
-        raise SystemExit(SUSPECT)
+        raise SystemExit(FOUND)
     if fleet.refused:
         raise CommandError(f"{asked.folder}: {len(fleet.refused)} of {len(folders)} machines could not be judged")
 
@@ -101,8 +99,7 @@ def _setup(question: _Question, folder: Path, runs: list[FeaturedRun]) -> tuple[
     healthy, later = runs[: question.healthy], runs[question.healthy :]
     setup = setup_of_runs(healthy, question.parameters, question.arl0_h, 0, question.sister)
     if question.save:
-        with written_file(kept) as file:
-            file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
+        write_setup(kept, setup, force=False)
     return setup, later
 
 
@@ -129,8 +126,7 @@ def _show(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
             section("Moved in all", ("feature", "median, sigma"), list(fleet.common.items())),
             section("Others", HEADS, rows[shown:]),
         ]
-        with written_file(asked.page, force=asked.force) as file:
-            file.write_text(page(f"{asked.machine}: fleet {asked.folder.name}", parts), encoding="utf-8")
+        write_text(asked.page, page(f"{asked.machine}: fleet {asked.folder.name}", parts), force=asked.force)
         say(f"written to {asked.page}")
     if asked.as_json:
         print_json({"machine": asked.machine, "limit": fleet.limit, "confirming": fleet.confirming,

@@ -4,19 +4,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
 from mech_twin.cli.console import print_json, print_table, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.identify_request import (
     DEFAULT_SHARE,
-    NOT_BETTER,
     IdentifyRequest,
     bounded_keys,
     prior_keys,
+    show_keys,
     split_runs,
 )
 from mech_twin.cli.map import checked_run
@@ -25,16 +26,18 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.parameters.load import assignments, machine_parameters
+from mech_twin.parameters.load import assignments, catalogue_entry, kind_of, machine_parameters
 from mech_twin.process.dependencies import extra_needed
-from mech_twin.results.opened_runs import opened_run
+from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.acting_keys import number_in
+from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.free_keys import AUTO, assumed_keys, machine_keys
 from mech_twin.studies.identification.identification import Identification, identified
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
+from mech_twin.studies.identification.sensor_plan import sensor_plan
 
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
@@ -50,14 +53,14 @@ def identify_machine(verb: IdentifyVerb) -> None:
     if not asked.runs:
         raise CommandError("expected at least one run, a bag or a table")
     if _bouncing(asked):
-        from mech_twin.cli.identify_bounces import identify_bounces
+        from mech_twin.cli.identify_measured import identify_bounces
 
         identify_bounces(asked)
         return
     machine = asked.configured
     turn = model_turn(machine)
     if _motion(asked, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
-        from mech_twin.cli.identify_lengths import identify_lengths
+        from mech_twin.cli.identify_measured import identify_lengths
 
         identify_lengths(asked)
         return
@@ -76,10 +79,10 @@ def identify_machine(verb: IdentifyVerb) -> None:
     if asked.as_json:
         print_json(saved.document)
     else:
-        _show(found)
+        _show_found(found)
     if not found.better:
         say("what was held out is foretold no better than before; no configuration is written")
-        raise SystemExit(NOT_BETTER)
+        raise SystemExit(FOUND)
     if asked.out is not None:
         for path in saved.save(asked.out, force=asked.force):
             say(f"written to {path}")
@@ -88,14 +91,12 @@ def identify_machine(verb: IdentifyVerb) -> None:
 
 
 def _plan(asked: IdentifyRequest) -> None:
-    from mech_twin.cli.identify_plan import show_plan
-
     if asked.sensors is None or asked.duration_s is None:
         raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
     if asked.runs:
         raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
     base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
-    show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
+    _show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
 
 
 def _bouncing(asked: IdentifyRequest) -> bool:
@@ -170,10 +171,8 @@ def _telling(asked: IdentifyRequest) -> Iterator[Callable[[str], None]]:
         yield lambda line: status.update(f"identifying: {line}")
 
 
-def _show(found: Identification) -> None:
-    heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
-    rows = [(k.key, k.before, k.estimate, k.low_95, k.high_95, k.verdict) for k in found.keys]
-    print_table(f"{found.question.machine}: identified in {found.seconds:.1f} s", heads, rows)
+def _show_found(found: Identification) -> None:
+    show_keys(f"{found.question.machine}: identified in {found.seconds:.1f} s", found.keys)
     if found.search.starts > 1:
         ahead = f", the second best {found.search.margin:.3g} times as far off" if found.search.valleys > 1 else ""
         say(f"{found.search.starts} starts ended in {found.search.valleys} valleys{ahead}")
@@ -181,9 +180,7 @@ def _show(found: Identification) -> None:
         if key.verdict != "identified":
             say(f"{key.key}: {key.verdict}, {key.reason}")
     if found.combinations:
-        from mech_twin.cli.identify_plan import show_combinations
-
-        show_combinations(found.combinations)
+        _show_combinations(found.combinations)
     heads = ("channel", "fit, %", "rms", "zero", "gain", "lag, s")
     fits = [(c.channel, c.fit_percent, c.rms, *map(_numbers, (c.zero, c.gain, c.lag_s))) for c in found.channels]
     print_table("channels of the fitted runs", heads, fits)
@@ -200,3 +197,45 @@ def _show(found: Identification) -> None:
 
 def _numbers(values: dict[str, float]) -> str:
     return " ".join(f"{value:.5g}" for value in values.values())
+
+
+MOST_SHOWN = 12
+
+
+def _show_combinations(told: Sequence[Combination]) -> None:
+    """Print what is seen of keys that are not seen alone, and for which values of held keys that is so."""
+    heads = ("combination", "estimate", "95 % from", "to", "holds for")
+    rows = [(each.formula, each.estimate, each.low_95, each.high_95, each.condition) for each in told]
+    print_table("seen in combination", heads, rows)
+
+
+def _show_plan(
+    question: IdentificationQuestion, sensors_file: Path, map_file: Path | None, duration_s: float, *, as_json: bool
+) -> None:
+    """Print what the sensors of a file would find in a run of this length."""
+    built = catalogue_entry(question.machine).build(question.base)
+    sensors = given_map(sensors_file, built)
+    opened = None if map_file is None else given_map(map_file, built)
+    kind = kind_of(question.machine)
+    for given, file in ((sensors, sensors_file), (opened, map_file)):
+        if given is not None and given.machine != kind:
+            raise CommandError(f"{file}: key 'machine', value {given.machine!r}: expected {kind!r}")
+    names = [channel.quantity for channel in sensors.channels]
+    if opened is not None and [channel.quantity for channel in opened.channels] != names:
+        raise CommandError(f"{map_file}: expected the channels of {sensors_file}, in their order")
+    plan = sensor_plan(question, sensors, duration_s, opened)
+    if as_json:
+        helps = [asdict(each) for each in plan.helps]
+        keys = [asdict(key) for key in plan.keys]
+        combined = [asdict(each) for each in plan.combinations]
+        print_json({"machine": question.machine, "parameters": keys, "combinations": combined, "helps": helps})
+        return
+    rows = [(k.key, k.estimate, 0.5 * (k.high_95 - k.low_95), k.verdict) for k in plan.keys]
+    print_table(f"{question.machine}: {duration_s:g} s", ("key", "value", "+- (95 %)", "verdict"), rows)
+    for key in plan.keys:
+        if key.verdict != "identified":
+            say(f"{key.key}: {key.verdict}, {key.reason}")
+    if plan.combinations:
+        _show_combinations(plan.combinations)
+    helped = [(h.what, ", ".join(h.identified) or "-", h.narrowed) for h in plan.helps[:MOST_SHOWN]]
+    print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)

@@ -6,8 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-from mech_twin.cli.console import say
+from mech_twin.cli.console import print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -16,7 +17,6 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import Machine
 
-NOT_BETTER = 1
 FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2
 LATEST_BEGIN_S = 10.0
@@ -111,3 +111,10 @@ def _pair(option: str, text: str, numbers: str, between: str, form: str) -> tupl
         return float(first), float(second)
     except ValueError:
         raise CommandError(f"{option} {text}: expected {form}, with numbers") from None
+
+
+def show_keys(title: str, keys: Sequence[Any]) -> None:
+    """Print the keys with their intervals and verdicts."""
+    heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
+    rows = [(k.key, k.before, k.estimate, k.low_95, k.high_95, k.verdict) for k in keys]
+    print_table(title, heads, rows)

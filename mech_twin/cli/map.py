@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mech_twin.cli.console import print_json, print_table, say, say_result
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import print_json, print_table, say, say_result, write_text
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
-from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file, written_file
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.machine_columns import machine_columns
@@ -141,8 +141,7 @@ def _write(text: str, out: Path | None, force: bool, *, quiet: bool) -> None:
         if not quiet:
             say_result(text)
         return
-    with written_file(out, force=force) as file:
-        file.write_text(text, encoding="utf-8")
+    write_text(out, text, force=force)
     say(f"written to {out}")
 
 
@@ -151,7 +150,6 @@ QUALITY_HEADS = (
     *("quantum", "saturated, %", "NaN", "noise", "low", "high"),
 )
 WIDE = 180  # columns of the table of data quality where no terminal says
-CONTRADICTED = 1  # exit code
 CHECKED_SAMPLES = 2_000_000  # of a run that is held against the model
 
 
@@ -218,7 +216,7 @@ def examine_by_file(path: Path, map_file: Path, config: Path | None, *, as_json:
         for problem in problems:
             say(problem)
     if problems:
-        raise SystemExit(CONTRADICTED)
+        raise SystemExit(FOUND)
 
 
 def _contradictions(path: Path, given: MeasurementMap, machine: Machine) -> list[str]:

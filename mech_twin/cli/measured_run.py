@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.map import checked_run
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from mech_twin.process.stop_signal import StopSignal
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
-
-OUTSIDE_TOLERANCE = 1
 
 
 class Read(NamedTuple):
@@ -90,7 +88,7 @@ def analyse_measured(asked: ReplayVerb, map_file: Path) -> None:
     for each in outside:
         say(f"{measurement}: {each.name} is off by {each.share:.3g} of its size, expected at most {tolerance:g}")
     if outside:
-        raise SystemExit(OUTSIDE_TOLERANCE)
+        raise SystemExit(FOUND)
 
 
 def shown_samples(read: Read) -> Iterator[tuple[LinkageSample, ForceSample, Drawing]]:

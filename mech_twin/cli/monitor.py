@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from math import isfinite
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.capabilities.cycle import CycleFeature
 from mech_twin.cli.console import print_json, print_table, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.cli.monitor_baseline import (
     ARL0_H,
@@ -25,6 +24,7 @@ from mech_twin.cli.monitor_baseline import (
     featured_run,
     read_setup,
     setup_of_runs,
+    write_setup,
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file, written_file
@@ -45,7 +45,6 @@ from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import Alarm, JudgedRun, judged
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
-FAULT_FOUND = 1  # exit code
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 
 
@@ -74,8 +73,7 @@ def monitor_machine(asked: MonitorVerb) -> None:
     runs = [_featured(asked, path, parameters) for path in asked.runs]
     setup, runs[0] = _setup(asked, parameters, runs[0])
     if asked.save_baseline is not None:
-        with written_file(asked.save_baseline, force=asked.force) as file:
-            file.write_text(json.dumps(setup.record()) + "\n", encoding="utf-8")
+        write_setup(asked.save_baseline, setup, force=asked.force)
         say(f"written to {asked.save_baseline}")
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
     if asked.explain is not None:
@@ -87,7 +85,7 @@ def monitor_machine(asked: MonitorVerb) -> None:
     if faulty and asked.renew:
         say(f"{kept_file}: not renewed, a run has an alarm")
     if faulty:
-        raise SystemExit(FAULT_FOUND)
+        raise SystemExit(FOUND)
     if asked.renew and kept_file is not None:
         _renew(asked, kept_file, setup, runs, parameters)
 
@@ -107,8 +105,7 @@ def _renew(
     read = [(_featured(asked, run.path, parameters), run.cycles) for run in earlier]
     known = [run._replace(vectors=run.vectors[:cycles]) for run, cycles in read]
     renewed = setup_of_runs([*known, *runs], parameters, setup.arl0_h, 0)
-    with written_file(file, force=True) as unfinished:
-        unfinished.write_text(json.dumps(renewed.record()) + "\n", encoding="utf-8")
+    write_setup(file, renewed, force=True)
     say(f"{file}: renewed with {len(runs)} more, {len(known) + len(runs)} runs, {renewed.baseline.cycles} cycles")
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +15,7 @@ import typer
 from pydantic import ValidationError
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
-from mech_twin.cli.console import say
+from mech_twin.cli.console import say, write_text
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.declarations.quantity import Parameters
@@ -72,6 +73,11 @@ def read_setup(path: Path, machine: str, parameters: Parameters, given: Measurem
         raise CommandError(f"{path}: key 'machine', value {setup.machine!r}: expected {kind_of(machine)!r}")
     _check_origin(path, setup, parameters, given)
     return setup
+
+
+def write_setup(path: Path, setup: MonitorSetup, *, force: bool) -> None:
+    """Write the reference of a monitor, as `read_setup` reads it."""
+    write_text(path, json.dumps(setup.record()) + "\n", force=force)
 
 
 def _check_origin(path: Path, setup: MonitorSetup, parameters: Parameters, given: MeasurementMap) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mech_twin import __version__
 from mech_twin.cli.console import bar, print_json, print_table, progress, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.info import shared_topics
 from mech_twin.cli.machines import check_is_no_page
 from mech_twin.cli.verbs import ReplayVerb
@@ -95,7 +95,6 @@ def _report(outcome: ReplayOutcome) -> None:
         say(f"{name}: {number} messages not published")
 
 
-DIFFERENT = 1
 LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes
 TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
 WORDS = {
@@ -138,7 +137,7 @@ def recompute_bag(asked: ReplayVerb) -> None:
     for line in shared:
         say(line)
     if not verdict.identical:
-        raise SystemExit(DIFFERENT)
+        raise SystemExit(FOUND)
 
 
 def _history(samples: BagSamples, bag: Path, config: Path | None) -> ConfigurationHistory:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import busy, print_json, progress, say, say_result
-from mech_twin.cli.failure import CommandError, report_losses
+from mech_twin.cli.failure import FOUND, CommandError, report_losses
 from mech_twin.cli.run_summary import (
     how_told,
     print_numbers_csv,
@@ -40,9 +40,6 @@ from mech_twin.studies.simulation import Simulation
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
     from mech_twin.studies.energy_flow import EnergyBooks
-
-
-BROKEN_EXIT_CODE = 1
 
 
 def simulate_machine(asked: SimulateVerb) -> None:
@@ -97,7 +94,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
     broken = broken_lines(simulation.residuals(), machine.coupling_step_s)
     if broken:
         say(f"{name}: {'; '.join(broken)}")
-        raise SystemExit(BROKEN_EXIT_CODE)
+        raise SystemExit(FOUND)
     report_losses(asked.bag)
 
 

@@ -11,12 +11,11 @@ from typing import Any, NamedTuple
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.cli.console import numbered, say
+from mech_twin.cli.console import numbered, say, write_text
 from mech_twin.cli.run_summary import in_common_digits
 from mech_twin.declarations.captions import titled, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.studies.design_scan import DesignScan
 from mech_twin.studies.parameter_sweep import Sweep
@@ -45,8 +44,7 @@ class Studied(NamedTuple):
             section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
             section("Asked", ("option", "value"), list(_told(options))),
         ]
-        with written_file(file, force=True) as unfinished:
-            unfinished.write_text(page(f"{asked.machine}: {title}", [*head, *parts()]), encoding="utf-8")
+        write_text(file, page(f"{asked.machine}: {title}", [*head, *parts()]), force=True)
         say(f"wrote {file}")
 
     def options(self, *names: str) -> dict[str, Any]:

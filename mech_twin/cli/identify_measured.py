@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""``mech-twin identify`` without a simulated run: lengths from measured positions, the restitution from bounces."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mech_twin.cli.console import print_json, print_table, say, write_text
+from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.identify_request import IdentifyRequest, show_keys, split_runs
+from mech_twin.files.output_file import check_output_file
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.errors import MeasurementError
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.measurements.model_turn import TURNING, model_turn
+from mech_twin.measurements.runs import read_run
+from mech_twin.parameters.load import assignments, description_text, machine_parameters
+from mech_twin.parameters.load import machine as built_machine
+from mech_twin.results.opened_runs import opened_run
+from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
+from mech_twin.studies.identification.free_keys import AUTO
+from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
+from mech_twin.studies.identification.geometry_model import GeometryModel
+from mech_twin.studies.identification.geometry_report import GeometryReport, geometry_report
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
+
+
+def identify_lengths(asked: IdentifyRequest) -> None:
+    """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
+    began = time.monotonic()
+    if asked.out is not None:
+        check_output_file(asked.out, force=asked.force)
+    _refuse_unused(asked)
+    if not asked.free:
+        raise CommandError("--free: expected at least one key of the configuration, such as crank_m")
+    if AUTO in asked.free:
+        raise CommandError(
+            f"--free {AUTO}: expected keys, or --motion simulated; the measured motion fits lengths alone"
+        )
+    given = asked.given_map
+    base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    model = GeometryModel(asked.machine, base, tuple(asked.free), _led_columns(asked, given))
+    model.values()  # a key that is wrong is named before the runs are read
+    fitted, held_out = split_runs(asked.runs, asked.held_out_run)
+    runs = [_data(path, given, model) for path in fitted]
+    report = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model))
+    _show_lengths(asked, report, held_out, time.monotonic() - began)
+    if held_out is not None and not report.better:
+        say(f"{held_out}: the run held out fits no better than before; no configuration is written")
+        raise SystemExit(FOUND)
+    if asked.out is not None:
+        _write_lengths(asked, model, report, [str(path) for path in fitted])
+
+
+def _refuse_unused(asked: IdentifyRequest) -> None:
+    """Raise where something is asked that the fit of lengths in the measured motion does not know."""
+    unused = {
+        "--fix": asked.fixed,
+        "--prior": asked.priors,
+        "--scheduler": asked.scheduler,
+        f"--hold-out {asked.hold_out}": asked.held_out_share is not None,
+    }
+    for option, given in unused.items():
+        if given:
+            raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
+
+
+def _led_columns(asked: IdentifyRequest, given: MeasurementMap) -> tuple[str, ...]:
+    """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
+    turn = model_turn(built_machine(asked.machine, asked.config, assignments(asked.settings)))
+    if turn is None:
+        raise CommandError(f"{asked.machine}: expected a machine whose joints follow from a crank")
+    names = [channel.quantity for channel in given.channels]
+    used = tuple(name for name in names if name in turn.led and name.endswith(".position") and name not in TURNING)
+    for name in dict.fromkeys(names):
+        if name not in used and name not in TURNING:
+            say(f"{name}: left out, it is no position that the crank leads")
+    if not used:
+        raise CommandError(f"{asked.map_file}: expected a position that the crank leads, beside the crank's")
+    return used
+
+
+def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryData:
+    with opened_run(path) as reader:
+        return geometry_data(read_run(reader, given), model.columns)
+
+
+def _show_lengths(asked: IdentifyRequest, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
+    if asked.as_json:
+        document: dict[str, Any] = {
+            "machine": asked.machine,
+            "parameters": [asdict(each) for each in report.keys],
+            "channels": [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()],
+            "lags_s": list(report.lags_s),
+            "held_out": None
+            if held_out is None
+            else {"run": str(held_out), "scores": [asdict(s) for s in report.held_out]},
+            "seconds": seconds,
+        }
+        print_json(document)
+        return
+    show_keys(f"{asked.machine}: lengths from measured positions", report.keys)
+    for key in report.keys:
+        say(f"{key.key}: {key.verdict}, {key.reason}")
+    scores = [(s.channel, s.fit_percent, s.before_percent, s.constant_percent) for s in report.held_out]
+    if scores:
+        print_table(f"fit of {held_out}, held out, percent", ("channel", "estimated", "before", "constant"), scores)
+
+
+def _write_lengths(asked: IdentifyRequest, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
+    """Write the configuration with the keys that were identified; the others are kept as they were."""
+    assert asked.out is not None
+    values = [key.estimate if key.verdict == "identified" else key.before for key in report.keys]
+    notes = [
+        f"# {key.key}: identified {key.estimate:.6g} +- {key.high_95 - key.estimate:.2g} (95 %) from {', '.join(runs)}"
+        if key.verdict == "identified"
+        else f"# {key.key}: kept, {key.verdict}: {key.reason}"
+        for key in report.keys
+    ]
+    text = description_text(asked.machine, model.parameters(values))
+    write_text(asked.out, "\n".join(notes) + "\n" + text, force=asked.force)
+    say(f"written to {asked.out}")
+
+
+KEY = "restitution"
+
+
+def identify_bounces(asked: IdentifyRequest) -> None:
+    """Find the restitution from the bounces that the runs show; write the configuration with it."""
+    began = time.monotonic()
+    if asked.out is not None:
+        check_output_file(asked.out, force=asked.force)
+    keyed = KeyedConfiguration(
+        asked.machine, machine_parameters(asked.machine, asked.config, assignments(asked.settings)), (KEY,)
+    )
+    (before,) = keyed.values().tolist()
+    runs, problems = [], []
+    for path in asked.runs:
+        try:
+            runs.append(bounces(path, *_columns(path)))
+        except MeasurementError as error:
+            problems.append(str(error))
+    for problem in problems:
+        say(f"{problem}; left out")
+    if not runs:
+        raise CommandError(f"{asked.machine}: none of the runs shows bounces; expected positions, or --map FILE")
+    found = restitution(runs)
+    low, high = found.value - found.half_width, found.value + found.half_width
+    narrow = found.half_width <= WIDEST * found.value
+    reason = "flights between bounces shorten by it" if narrow else "the runs leave it open by more than half of itself"
+    verdict = IDENTIFIED if narrow else NOT_EXCITED
+    key = KeyVerdict(KEY, before, found.value, found.standard_error, low, high, verdict, reason)
+    _show_bounces(asked, key, runs, found.used, time.monotonic() - began)
+    if asked.out is not None and narrow:
+        names = ", ".join(path.name for path in found.used)
+        note = f"# {KEY}: identified {found.value:.6g} +- {found.half_width:.2g} (95 %) from {names}\n"
+        text = note + description_text(asked.machine, keyed.parameters([found.value]))
+        write_text(asked.out, text, force=asked.force)
+        say(f"written to {asked.out}")
+
+
+def _columns(path: Path) -> tuple[Array, dict[str, Array]]:
+    """Return the times of a run, and its columns at all of them."""
+    with opened_run(path) as reader:
+        time_source, sources = reader.proposed_time(), [each.source for each in reader.offered()]
+        times: list[list[Array]] = [[] for _ in sources]
+        values: list[list[Array]] = [[] for _ in sources]
+        for place, stamps, shown, _ in reader.blocks(sources, time_source):
+            times[place].append(stamps)
+            values[place].append(shown)
+    whole = {
+        source.label: (np.concatenate(stamps), np.concatenate(shown))
+        for source, stamps, shown in zip(sources, times, values, strict=True)
+        if stamps
+    }
+    if not whole:
+        raise MeasurementError(path, "has no column beside its time")
+    clock = max((stamps for stamps, _ in whole.values()), key=len)
+    order = np.argsort(clock, kind="stable")
+    return clock[order], {
+        name: shown[order]
+        for name, (stamps, shown) in whole.items()
+        if len(stamps) == len(clock) and np.isfinite(shown).all()
+    }
+
+
+def _show_bounces(
+    asked: IdentifyRequest, key: KeyVerdict, runs: list[Bounces], used: tuple[Path, ...], seconds: float
+) -> None:
+    rows = [
+        (str(run.path), run.column, run.found.value, run.found.standard_deviation, len(run.times_s), run.flaws)
+        for run in runs
+    ]
+    if asked.as_json:
+        names = ("run", "column", "restitution", "standard_deviation", "bounces", "flaws")
+        record = {"machine": asked.machine, "parameters": [asdict(key)], "used": [str(path) for path in used]}
+        print_json({**record, "runs": [dict(zip(names, row, strict=True)) for row in rows], "seconds": seconds})
+        return
+    print_table("bounces", ("run", "column", KEY, "s.d.", "bounces", "missed or false"), rows)
+    show_keys(f"{asked.machine}: from {len(used)} of {len(asked.runs)} runs", [key])
