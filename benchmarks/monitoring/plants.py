@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from mech_twin.capabilities.faults import MachineFault
-from mech_twin.results.opened_runs import columns_of
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.cycle_features import FeatureVector, feed_channels
 from mech_twin.studies.monitoring.sensing import needed_columns, seen_roll_out
 from mech_twin.studies.monitoring.signatures import MonitoredMachine

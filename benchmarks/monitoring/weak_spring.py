@@ -305,10 +305,10 @@ def pictures(folder: Path, out: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    from mech_twin.results.opened_runs import columns_of, opened_run
     from mech_twin.measurements.measurement_map import read_map
     from mech_twin.measurements.runs import read_run
     from mech_twin.parameters.load import catalogue_entry, machine_parameters
+    from mech_twin.results.opened_runs import columns_of, opened_run
     from mech_twin.studies.monitoring.cycle_features import FeatureFeed, feed_channels
     from mech_twin.studies.monitoring.monitor import Monitor, setup_of_record
 

@@ -16,7 +16,6 @@ from geometry_msgs.msg import Vector3Stamped
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from mech_twin.results.opened_runs import opened_run
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -31,6 +30,7 @@ from mech_twin.nodes.shadow.recorder import ShadowRecorder
 from mech_twin.nodes.shadow.session import Company, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry
+from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.findings import Findings

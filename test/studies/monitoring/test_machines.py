@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.results.opened_runs import columns_of
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.measurements.units import UNITS
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.results.opened_runs import columns_of, opened_run
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap, read_map
 from mech_twin.measurements.runs import read_parts
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.results.opened_runs import columns_of, opened_run
 from mech_twin.studies.live_monitor import LiveMonitor
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.design import simulated_vectors

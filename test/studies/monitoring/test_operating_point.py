@@ -13,10 +13,10 @@ import pytest
 
 from mech_twin.capabilities.operating_point import motor_changes
 from mech_twin.capabilities.variation import varied
-from mech_twin.results.opened_runs import columns_of
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.results.opened_runs import columns_of
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.design import simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
