@@ -11,7 +11,7 @@ from typing import Any
 
 from aiohttp import web
 
-from mech_twin.view.bench.pictures import Pictures
+from mech_twin.view.bench.picture import Pictures
 
 SEND_S = 5.0  # a page that does not take a message within this time is gone
 

@@ -17,7 +17,7 @@ from typing import Any
 from aiohttp import WSCloseCode, web
 
 from mech_twin.view.bench.guard import content_policy, plain, sent_file
-from mech_twin.view.bench.pictures import Pictures
+from mech_twin.view.bench.picture import Pictures
 from mech_twin.view.errors import ViewerError
 
 PAGE = "rerun.html"

@@ -37,7 +37,7 @@ from mech_twin.view.bench.guard import (
     silent_logger,
 )
 from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
-from mech_twin.view.bench.pictures import Pictures
+from mech_twin.view.bench.picture import Pictures
 from mech_twin.view.bench.rerun_door import PAGE, SLOW_S, RerunDoor, viewer_policy
 
 FOLDER = Path(str(files("mech_twin.view.bench"))) / "page"
