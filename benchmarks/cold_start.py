@@ -36,7 +36,7 @@ def mark():
     marks.append(time.time())
 mark()
 from mech_twin.cli import main
-from mech_twin.cli.run import RunRequest
+import mech_twin.cli.run
 mark()
 from mech_twin.parameters.load import machine_parameters
 parameters = machine_parameters({NAME!r})
