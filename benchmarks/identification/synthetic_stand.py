@@ -13,8 +13,7 @@ from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.sensors import SensorBench
-from mech_twin.measurements.table_writer import sensor_table
-from mech_twin.measurements.tables import TableReader
+from mech_twin.measurements.tables import TableReader, sensor_table
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.samples import Frame
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run

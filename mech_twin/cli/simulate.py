@@ -25,7 +25,7 @@ from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
-from mech_twin.measurements.table_writer import WRITTEN_SUFFIXES, TableWriter, sensor_table
+from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import assignments, catalogue_entry, description_text
 from mech_twin.parameters.load import machine as built_machine

@@ -9,8 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.parameters.key_hints import ANY_NAME, did_you_mean, groups_of, key_units
-from mech_twin.parameters.key_lines import KeyLines, no_lines
+from mech_twin.parameters.key_hints import ANY_NAME, KeyLines, did_you_mean, groups_of, key_units, no_lines
 
 BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 PURE = "1"

@@ -34,7 +34,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.machines.catalog import CATALOGUE, FORMER, Entry
 from mech_twin.parameters.errors import LONGEST_VALUE, refusal, shown_value
-from mech_twin.parameters.key_lines import KeyLines, key_lines, no_lines
+from mech_twin.parameters.key_hints import KeyLines, key_lines, no_lines
 from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
 from mech_twin.parameters.yaml_text import document_of, refuse_aliases_and_tags, scalar
 from mech_twin.roles import Machine

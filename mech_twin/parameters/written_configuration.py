@@ -13,7 +13,7 @@ from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import written_file
-from mech_twin.parameters.key_lines import SECTION
+from mech_twin.parameters.key_hints import SECTION
 from mech_twin.parameters.load import (
     MACHINE_KEY,
     catalogue_entry,

@@ -6,13 +6,15 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
+from itertools import repeat
 from math import inf, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from types import UnionType
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.errors import StudyError
@@ -50,7 +52,6 @@ from mech_twin.results.printed_documents import (
     SensorSetReport,
     ShadowReport,
 )
-from mech_twin.results.printed_types import read_as
 from mech_twin.samples import Coordinate, Event
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
@@ -61,6 +62,42 @@ from mech_twin.studies.run_comparison import Comparison, Differing
 
 if TYPE_CHECKING:
     from mech_twin.recording.recovery import RecoveryReport
+
+
+Read = TypeVar("Read")
+STRICT = "__pydantic_config__"  # of a type that says itself which further keys it takes
+
+
+def read_as(kind: type[Read], document: Any) -> Read:
+    """Return a document as a dataclass or a named tuple, and what is in it likewise.
+
+    Raises
+    ------
+    ValidationError
+        Naming every key that is not as the type says.
+    """
+    return TypeAdapter(kind).validate_python(_filled(kind, document))
+
+
+def _filled(kind: Any, value: Any, absent: float = nan) -> Any:
+    """Return a value with ``absent`` for a null that is no number, without what a type does not have."""
+    inside = get_args(kind)
+    if kind is float:
+        return absent if value is None else value
+    if get_origin(kind) in (Union, UnionType):
+        return value if value is None else _filled(inside[0], value)
+    if isinstance(value, list) and inside:
+        kinds = inside if len(inside) == len(value) and ... not in inside else repeat(inside[0])
+        return [_filled(each, one) for each, one in zip(kinds, value, strict=False)]
+    if isinstance(value, Mapping) and inside:
+        return {key: _filled(inside[1], one) for key, one in value.items()}
+    if not isinstance(value, Mapping) or not (is_dataclass(kind) or hasattr(kind, "_fields")):
+        return value
+    hints, defaults = get_type_hints(kind), getattr(kind, "_field_defaults", {})
+    rest = {key: one for key, one in value.items() if key not in hints and hasattr(kind, STRICT)}
+    own = {key: _filled(hints[key], one, defaults.get(key, nan)) for key, one in value.items() if key in hints}
+    return own | rest
+
 
 Document = Mapping[str, Any]
 

@@ -20,8 +20,7 @@ from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import MeasuredRun, read_run
 from mech_twin.measurements.sensors import Reading, SensorBench
-from mech_twin.measurements.table_writer import sensor_table
-from mech_twin.measurements.tables import TableReader
+from mech_twin.measurements.tables import TableReader, sensor_table
 from mech_twin.measurements.units import UNITS
 from mech_twin.samples import Frame
 
