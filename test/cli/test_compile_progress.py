@@ -67,11 +67,10 @@ def test_a_warning_of_the_compiler_is_passed_on_and_begins_nothing() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["impact_mass", "winding_drum"])
-def test_a_first_run_compiles_as_many_kernels_as_its_page_counts_to(name, ros_domain, tmp_path) -> None:
-    words = ["run", name, "--view", "none", "--no-record", "--duration", "0.05", "--pace", "max"]
+def test_a_first_run_compiles_as_many_kernels_as_its_page_counts_to(ros_domain, tmp_path) -> None:
+    words = ["run", "impact_mass", "--view", "none", "--no-record", "--duration", "0.05", "--pace", "max"]
     folders = {"MECH_TWIN_CACHE_DIR": str(tmp_path / "kernels"), "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-c", FIRST_RUN, *words]
     done = subprocess.run(command, check=True, env=os.environ | folders, capture_output=True, text=True, timeout=500)
     count = int(done.stderr.rpartition("compiled ")[2])
-    assert CATALOGUE[name].kernels == 10 * -(-count // 10)
+    assert CATALOGUE["impact_mass"].kernels == 10 * -(-count // 10)
