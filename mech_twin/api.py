@@ -305,8 +305,6 @@ def identify(
     several("free", free, "a list of keys, or keys with their bounds")
     map_file = _path(given_map, "given_map") or Path()
     channels = read_given(map_file, built_machine(machine, _path(config), settings))
-    if channels.machine != machine:
-        raise StudyError(f"{map_file}: key 'machine', value {channels.machine!r}: expected {machine!r}")
 
     def read(path: FilePath) -> FitRun:
         with opened_run(Path(path)) as reader:

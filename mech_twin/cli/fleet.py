@@ -19,7 +19,6 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file
 from mech_twin.files.report_page import page, section, versions
 from mech_twin.measurements.errors import MeasurementError
-from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.spreading import available_cores, spread
@@ -49,7 +48,7 @@ def rank_fleet(asked: FleetVerb) -> None:
     folders = sorted(each for each in _listed(asked.folder) if each.is_dir())
     if not folders:
         raise CommandError(f"{asked.folder}: no folder in it; expected one for each machine, its recordings in it")
-    parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    parameters = asked.parameters
     arl0_h, kept = ARL0_H if asked.known_arl0_h is None else asked.known_arl0_h, asked.save_baselines
     question = _Question(asked.machine, parameters, asked.map_file, asked.skip_s, arl0_h, asked.healthy, kept)
     members, others, sister = list[FleetMember](), folders, None

@@ -26,7 +26,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.parameters.load import assignments, catalogue_entry, kind_of, machine_parameters
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import GuidedLinkage
@@ -57,7 +57,7 @@ def identify_machine(verb: IdentifyVerb) -> None:
 
         identify_bounces(asked)
         return
-    machine = asked.configured
+    machine = asked.built
     turn = model_turn(machine)
     if _motion(asked, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
         from mech_twin.cli.identify_measured import identify_lengths
@@ -66,7 +66,7 @@ def identify_machine(verb: IdentifyVerb) -> None:
         return
     if asked.out is not None:
         check_out(asked.out, force=asked.force)
-    base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    base = asked.parameters
     question = _question(asked, base)
     fitted, held_out = split_runs(asked.runs, asked.held_out_run)
     share = asked.held_out_share if asked.held_out_share is not None else 0.0 if held_out else DEFAULT_SHARE
@@ -95,7 +95,7 @@ def _plan(asked: IdentifyRequest) -> None:
         raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
     if asked.runs:
         raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
-    base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    base = asked.parameters
     _show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
 
 
@@ -108,7 +108,7 @@ def _bouncing(asked: IdentifyRequest) -> bool:
     try:
         asked.given_map  # noqa: B018
     except NoNameError:
-        if number_in(configuration_tree(asked.configured.parameters), BOUNCE_KEY) is None:
+        if number_in(configuration_tree(asked.built.parameters), BOUNCE_KEY) is None:
             raise
         return True
     return False
@@ -153,7 +153,7 @@ def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestio
 def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
     """Return one run; what contradicts the machine is said on standard error."""
     with opened_run(path) as reader:
-        run, problems = checked_run(reader, asked.given_map, turn, asked.configured)
+        run, problems = checked_run(reader, asked.given_map, turn, asked.built)
     for problem in problems:
         say(f"{path}: {problem}")
     return fit_run(run, begin_known=asked.begin == "start")
@@ -216,10 +216,6 @@ def _show_plan(
     built = catalogue_entry(question.machine).build(question.base)
     sensors = given_map(sensors_file, built)
     opened = None if map_file is None else given_map(map_file, built)
-    kind = kind_of(question.machine)
-    for given, file in ((sensors, sensors_file), (opened, map_file)):
-        if given is not None and given.machine != kind:
-            raise CommandError(f"{file}: key 'machine', value {given.machine!r}: expected {kind!r}")
     names = [channel.quantity for channel in sensors.channels]
     if opened is not None and [channel.quantity for channel in opened.channels] != names:
         raise CommandError(f"{map_file}: expected the channels of {sensors_file}, in their order")

@@ -20,8 +20,7 @@ from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, model_turn
 from mech_twin.measurements.runs import read_run
-from mech_twin.parameters.load import assignments, description_text, machine_parameters
-from mech_twin.parameters.load import machine as built_machine
+from mech_twin.parameters.load import description_text
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.free_keys import AUTO
@@ -45,7 +44,7 @@ def identify_lengths(asked: IdentifyRequest) -> None:
             f"--free {AUTO}: expected keys, or --motion simulated; the measured motion fits lengths alone"
         )
     given = asked.given_map
-    base = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    base = asked.parameters
     model = GeometryModel(asked.machine, base, tuple(asked.free), _led_columns(asked, given))
     model.values()  # a key that is wrong is named before the runs are read
     fitted, held_out = split_runs(asked.runs, asked.held_out_run)
@@ -74,7 +73,7 @@ def _refuse_unused(asked: IdentifyRequest) -> None:
 
 def _led_columns(asked: IdentifyRequest, given: MeasurementMap) -> tuple[str, ...]:
     """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
-    turn = model_turn(built_machine(asked.machine, asked.config, assignments(asked.settings)))
+    turn = model_turn(asked.built)
     if turn is None:
         raise CommandError(f"{asked.machine}: expected a machine whose joints follow from a crank")
     names = [channel.quantity for channel in given.channels]
@@ -137,9 +136,7 @@ def identify_bounces(asked: IdentifyRequest) -> None:
     began = time.monotonic()
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
-    keyed = KeyedConfiguration(
-        asked.machine, machine_parameters(asked.machine, asked.config, assignments(asked.settings)), (KEY,)
-    )
+    keyed = KeyedConfiguration(asked.machine, asked.parameters, (KEY,))
     (before,) = keyed.values().tolist()
     runs, problems = [], []
     for path in asked.runs:

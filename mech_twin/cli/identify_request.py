@@ -12,10 +12,7 @@ from mech_twin.cli.console import print_table, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.parameters.load import assignments, kind_of
-from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results.opened_runs import given_map
-from mech_twin.roles import Machine
 
 FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2
@@ -32,19 +29,10 @@ class IdentifyRequest(IdentifyVerb):
         if self.map_file is None:
             from mech_twin.cli.map import proposal
 
-            proposed = proposal(self.runs, self.configured)
+            proposed = proposal(self.runs, self.built)
             say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
             return proposed.known
-        found = given_map(self.map_file, self.configured)
-        kind = kind_of(self.machine)
-        if found.machine != kind:
-            raise CommandError(f"{self.map_file}: key 'machine', value {found.machine!r}: expected {kind!r}")
-        return found
-
-    @cached_property
-    def configured(self) -> Machine:
-        """The machine as it is configured."""
-        return built_machine(self.machine, self.config, assignments(self.settings))
+        return given_map(self.map_file, self.built)
 
     @property
     def begin_bound_s(self) -> float:

@@ -171,11 +171,7 @@ def info_record(info: BagInfo) -> dict[str, Any]:
         "duration_s": info.duration_s,
         "message_count": info.message_count,
         "topics": {
-            name: {
-                "type": topic.type_name,
-                "messages": topic.message_count,
-                "counters": info.counters.get(name, {}),
-            }
+            name: {"type": topic.type_name, "messages": topic.message_count, "counters": info.counters.get(name, {})}
             for name, topic in info.topics.items()
         },
         "splits": [

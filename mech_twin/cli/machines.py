@@ -24,7 +24,6 @@ from mech_twin.parameters.load import (
     PAGE,
     PAGE_SUFFIXES,
     RUN_GROUP,
-    assignments,
     configuration_directories,
     configuration_file,
     configuration_text,
@@ -34,7 +33,6 @@ from mech_twin.parameters.load import (
     text_tree,
     validated,
 )
-from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.motors import with_catalogue_motor
 from mech_twin.samples import Shape
 
@@ -239,7 +237,7 @@ def export_unit(asked: FmuVerb) -> None:
     from mech_twin.fmi.export import LINUX, WINDOWS, export_fmu
     from mech_twin.fmi.unit_variables import unit_name
 
-    built = built_machine(asked.machine, asked.config, assignments(asked.settings))
+    built = asked.built
     fmi, file = asked.fmi, asked.out or Path(f"{unit_name(built)}.fmu")
     platforms = (LINUX, WINDOWS) if asked.windows else (LINUX,)
     with busy("compiling the unit"):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import ClassVar, Literal
 
 from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
-from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Settings, Written
+from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
 
 
 class ShadowVerb(Configured):
@@ -52,7 +52,7 @@ class MapVerb(Written):
     out: Path | None = option("file (.yaml) to write the map to, instead of standard output")
 
 
-class IdentifyVerb(Written):
+class IdentifyVerb(Configured):
     """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
 
     answer: ClassVar[str] = "mech_twin.cli.identify:identify_machine"
@@ -96,7 +96,6 @@ class IdentifyVerb(Written):
     scheduler: str | None = option("Dask scheduler for starts and profiles, tcp://HOST:PORT", metavar="ADDRESS")
     out: Path | None = option("directory of the results, or file (.yaml) of the configuration")
     config: Path | None = option("configuration to start from instead of the installed one", None, "--config", "--base")
-    settings: Settings = []
 
 
 class MonitorVerb(Configured):

@@ -18,7 +18,6 @@ from mech_twin.cli.monitor_baseline import (
     FeaturedRun,
     agreed,
     baseline_file,
-    check_machine,
     check_request,
     earlier_runs,
     featured_run,
@@ -28,7 +27,7 @@ from mech_twin.cli.monitor_baseline import (
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file, written_file
-from mech_twin.parameters.load import assignments, catalogue_entry, machine_parameters
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import require_extra
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.charts import CHARTS
@@ -57,7 +56,7 @@ def monitor_machine(asked: MonitorVerb) -> None:
     """Judge runs, or a sensor set; exit with 1 where a fault was found."""
     kept_file = baseline_file(asked.baseline)
     check_request(asked, kept_file)
-    parameters = machine_parameters(asked.machine, asked.config, assignments(asked.settings))
+    parameters = asked.parameters
     if asked.design:
         _design(asked, parameters)
         return
@@ -136,7 +135,6 @@ def _design(asked: MonitorVerb, parameters: Parameters) -> None:
     if asked.sensors is None or asked.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
     sensors = given_map(asked.sensors, catalogue_entry(asked.machine).build(parameters))
-    check_machine(asked.machine, asked.sensors, sensors)
     monitored = MonitoredMachine(asked.machine, parameters, sensors)
     setup = fitted_setup(
         monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed or 0), _arl0_h(asked), asked.seed or 0

@@ -149,11 +149,7 @@ class FeaturedRun(NamedTuple):
 
 
 def setup_of_runs(
-    runs: Sequence[FeaturedRun],
-    parameters: Parameters,
-    arl0_h: float,
-    seed: int,
-    sister: MonitorSetup | None = None,
+    runs: Sequence[FeaturedRun], parameters: Parameters, arl0_h: float, seed: int, sister: MonitorSetup | None = None
 ) -> MonitorSetup:
     """Return the setup of the healthy cycles of several runs; those of the first are the sensors.
 
@@ -175,7 +171,6 @@ def featured_run(
     with opened_run(path) as reader:
         built = catalogue_entry(machine).build(parameters)
         given = given_map(map_file, built) if map_file is not None else _own_map(built, parameters, reader)
-        check_machine(machine, map_file or path, given)
         parts = read_parts(reader, given)
     monitored = MonitoredMachine(machine, parameters, known_sensors(given, parts[0]))
     declared = monitored.declared
@@ -233,9 +228,3 @@ def _event_source(topic: str, contact: str, kind: str, what: str) -> Source:
     if what in GAUGE_UNITS:
         return Source(topic=f"{topic.removesuffix(IMPACTS)}{BLOW_GAUGE}", joint=what, field="effort")
     return Source(topic=topic, joint=f"{contact}/{kind}", field=EVENT_FIELDS[what])
-
-
-def check_machine(machine: str, where: Path, given: MeasurementMap) -> None:
-    """Raise where a map is of another machine."""
-    if given.machine != kind_of(machine):
-        raise CommandError(f"{where}: key 'machine', value {given.machine!r}: expected {kind_of(machine)!r}")

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 def reproduce_machines(asked: ReproduceVerb) -> None:
     """Write the comparison with the sources and, if asked, their figures; exit code 1 where a gated row fails."""
-    from mech_twin.parameters.load import assignments, machine_parameters
     from mech_twin.studies import reproduce
     from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
@@ -33,7 +32,7 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
     if config is not None or settings:
         if machine is None:
             raise CommandError("--config and --set change one machine: name it before them")
-        parameters = machine_parameters(machine, config, assignments(settings))
+        parameters = asked.parameters
     with busy("computing published values"):
         rows = reproduce(machine, parameters)
     files: list[Path] = []

@@ -21,16 +21,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import (
-    PAGE,
-    RUN_GROUP,
-    assignments,
-    catalogue_entry,
-    is_page,
-    machine_parameters,
-    run_group,
-)
-from mech_twin.parameters.load import machine as built_machine
+from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, catalogue_entry, is_page, run_group
 from mech_twin.process.dependencies import require_modules
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.simulation import event_record
@@ -45,9 +36,9 @@ def run_machine(request: RunVerb) -> None:
     settle_domain(request.open_to_other_hosts)  # before anything large is loaded: where memory runs out is not chosen
     _check(request)
     require_modules("rclpy")  # before a view is opened
-    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    parameters = request.parameters
     if is_page(request.machine):
-        built_machine(request.machine, request.config, assignments(request.settings))  # refuses what cannot start
+        request.built  # noqa: B018 # refuses what cannot start
         request = _of_page(request, parameters)
     say_consequences(request.machine, request.config, request.settings)
     directory = _recording_directory(request)

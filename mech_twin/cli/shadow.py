@@ -29,7 +29,7 @@ from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
-from mech_twin.parameters.load import assignments, catalogue_entry, document_tree, kind_of, machine_parameters
+from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 def shadow_machine(request: ShadowVerb) -> None:
     """Follow a machine until stopped and, at the end, tell what came of it."""
-    parameters = machine_parameters(request.machine, request.config, assignments(request.settings))
+    parameters = request.parameters
     if request.black_box is not None:
         check_output_directory(request.black_box, force=True)
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
@@ -182,11 +182,7 @@ def _map_of(request: ShadowVerb, parameters: Parameters) -> MeasurementMap | Non
         return None
     from mech_twin.results.opened_runs import given_map
 
-    given = given_map(request.given_map, catalogue_entry(request.machine).build(parameters))
-    kind = kind_of(request.machine)
-    if given.machine != kind:
-        raise CommandError(f"{request.given_map}: key 'machine', value {given.machine!r}: expected {kind!r}")
-    return given
+    return given_map(request.given_map, catalogue_entry(request.machine).build(parameters))
 
 
 def _report(request: ShadowVerb, outcome: ShadowOutcome) -> None:

@@ -27,8 +27,7 @@ from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
-from mech_twin.parameters.load import assignments, catalogue_entry, description_text
-from mech_twin.parameters.load import machine as built_machine
+from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.dependencies import require_extra
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.results.opened_runs import given_map, topic_field
@@ -46,7 +45,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
     """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
     check_outputs(asked.bag, asked.table, asked.sensors, force=asked.force)
     name = asked.machine
-    machine = built_machine(name, asked.config, assignments(asked.settings))
+    machine = asked.built
     say_consequences(name, asked.config, asked.settings)
     books = energy_books(asked, machine)
     with busy("compiling kernels, once after an installation or a change"):
@@ -194,8 +193,6 @@ def _table(stack: ExitStack, table: Path, machine: Machine, force: bool) -> Outp
 
 
 def _sensors(stack: ExitStack, asked: SimulateVerb, machine: Machine, sensors: MeasurementMap) -> Output:
-    if sensors.machine != machine.name:
-        raise CommandError(f"{asked.sensors}: key 'machine', value {sensors.machine!r}: expected {machine.name!r}")
     bench = SensorBench(sensors, machine_columns(machine), machine.coupling_step_s, asked.seed, machine.gauge)
     takers: list[Callable[[Reading], None]] = []
     if asked.table is not None:

@@ -15,7 +15,6 @@ from mech_twin.cli.study_options import (
     bounds_of,
     check_report,
     checked_output,
-    configured,
     limits_of,
     notes_of,
     ranges_of,
@@ -46,7 +45,7 @@ def answer_size(asked: SizeVerb) -> None:
     if shows_limits(limits, machine, "sizing"):
         return
     out = checked_output(asked, "sized.yaml", YAML_SUFFIXES)
-    parameters = configured(asked)
+    parameters = asked.parameters
     with study_errors(), told(f"sizing {machine}"):
         answer = size(
             machine, parameters, limits=limits_of(limits), objective=asked.objective, tolerance=asked.tolerance
@@ -101,7 +100,7 @@ def answer_search(asked: SearchVerb) -> None:
     several = len(asked.objective) > 1
     extras = ("plots",) if asked.report is not None and several else ()
     out = checked_output(asked, "found.yaml", YAML_SUFFIXES, *extras)
-    parameters = configured(asked)
+    parameters = asked.parameters
     studied = Studied(asked, parameters)
     with study_errors(), told(f"searching {'runs' if by_runs else 'designs'} of {asked.machine}"):
         found = _searched(asked, parameters, by_runs=by_runs)
@@ -181,7 +180,7 @@ def answer_designs(asked: DesignsVerb) -> None:
     check_report(asked.report, force=asked.force)
     if out is not None:
         require_extra("tables")
-    parameters = configured(asked)
+    parameters = asked.parameters
     with study_errors(), counted("designs") as progress:
         begun = time.monotonic()
         found = designs(
@@ -207,7 +206,7 @@ def answer_synthesise(asked: SynthesiseVerb) -> None:
     machine, speed = asked.machine, asked.impact_speed_m_per_s
     out = checked_output(asked, "robust.yaml", YAML_SUFFIXES)
     with study_errors(), told(f"synthesising a cycle of {machine}"):
-        studied = Studied(asked, configured(asked))
+        studied = Studied(asked, asked.parameters)
         options = studied.options(*ROBUST)
         found = synthesise(machine, speed, parameters=studied.parameters, options=options, periods=asked.periods)
         notes = notes_of(impact_speed_m_per_s=speed, seed=asked.seed, cycle=found.chosen)

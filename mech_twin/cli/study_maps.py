@@ -9,7 +9,7 @@ from typing import Any
 
 from mech_twin.cli.console import counted, print_csv, print_json, print_table, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import axes_of, checked_output, configured, study_errors
+from mech_twin.cli.study_options import axes_of, checked_output, study_errors
 from mech_twin.cli.study_report import MOST_ROWS, Studied, report_sweep
 from mech_twin.cli.study_verbs import RegimesVerb, SweepVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -34,7 +34,7 @@ def answer_sweep(asked: SweepVerb) -> None:
     if not asked.no_picture:
         check_output_file(table.with_suffix(".png"), force=asked.force)
         require_extra("plots")
-    parameters = configured(asked)
+    parameters = asked.parameters
     with study_errors(), counted("sweeping") as progress:
         try:
             done = sweep(
@@ -103,7 +103,7 @@ def answer_regimes(asked: RegimesVerb) -> None:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()
     with study_errors(), counted("regimes") as progress:
-        studied = Studied(asked, configured(asked))
+        studied = Studied(asked, asked.parameters)
         found = regimes(
             machine, values, key, parameters=studied.parameters, settling_periods=asked.settling, progress=progress
         )

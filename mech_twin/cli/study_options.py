@@ -10,20 +10,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
 from mech_twin.capabilities.progress import listening
 from mech_twin.cli.console import FIRST_ESTIMATE_S, counted, estimate, print_numbers, say
 from mech_twin.cli.failure import CommandError
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file
-from mech_twin.parameters.load import assignments, machine_parameters
 from mech_twin.parameters.yaml_text import scalar
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.asking import asked_of
 
+Value = TypeVar("Value")
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
 HELP = "help"  # in place of a limit
@@ -83,49 +82,55 @@ def shows_limits(texts: Sequence[str], machine: str, capability: str) -> bool:
 
 def limits_of(texts: Sequence[str]) -> dict[str, float]:
     """Return names and numbers of ``NAME=VALUE``."""
-    limits = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        try:
-            limits[name.strip()] = float(value)
-        except ValueError as error:
-            raise CommandError(f"--limit {text}: expected NAME=NUMBER") from error
-        if not equals or math.isnan(limits[name.strip()]):
-            raise CommandError(f"--limit {text}: expected NAME=NUMBER")
-    return limits
+
+    def number(values: str) -> float:
+        if math.isnan(found := float(values)):
+            raise ValueError
+        return found
+
+    return _assigned("--limit", texts, "NAME=NUMBER", number)
 
 
 def ranges_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return names and ranges of ``NAME=LOW:HIGH``, either left out where there is none; a number alone is HIGH."""
-    ranges = {}
-    for text in texts:
-        name, _, values = text.partition("=")
+
+    def ends(values: str) -> tuple[float, float]:
         low, _, high = values.rpartition(":")
-        try:
-            ranges[name.strip()] = float(low or -math.inf), float(high or math.inf)
-        except ValueError as error:
-            raise CommandError(f"--limit {text}: expected NAME=HIGH or NAME=LOW:HIGH") from error
-    return ranges
+        return float(low or -math.inf), float(high or math.inf)
+
+    return _assigned("--limit", texts, "NAME=HIGH or NAME=LOW:HIGH", ends)
 
 
-def bounds_of(texts: list[str]) -> dict[str, tuple[float, float]]:
+def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return names and bounds of ``NAME=LOW:HIGH``, or of ``NAME=VALUE`` for a variable that is held."""
-    bounds = {}
-    for text in texts:
-        name, equals, values = text.partition("=")
+
+    def ends(values: str) -> tuple[float, float]:
         low, _, high = values.partition(":")
-        try:
-            bounds[name.strip()] = (float(low), float(high or low))
-        except ValueError as error:
-            raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH") from error
-        if not equals or not name.strip():
-            raise CommandError(f"--bound {text}: expected NAME=LOW:HIGH")
-        if high and float(low) > float(high):
+        return float(low), float(high or low)
+
+    bounds = _assigned("--bound", texts, "NAME=LOW:HIGH", ends)
+    for name, (low, high) in bounds.items():
+        if low > high:
             raise CommandError(
-                f"--bound {text}: bounds of {name.strip()}: the lower bound is above the upper one; "
-                f"expected {name.strip()}={high}:{low}"
+                f"--bound {name}={low:g}:{high:g}: bounds of {name}: the lower bound is above the upper one; "
+                f"expected {name}={high:g}:{low:g}"
             )
     return bounds
+
+
+def _assigned(option: str, texts: Sequence[str], expected: str, read: Callable[[str], Value]) -> dict[str, Value]:
+    """Return what stands behind each ``NAME=`` as ``read`` has it, which raises a ValueError where it cannot."""
+    found = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        try:
+            value = read(values)
+        except ValueError as error:
+            raise CommandError(f"{option} {text}: expected {expected}") from error
+        if not equals or not name.strip():
+            raise CommandError(f"{option} {text}: expected {expected}")
+        found[name.strip()] = value
+    return found
 
 
 def checked_output(asked: Any, usual: str, suffixes: Sequence[str], *extras: str) -> Path:
@@ -148,11 +153,6 @@ def check_report(report: Path | None, *, force: bool) -> None:
     """Raise an OutputError where the report could not be written."""
     if report is not None:
         check_output_file(report, force=force, suffixes=(".html",))
-
-
-def configured(asked: Any) -> Parameters:
-    """Return the configuration that a study is of."""
-    return machine_parameters(asked.machine, asked.config, assignments(asked.settings))
 
 
 @contextmanager

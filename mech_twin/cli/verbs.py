@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from mech_twin.cli.verb import Apart, Beside, Rules, Verb, argument, option
+
+if TYPE_CHECKING:
+    from mech_twin.declarations.quantity import Parameters
+    from mech_twin.roles import Machine
 
 MachineName = Annotated[
     str, argument("machine, or the beginning of its name (see `mech-twin list`)", complete="machines")
@@ -51,8 +56,23 @@ class Written(Verb):
 class Configured(Written):
     """A verb on a machine as it is configured."""
 
+    machine: Any
     config: Config = None
     settings: Settings = []
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """The configuration, with its settings."""
+        from mech_twin.parameters.load import assignments, machine_parameters
+
+        return machine_parameters(self.machine, self.config, assignments(self.settings))
+
+    @cached_property
+    def built(self) -> Machine:
+        """The machine as it is configured."""
+        from mech_twin.parameters.load import assignments, machine
+
+        return machine(self.machine, self.config, assignments(self.settings))
 
 
 class ListVerb(Verb):

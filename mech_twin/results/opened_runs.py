@@ -81,11 +81,20 @@ def columns_of(name: str) -> Mapping[str, str]:
 
 
 def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
-    """Return the map of a file, checked against the machine it names: the configured one, else as it is installed."""
+    """Return the map of a file, checked against the machine it names: the configured one, else as it is installed.
+
+    Raises
+    ------
+    MeasurementError
+        It is of another machine than the configured one.
+    """
     if configured is None:
         return read_map(path, columns_of)
     known = machine_columns(configured)
-    return read_map(path, lambda name: known if name == configured.name else columns_of(name))
+    found = read_map(path, lambda name: known if name == configured.name else columns_of(name))
+    if found.machine != configured.name:
+        raise MeasurementError(path, f"key 'machine', value {found.machine!r}: expected {configured.name!r}")
+    return found
 
 
 def configured_map(path: Path, config: Path | None) -> MeasurementMap:

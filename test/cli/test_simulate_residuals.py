@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 from catalogue import NAMES, built
 
-from mech_twin.cli import simulate
 from mech_twin.cli.simulate import simulate_machine
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.roles import Machine
@@ -30,7 +29,7 @@ class Limited:
 
 
 def simulated(machine: Machine, monkeypatch: pytest.MonkeyPatch, duration_s: float = 0.1, as_json: bool = True) -> None:
-    monkeypatch.setattr(simulate, "built_machine", lambda *arguments: machine)
+    monkeypatch.setattr(SimulateVerb, "built", machine)
     simulate_machine(SimulateVerb(machine=machine.name, duration_s=duration_s, as_json=as_json))
 
 
