@@ -38,7 +38,7 @@ from measured import add_rows, here
 from process_run import ProcessRun
 from soak_report import SERVER, Comparison, Told, faults, lag_cell, memory_cell
 
-from mech_twin.nodes.ends_with_launch import PARENT
+from mech_twin.nodes.run.domain import PARENT
 from mech_twin.parameters.load import machine
 from mech_twin.roles import Machine
 
