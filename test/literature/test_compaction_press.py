@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mech_twin.machines.compaction_press.cycle import POSITIONS, gains, press_cycle
-from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.metrics import conditions
 from mech_twin.machines.compaction_press.parameters import press_constants
+from mech_twin.machines.compaction_press.sizing import flywheel_run
 from mech_twin.parameters.load import machine
 from mech_twin.parts.four_bar import acute_angles, closure_error, coefficients, position
 

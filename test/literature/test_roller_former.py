@@ -8,8 +8,8 @@ import pytest
 from roller_former_cases import machine_for, parameters_for
 
 from mech_twin.machines.roller_former.cart_statics import load_moments
+from mech_twin.machines.roller_former.drive_choice import catalogue_check
 from mech_twin.machines.roller_former.metrics import moment_metrics
-from mech_twin.machines.roller_former.motor_choice import catalogue_check
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.published import table_1_case, table_2_metrics
 from mech_twin.parts.induction_motor import motor_torque

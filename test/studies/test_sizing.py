@@ -9,9 +9,8 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import SizingQuestion
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import press_reduced
-from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.parameters import press_constants
-from mech_twin.machines.compaction_press.sizing import ASSUMED, moved
+from mech_twin.machines.compaction_press.sizing import ASSUMED, flywheel_run, moved
 from mech_twin.machines.vibration_crank.sizing import balance_at, box_corners, sizing
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from math import radians
 
 from mech_twin.capabilities.published import DIFFERS, Literature, PublishedRow
-from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress
+from mech_twin.machines.compaction_press.sizing import flywheel_run
 
 PAPER = "Asfandiyarov et al. 2019"
 WORKED = "worked for the assumed press"

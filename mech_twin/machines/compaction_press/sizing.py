@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from itertools import product
-from math import degrees, isnan, nan
+from math import copysign, degrees, isnan, nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,13 +15,15 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import configuration_tree
-from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, press_cycle, turn_flywheel
+from mech_twin.engine.crank_state import Transmission
+from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, turn_flywheel
 from mech_twin.machines.compaction_press.dynamics import Press
-from mech_twin.machines.compaction_press.flywheel_run import flywheel_run
 from mech_twin.machines.compaction_press.metrics import conditions
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
-from mech_twin.parts.flywheel import non_uniformity, wittenbauer
+from mech_twin.machines.compaction_press.roles import press_linkage
+from mech_twin.parts.flywheel import non_uniformity, start_speed, wittenbauer
 from mech_twin.parts.four_bar import Link
+from mech_twin.samples import MotorSample
 
 LIMITS: dict[str, float] = {"non_uniformity": nan}  # nan: the configured one
 OBJECTIVES = ("flywheel_inertia_kg_m2",)
@@ -222,3 +224,49 @@ def worst_case(parameters: CompactionPress, delta: float, tolerance: float, seed
         factors = {key: float(random.uniform(1.0 - tolerance, 1.0 + tolerance)) for key in where}
         where = max((where, factors), key=asked)
     return WorstCase(asked(where), moved(parameters, where), where, tried + len(known))
+
+
+class FlywheelRun(NamedTuple):
+    """What a time run shows: non-uniformity (1), smallest and largest speed (rad/s), drift of speed over a turn (1)."""
+
+    non_uniformity: float
+    speed_min_rad_per_s: float
+    speed_max_rad_per_s: float
+    drift: float
+
+
+def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: float = 1e-4) -> FlywheelRun:
+    """Return the speed's range over one turn under the constant mean torque with this flywheel (kg m2).
+
+    The run is integrated in time by the same kernels as the twin's, and starts on the energy curve that just touches
+    w_m (1 + delta/2); nothing of the sizing's closed form enters it but that first speed.
+    """
+    press, stroke = press_constants(parameters, fitted=False)
+    speed, delta = parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity
+    cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)
+    first = start_speed(cycle.work_j, cycle.inertia_kg_m2, delta, abs(speed), inertia_kg_m2)
+    linkage = press_linkage(
+        press,
+        stroke,
+        step_s,
+        copysign(first, speed),
+        1.0,
+        speed,
+        "contact",
+        Transmission(1.0, 1.0, inertia_kg_m2),
+    )
+    torque = mean_torque(press, stroke, speed)
+    sample = linkage.start()
+    crank = sample.joint("crank")
+    speeds = [abs(crank.velocity)]
+    while abs(crank.position) < 2.0 * pi:
+        before = crank
+        motor = MotorSample(sample.step, sample.time_s, ("motor",), (0.0,), (0.0,), (torque,), 1.0)
+        sample = linkage.advance(sample, motor, None)
+        crank = sample.joint("crank")
+        speeds.append(abs(crank.velocity))
+        speeds += [abs(at_event.velocity) for event in sample.events for at_event in event.pre]
+    share = (2.0 * pi - abs(before.position)) / (abs(crank.position) - abs(before.position))
+    end = abs(before.velocity) + share * (abs(crank.velocity) - abs(before.velocity))
+    low, high = min(speeds), max(speeds)
+    return FlywheelRun(2.0 * (high - low) / (high + low), low, high, end / first - 1.0)

@@ -88,7 +88,7 @@ def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.machines.impact_mass import long_run_answers, monitoring, plots, published
-    from mech_twin.machines.impact_mass.anchored_motion import ANCHORED_MOTION
+    from mech_twin.machines.impact_mass.monitoring import ANCHORED_MOTION
 
     return Capabilities(
         published=published.rows,

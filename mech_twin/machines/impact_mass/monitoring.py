@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a monitor asks of the machine: features of a cycle, and faults."""
+"""What a monitor and a shadow ask of the machine: features of a cycle, faults, what anchors its motion."""
 
 from __future__ import annotations
 
+from mech_twin.capabilities.anchored_motion import AnchoredMotion
 from mech_twin.capabilities.cycle import (
     CycleFeatures,
     CycleReference,
@@ -16,6 +17,7 @@ from mech_twin.capabilities.cycle import (
 )
 from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
 from mech_twin.capabilities.gauge_features import gauge_features
+from mech_twin.machines.impact_mass.mass_row import anchor_at
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.wave_stop import StopRod
 
@@ -73,3 +75,17 @@ def faults(parameters: ImpactMass) -> tuple[MachineFault, ...]:
         share_of_key("second_level", "the force of the second phase is off", "phase2_force_n", EITHER),
         added_to_key("stop_moved", "the stop has moved", "stop_position_m", "m", (-0.02, -0.005, 0.005, 0.02)),
     )
+
+
+GAP, ORIGIN = "linkage.memory.anchor_gap_m", "linkage.memory.origin_step_1"
+ANCHORED_MOTION = AnchoredMotion(
+    later={
+        GAP: ("linkage.mass.position", -1.0),
+        "linkage.memory.anchor_velocity_m_per_s": ("linkage.mass.velocity", 1.0),
+        ORIGIN: (ORIGIN, 1.0),
+    },
+    origin=ORIGIN,
+    tau="linkage.memory.anchor_tau_s",
+    not_below_zero=(GAP,),  # the mass cannot be beyond the stop
+    anchor_at=anchor_at,
+)

@@ -9,7 +9,7 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, INK, RED, Picture, published, sheet, turn_axis
 from mech_twin.machines.roller_former.cart_statics import cart_load, load_moments
-from mech_twin.machines.roller_former.coupling_choice import (
+from mech_twin.machines.roller_former.drive_choice import (
     STUDIED_DAMPING,
     SWEEP_DAMPING,
     damping_sweep,

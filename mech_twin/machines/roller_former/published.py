@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from mech_twin.capabilities.published import CHANGED, CONTRADICTS, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.roller_former.coupling_choice import installation
+from mech_twin.machines.roller_former.drive_choice import installation
 from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.steady import steady_turn

@@ -15,13 +15,15 @@ from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import configuration_tree
-from mech_twin.machines.roller_former.coupling_choice import (
+from mech_twin.machines.roller_former.drive_choice import (
     SWEEP_DAMPING,
     SWEEP_STIFFNESS,
     CouplingPoint,
+    MotorVerdict,
     coupling_point,
+    motor_selection,
+    power_required_w,
 )
-from mech_twin.machines.roller_former.motor_choice import MotorVerdict, motor_selection, power_required_w
 from mech_twin.machines.roller_former.parameters import SET_KEYS, RollerFormer, former_of
 from mech_twin.machines.roller_former.steady import steady_turn
 

@@ -4,7 +4,7 @@
 import pytest
 from roller_former_cases import parameters_for
 
-from mech_twin.machines.roller_former.coupling_choice import (
+from mech_twin.machines.roller_former.drive_choice import (
     PUBLISHED_STIFFNESS,
     damping_sweep,
     installation,

@@ -4,7 +4,7 @@
 import pytest
 from roller_former_cases import parameters_for
 
-from mech_twin.machines.roller_former.motor_choice import (
+from mech_twin.machines.roller_former.drive_choice import (
     motor_selection,
     motor_verdict,
     power_required_w,
