@@ -13,7 +13,7 @@ import numpy as np
 
 from mech_twin.cli.console import print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.identify_request import IdentifyRequest, show_keys, split_runs
+from mech_twin.cli.identify import IdentifyRequest, show_keys, split_runs
 from mech_twin.files.output_file import check_output_file
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError

@@ -96,7 +96,7 @@ def _reference(file: Path, machine: str, parameters: Parameters, given: Measurem
 
 def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
     """Return the keys that may be identified, and their bounds."""
-    from mech_twin.cli.identify_request import bounded_keys
+    from mech_twin.cli.identify import bounded_keys
     from mech_twin.studies.identification.free_keys import AUTO, machine_keys
     from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 
