@@ -9,6 +9,8 @@ batch, a time step beside MuJoCo's of a loop closed by a soft constraint.  Resul
 from __future__ import annotations
 
 import math
+import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -16,15 +18,10 @@ import pylinkage
 from comparison import Table, in_turn, measure, ratio
 from pylinkage.simulation import Linkage
 
-from mech_twin.machines.compaction_press.batch import (
-    batch_forces,
-    batch_motions,
-    batch_positions,
-    design_row,
-    driven_run,
-    full_turn,
-)
 from mech_twin.parameters.load import machine
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
+from four_bar_batch import batch_forces, batch_motions, batch_positions, design_row, driven_run, full_turn
 
 COUNT = 100_000
 SOLVED, STEPS, ROUNDS, CRANK_NM = 10_000, 1000, 11, 60.0

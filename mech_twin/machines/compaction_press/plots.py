@@ -20,7 +20,6 @@ from mech_twin.capabilities.plots import (
     sheet,
     turn_axis,
 )
-from mech_twin.machines.compaction_press.batch import full_turn
 from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gains, press_cycle, regime_at
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
@@ -111,7 +110,7 @@ def _closed(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.
 
 
 def _reactions(press: Press, stroke: Stroke, speed: float) -> Picture:
-    angles = full_turn(720)
+    angles = np.arange(720) * (2.0 * np.pi / 720)
     loads = [press_reduced(press, f, regime_at(stroke, f, speed)).force for f in angles]
     pins = np.array([press_pins(press, f, speed, 0.0, load) for f, load in zip(angles, loads, strict=True)])
     figure, (axes,) = sheet()

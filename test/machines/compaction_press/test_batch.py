@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
+from four_bar_batch import batch_forces, batch_motions, batch_positions, full_turn
 
-from mech_twin.machines.compaction_press.batch import batch_forces, batch_motions, batch_positions, full_turn
 from mech_twin.machines.compaction_press.dynamics import press_pins, press_state
 from mech_twin.parameters.load import machine
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Many positions of many four-bars at once: positions, rates and accelerations, every pin force.
+"""Many positions of many four-bars at once, to compare with peers: positions, rates, accelerations, pin forces.
 
 One compiled loop over designs and crank angles on all cores; the same scalar kernels as a live step.
 """
