@@ -7,8 +7,10 @@
     motor.command=0.8@12                  the asked fraction of rated supply frequency
     motor.torque_curve=single_phase@12    a line of an induction motor's supply opens
     supply_frequency=-4%@12..20           a variable of the operating point, along a ramp from 12 s to 20 s
+    bearing_friction=2@12                 a fault of the machine by its size, also of keys that are fixed in a run
 
-A sag is a change and its way back.  Shares are of the value before; those of an operating point of the healthy value.
+A sag is a change and its way back.  Shares are of the value before; those of faults and of an operating point of the
+healthy value.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from mech_twin.capabilities.faults import MachineFault
+from mech_twin.capabilities.operating_point import OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
@@ -26,6 +30,7 @@ from mech_twin.declarations.configuration_tree import (
     tree_from_flat,
 )
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.machines.catalog import Entry
 from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.parts.induction_motor import InductionMotorParameters
@@ -124,18 +129,15 @@ class ChangingMachine:
         if count > MOST_RAMP_STEPS:
             longest_s = MOST_RAMP_STEPS * RAMP_STEP_S
             raise ConfigurationError(f"--change {change.text}: expected a ramp of at most {longest_s:g} s")
-        ask = entry.capabilities.operating
-        variables = {} if ask is None else {each.name: each for each in ask(self._machines[0][1].parameters)}
-        variable, at_first = variables.get(change.key), self._point.get(change.key, 0.0)
+        made = self._named_changes(entry)
+        named, at_first = made.get(change.key), self._point.get(change.key, 0.0)
         for i in range(1, count + 1):
-            if variable is not None:
-                if change.share is None:
-                    raise ConfigurationError(f"--change {change.text}: expected a share, such as {change.key}=-2%@12")
-                self._point[change.key] = at_first + (change.share - at_first) * i / count
+            if named is not None:
+                self._point[change.key] = at_first + (_size(change, named) - at_first) * i / count
                 changes: dict[str, Any] = {}
                 healthy = self._machines[0][1].parameters
-                for key, share in self._point.items():
-                    changes |= variables[key].changes(varied(healthy, changes), share)
+                for key, size in self._point.items():
+                    changes |= made[key].changes(varied(healthy, changes), size)
                 tree = merged_tree(configuration_tree(before), tree_from_flat(changes))
                 parameters = validated(entry, tree, f"--change {change.text}")
             else:
@@ -143,6 +145,16 @@ class ChangingMachine:
             time_s = change.until_s if i == count else change.time_s + (change.until_s - change.time_s) * i / count
             step = math.ceil(time_s / self._step_s - 1e-9)
             self._machines.append((step, entry.build(parameters)))
+
+    def _named_changes(self, entry: Entry) -> dict[str, MachineFault | OperatingVariable]:
+        """Return faults and variables of the operating point by name; a live key of the name goes before a fault."""
+        healthy, told = self._machines[0][1].parameters, entry.capabilities
+        faults = () if told.faults is None else told.faults(healthy)
+        live = dict(live_numbers(healthy))
+        found: dict[str, MachineFault | OperatingVariable] = {
+            fault.name: fault for fault in faults if fault.changes(healthy, fault.sizes[0]) and fault.name not in live
+        }
+        return found | {each.name: each for each in (told.operating(healthy) if told.operating else ())}
 
     def command(self, step: int) -> float:
         """Return the asked fraction of rated supply frequency at a step."""
@@ -162,6 +174,18 @@ class ChangingMachine:
     def revisions(self) -> tuple[tuple[int, Machine], ...]:
         """The machines in force, each with the step from which it is."""
         return tuple(self._machines)
+
+
+def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
+    """Return the size of a fault or the share of a variable that a change asks for."""
+    unit = named.unit if isinstance(named, MachineFault) else "1"
+    if unit == "1":
+        if change.share is None:
+            raise ConfigurationError(f"--change {change.text}: expected a share, such as {change.key}=-2%@12")
+        return change.share
+    if change.share is not None or isinstance(change.value, bool) or not isinstance(change.value, int | float):
+        raise ConfigurationError(f"--change {change.text}: expected a size, a number of unit {unit}")
+    return float(change.value)
 
 
 def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float) -> Parameters:

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mech_twin.capabilities.faults import value_at
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.measurements.units import UNITS
+from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.results.opened_runs import columns_of
@@ -77,6 +80,29 @@ def test_each_fault_is_a_legal_configuration_at_every_size(name: str) -> None:
             changes = fault.changes(machine.parameters, size)
             assert changes or fault.command(size) != 1.0
             assert machine.varied(changes) != machine.parameters or not changes, (fault.name, size)
+
+
+@pytest.mark.parametrize("name", MONITORED)
+def test_each_fault_at_each_size_can_be_made_by_a_change_in_a_run(name: str) -> None:
+    machine = monitored(name)
+    healthy = machine.entry.build(machine.parameters)
+    for fault in machine.faults:
+        for size in fault.sizes:
+            text = f"{fault.name}={100.0 * size!r}%@1" if fault.unit == "1" else f"{fault.name}={size!r}@1"
+            if not fault.changes(machine.parameters, size):
+                text = f"motor.command={fault.command(size)!r}@1"
+            run = ChangingMachine(healthy, live_changes([text]))
+            later = run.revisions[-1][1].parameters
+            for key, wanted in fault.changes(machine.parameters, size).items():
+                made = value_at(later, key) if wanted is not None else None
+                assert made == (pytest.approx(wanted, rel=1e-12) if isinstance(wanted, float) else wanted), text
+            assert run.command(round(2.0 / healthy.coupling_step_s)) == pytest.approx(fault.command(size))
+
+
+def test_the_size_of_a_fault_is_asked_for_in_its_unit() -> None:
+    drum = monitored("winding_drum")
+    with pytest.raises(ConfigurationError, match=r"eccentricity=20%@1: expected a size, a number of unit m"):
+        ChangingMachine(drum.entry.build(drum.parameters), live_changes(["eccentricity=20%@1"]))
 
 
 def test_a_motor_that_has_lost_a_share_of_its_torque_has_lost_it_at_every_slip() -> None:
