@@ -1,5 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a monitor asks of the machine: features of a cycle, faults, the operating point."""
+"""What a monitor asks of the winding drum: features of a turn, faults, the operating point.
+
+The package runs off, so a turn is compared with the model's torque at the radius R that the yarn of that turn tells.
+Torque is linear in the package's density, M = M_0 + k M_1 with k = 1 as configured.  k follows from the turn by least
+squares.  What is left drifts neither with the radius nor, on another density, with its effect at that radius::
+
+    k = <M_1, M - M_0>/<M_1, M_1>,      R(phi) = R - L (phi - pi)
+"""
 
 from __future__ import annotations
 
@@ -23,26 +30,24 @@ from mech_twin.capabilities.operating_point import FREQUENCY_RANGE, OperatingVar
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.wound_package import Package, package_mass, wound_at
+from mech_twin.machines.winding_drum.wound_package import Package, wound_at
 
 DRUM, YARN, TORQUE = "linkage.drum.position", "linkage.yarn.position", "linkage.drum.effort"
-ANGLES: Array = np.arange(24, dtype=np.float64) * (TURN / 24.0)
-EVEN = np.full(len(ANGLES), 1.0 / len(ANGLES))
-GRAVITY = 9.80665
 RUN_UP_S = 16.0
+STEADY = 0.0025  # of twice the yarn's speed, by which it may differ in the halves of a turn: inertia is not told then
 # a sensor of the yarn that is stuck, or tells nonsense, tells of no package
 LEAST_OF_CORE, MOST_OF_CORE = 0.5, 1000.0
 
 
 def features(parameters: WindingDrum) -> CycleFeatures:
-    """Return the features of a turn: torque beside the model's, and the package's run-out."""
+    """Return the features of a turn: density, torque beside the model's, and the package's run-out."""
     package = package_constants(parameters, parameters.direction == "winding")
     return CycleFeatures(
         CycleReference(DRUM),
         (
-            _torque_left("torque_left_nm", "N.m", package, 0, "mean torque less that of the model at this radius"),
-            _torque_left("weight_cos_1_m", "m", package, 1, "the same, cosine of the turn, over the package's weight"),
-            _torque_left("weight_sin_1_m", "m", package, -1, "the same, sine of the turn, over the package's weight"),
+            _density(package),
+            _torque_left("torque_left_nm", package, 0, "mean torque less that of the model at this radius and density"),
+            _torque_left("torque_left_cos_1_nm", package, 1, "the same, cosine of the turn"),
             _run_out("run_out_cos_1_m", "cos", "offset of the package by the drum's speed, cosine of the turn"),
             _run_out("run_out_sin_1_m", "sin", "offset of the package by the drum's speed, sine of the turn"),
         ),
@@ -52,40 +57,56 @@ def features(parameters: WindingDrum) -> CycleFeatures:
 
 
 def _yarn_per_radian(cycle: SampledCycle) -> float:
-    """Return the slope of yarn over drum angle (m): the radius of the package."""
+    """Return the slope of yarn over drum angle (m): the radius of the package; nan while the yarn changes speed."""
     yarn = cycle.channels[YARN]
+    half = len(yarn.values) // 2
+    before, after = (fitted_slope(yarn.times_s[part], yarn.values[part]) for part in (slice(half), slice(half, None)))
+    if not abs(after - before) <= STEADY * abs(before + after):
+        return math.nan
     return fitted_slope(yarn.phase_rad, yarn.values)
 
 
-def _torque_left(name: str, unit: str, package: Package, order: int, meaning: str) -> CycleFeature:
-    """Return a coefficient of the measured torque less the model's: order 0 the mean, 1 cosine, -1 sine."""
+def _told_density(package: Package, cycle: SampledCycle) -> tuple[float, Array, Array]:
+    """Return density over that configured, and the model's torque without and of the package at each sample."""
+    radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
+    least = max(LEAST_OF_CORE * package.core_m, package.eccentricity_m)
+    if not least < radius < MOST_OF_CORE * package.core_m:
+        return math.nan, measured.values, measured.values
+    speed = radius * TURN / cycle.period_s
+    bare = _model_torques(package._replace(density=0.0), radius, speed, measured.phase_rad)
+    wound = _model_torques(package, radius, speed, measured.phase_rad) - bare
+    whole = weighted_sum(measured.weights, wound * wound)
+    k = weighted_sum(measured.weights, wound * (measured.values - bare)) / whole if whole > 0.0 else math.nan
+    return k, bare, wound
+
+
+def _density(package: Package) -> CycleFeature:
+    return CycleFeature(
+        "density_share", "1", "density of the package over that configured", (YARN, TORQUE),
+        lambda cycle: _told_density(package, cycle)[0],
+    )  # fmt: skip
+
+
+def _torque_left(name: str, package: Package, order: int, meaning: str) -> CycleFeature:
+    """Return a coefficient of the measured torque less the model's at the density told: order 0 the mean, 1 cosine."""
 
     def of(cycle: SampledCycle) -> float:
-        radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
-        least = max(LEAST_OF_CORE * package.core_m, package.eccentricity_m)
-        if not least < radius < MOST_OF_CORE * package.core_m:
-            return math.nan
-        model = _model_torques(package, radius, radius * TURN / cycle.period_s)
-        left = _coefficient(measured.weights, measured.phase_rad, measured.values, order) - _coefficient(
-            EVEN, ANGLES, model, order
-        )
-        return left if order == 0 else left / (GRAVITY * package_mass(package, wound_at(package, radius)))
+        measured, (k, bare, wound) = cycle.channels[TORQUE], _told_density(package, cycle)
+        left = measured.values - bare - k * wound
+        if order == 0:
+            return weighted_sum(measured.weights, left)
+        return fourier_coefficient(measured.weights, measured.phase_rad, left, order, False)
 
-    return CycleFeature(name, unit, meaning, (YARN, TORQUE), of)
-
-
-def _coefficient(weights: Array, phase_rad: Array, values: Array, order: int) -> float:
-    if order == 0:
-        return weighted_sum(weights, values)
-    return fourier_coefficient(weights, phase_rad, values, 1, order < 0)
+    return CycleFeature(name, "N.m", meaning, (YARN, TORQUE), of)
 
 
 @kernel
-def _model_torques(package: Package, radius: float, yarn_m_per_s: float) -> Array:
-    """Return the torque of the drive at the angles of a turn."""
-    found = np.empty(len(ANGLES))
-    for i in range(len(ANGLES)):
-        found[i] = drive_torque(package, wound_at(package, radius), ANGLES[i], yarn_m_per_s, 0.0)
+def _model_torques(package: Package, radius: float, yarn_m_per_s: float, phase_rad: Array) -> Array:
+    """Return the torque of the drive at angles of a turn in whose middle the package has a radius."""
+    found = np.empty(len(phase_rad))
+    for i in range(len(phase_rad)):
+        here = radius - package.layer_m * (phase_rad[i] - math.pi)
+        found[i] = drive_torque(package, wound_at(package, here), phase_rad[i], yarn_m_per_s, 0.0)
     return found
 
 

@@ -116,6 +116,24 @@ def test_a_motor_that_has_lost_a_share_of_its_torque_has_lost_it_at_every_slip()
         assert motor_torque(weak, speed, 1.0) == pytest.approx(0.6 * motor_torque(healthy, speed, 1.0), rel=1e-12)
 
 
+@pytest.mark.parametrize("direction", ["unwinding", "winding"])
+def test_another_density_of_a_package_is_told_alike_however_much_yarn_is_on_it(direction: str) -> None:
+    drum = monitored("winding_drum")
+    usual = drum.varied({"direction": direction})
+    heavy = drum.varied({"direction": direction, "package_density_kg_per_m3": 1.1 * 450.0})
+    sensors, begin_s = without_noise(drum.sensors), drum.declared.run_up_s
+    machine = MonitoredMachine("winding_drum", usual, sensors)
+    rows = []
+    for parameters in (usual, heavy):
+        seen = seen_run(drum.entry.build(parameters), sensors, begin_s + 40.0, begin_s=begin_s)
+        rows.append(np.array([vector.values for vector in machine.vectors(seen)])[10:-1])
+    density, *others = (rows[1] - rows[0]).T
+    np.testing.assert_allclose(density, density.mean(), rtol=0.03)
+    assert density.mean() == pytest.approx(0.1, rel=0.03)
+    for name, other, noise in zip(machine.vectors(seen)[0].names[1:], others, (0.02, 0.03, 4e-5, 3e-5), strict=True):
+        assert np.abs(other).max() < 0.2 * noise, name
+
+
 def told(vectors: list[FeatureVector], monitor: Monitor) -> list[Findings]:
     return [monitor.observe(vector) for vector in vectors]
 
