@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mech_twin.engine.compiled_steps import force_step, linkage_step, motor_step, step_of
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import OPEN, Array, Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_for
+from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
+from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_in, room_sizes
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
 from mech_twin.engine.integration import Workspace
 from mech_twin.engine.sample_vectors import (
@@ -22,7 +22,8 @@ from mech_twin.engine.sample_vectors import (
     PINS,
     REGIME,
 )
-from mech_twin.kernels.kernel import kernel
+from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
 from mech_twin.mechanics.straight_line import call_straight_line
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque, motor_torque_slope
@@ -75,7 +76,7 @@ class PageForces(NamedTuple):
     quantities: int
 
 
-@kernel
+@borrowing_kernel
 def induction_motor(row: Array) -> MotorConstants:
     """Return the constants of a row's motor."""
     m = row[MOTOR_NUMBERS:]
@@ -107,7 +108,7 @@ def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) ->
         out[place], out[place + 1], out[place + 2] = ratio * position, ratio * speed, effort
 
 
-@kernel
+@borrowing_kernel
 def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
     """Fill in what the drives give in the step: forces with their slopes, accelerations of given speeds."""
     controls, command = model.system.controls, motor[MOTOR_COMMAND]
@@ -132,13 +133,13 @@ def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
         place += 3
 
 
-@kernel
+@borrowing_kernel
 def memory_place(model: PageMachine) -> int:
     """Return where the memory begins in a linkage row."""
     return LINKAGE_JOINTS + 3 * model.joints
 
 
-@kernel
+@borrowing_kernel
 def fill_state(model: PageMachine, linkage: Array, y: Array, regimes: Indices) -> None:
     """Fill state and regimes from a linkage row."""
     s = model.system
@@ -159,7 +160,7 @@ def fill_state(model: PageMachine, linkage: Array, y: Array, regimes: Indices) -
         y[2 * n + nz + 2 * nr + i] = linkage[place + i]
 
 
-@kernel
+@borrowing_kernel
 def fill_found(model: PageMachine, linkage: Array) -> None:
     """Fill in the controls what the loop has found, and the drives' efforts, from the memory of a linkage row."""
     s = model.system
@@ -172,25 +173,26 @@ def fill_found(model: PageMachine, linkage: Array) -> None:
         s.controls[i] = linkage[place + i]
 
 
-@kernel
-def page_room(system: PageSystem, size: int) -> Room:
-    """Return room for a page; its stages are whole states, since the dependent coordinates stand among the books."""
-    room = room_for(system.free, system.law_count, system.switches, size)
-    work = Workspace(room.work.rates, np.empty(size), room.work.end)
+@inline_kernel
+def page_room(system: PageSystem, size: int, numbers: Array, marks: Indices) -> Room:
+    """Return room for a page in two arrays; a stage is a whole state: dependent coordinates stand among the books."""
+    n, m, own = system.free, system.law_count, system.switches
+    room = room_in(numbers[size:], marks, n, m, own, size, DORMAND_PRINCE_5)
+    work = Workspace(room.work.rates, numbers[:size], room.work.end)
     return Room(
         room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut,
         room.series, room.before, room.tolerance, room.method, room.steps,
     )  # fmt: skip
 
 
-@kernel
+@borrowing_kernel
 def energy_held(model: PageMachine, t: float, y: Array) -> float:
     """Return kinetic and potential energy of a state (J)."""
     call_straight_line(model.report, model.system.numbers, model.system.controls, t, y, model.reported)
     return float(model.reported[2 * model.joints] + model.reported[2 * model.joints + 1])
 
 
-@kernel
+@borrowing_kernel
 def fill_efforts(
     model: PageMachine, regimes: Indices, acceleration: Array, multiplier: Array, place: int, out: Array
 ) -> None:
@@ -223,14 +225,15 @@ def fill_efforts(
         given += 3
 
 
-@kernel
-def fill_linkage(model: PageMachine, t: float, y: Array, regimes: Indices, out: Array) -> float:
+@borrowing_kernel
+def fill_linkage(
+    model: PageMachine, system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array
+) -> float:
     """Fill joints and memory of a linkage row at a state; return the energy held (J)."""
     s = model.system
     n, nz, nr, m = s.free, s.dependent, s.driven, s.law_count
-    room = page_room(s, len(y))
     tell_regimes(s, regimes)
-    find_accelerations(declared(model.entry, s, room.at), t, y, regimes, room.at)
+    find_accelerations(system, t, y, regimes, at)
     energy = energy_held(model, t, y)
     for i in range(model.joints):
         joint = LINKAGE_JOINTS + 3 * i
@@ -246,18 +249,18 @@ def fill_linkage(model: PageMachine, t: float, y: Array, regimes: Indices, out: 
         out[place + i] = y[2 * n + nz + 2 * nr + i]
     place += model.kept
     for i in range(n):
-        out[place + i] = room.at.acceleration[i]
+        out[place + i] = at.acceleration[i]
     for i in range(m):
-        out[place + n + i] = room.at.multiplier[i]
+        out[place + n + i] = at.multiplier[i]
     place += n + m
-    fill_efforts(model, regimes, room.at.acceleration, room.at.multiplier, place, out)
+    fill_efforts(model, regimes, at.acceleration, at.multiplier, place, out)
     tables = len(out) - 5 - nr - model.tables
     for i in range(model.tables):
         out[tables + i] = model.reported[2 * model.joints + 2 + i]
     return energy
 
 
-@kernel
+@borrowing_kernel
 def fill_residuals(model: PageMachine, y: Array, energy: float, begun: float, turned: float, out: Array) -> float:
     """Fill in what the loops miss (m), and the energy that is not in the books, over what was turned over (J).
 
@@ -274,26 +277,23 @@ def fill_residuals(model: PageMachine, y: Array, energy: float, begun: float, tu
     return misses
 
 
-@step_of(linkage_step, PageMachine)
-def page_step(
-    model: PageMachine, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill in the machine one coupling step later, its events located inside the step."""
-    s = model.system
-    y, regimes = np.empty(len(model.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
+@borrowing_kernel
+def try_step(
+    model: PageMachine, step: int, linkage: Array, motor: Array, out: Array, log: Array,
+    numbers: Array, marks: Indices, y: Array, regimes: Indices,
+) -> int:  # fmt: skip
+    """Fill in the machine one coupling step later; return the number of events, negative where it failed."""
+    s, t = model.system, step * model.step_s
     motor_controls(model, linkage, motor)
-    room, t, count = page_room(s, len(y)), step * model.step_s, LOG_FULL
-    room.tolerance[:] = model.tolerance
+    room = page_room(s, len(y), numbers, marks)
+    for i in range(len(y)):
+        room.tolerance[i] = model.tolerance[i]
     fill_state(model, linkage, y, regimes)
     begun = linkage[len(out) - 5] + energy_held(model, t, y) - linkage[len(out) - 3]
-    while count == LOG_FULL:
-        fill_state(model, linkage, y, regimes)
-        system = declared(model.entry, s, room.at)
-        count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
-        if count == LOG_FULL:
-            log = np.empty((2 * len(log) + 8, log.shape[1]))
+    system = declared(model.entry, s, room.at)
+    count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
     if count < 0:
-        return log, count
+        return count
     led = 2 * s.free + s.dependent + s.driven
     i = 0
     for k in range(len(model.drives)):
@@ -307,18 +307,34 @@ def page_step(
             i += 1
     regular = put_back(s, y)
     if not regular > REGULAR:
-        return log, NEAR_DEAD_POINT
+        return NEAR_DEAD_POINT
     out[REGIME], out[COMMAND] = 0.0, motor[MOTOR_COMMAND]
     for k in range(s.law_count):
         if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
             out[REGIME] = 1.0
-    energy = fill_linkage(model, (step + 1) * model.step_s, y, regimes, out)
+    energy = fill_linkage(model, system, (step + 1) * model.step_s, y, regimes, room.at, out)
     held = len(out) - 5
     turned = linkage[held + 1]
     for k in range(model.books):
         turned += abs(y[len(y) - model.kept + k] - linkage[memory_place(model) + len(regimes) + k])
     out[held], out[held + 1], out[held + 2] = begun, turned, energy
     fill_residuals(model, y, energy, begun, max(turned, abs(energy), abs(begun)), out)
+    return count
+
+
+@step_of(linkage_step, PageMachine)
+def page_step(
+    model: PageMachine, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill in the machine one coupling step later, its events located inside the step."""
+    s, size = model.system, len(model.tolerance)
+    length, places = room_sizes(s.free, s.law_count, s.switches, size)
+    numbers, marks = np.zeros(size + length), np.zeros(places, dtype=np.int64)
+    y, regimes = np.empty(size), np.empty(s.law_count + s.switches, dtype=np.int64)
+    count = try_step(model, step, linkage, motor, out, log, numbers, marks, y, regimes)
+    while count == LOG_FULL:
+        log = np.empty((2 * len(log) + 8, log.shape[1]))
+        count = try_step(model, step, linkage, motor, out, log, numbers, marks, y, regimes)
     return log, count
 
 
@@ -326,7 +342,8 @@ def page_step(
 def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Array) -> int:
     """Fill in a linkage row at the start, the regimes decided; return `SOLVED`, or less where laws contradict."""
     s = model.system
-    room = page_room(s, len(y))
+    length, places = room_sizes(s.free, s.law_count, s.switches, len(y))
+    room = page_room(s, len(y), np.zeros(len(y) + length), np.zeros(places, dtype=np.int64))
     system = declared(model.entry, s, room.at)
     candidates = np.zeros(s.law_count, dtype=np.int64)
     put_back(s, y)
@@ -335,7 +352,7 @@ def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Ar
     starting_regimes(room.at.velocity, room.at.gap, s.restitutions, regimes, candidates)
     answer = settle_regimes(system, t, y, regimes, candidates, room.at)
     let_open(room.at, regimes)
-    energy = fill_linkage(model, t, y, regimes, out)
+    energy = fill_linkage(model, system, t, y, regimes, room.at, out)
     held = len(out) - 5
     out[REGIME], out[held], out[held + 1], out[held + 2] = 0.0, energy, 0.0, energy
     for k in range(s.law_count):
@@ -345,17 +362,14 @@ def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Ar
     return min(answer, SOLVED)
 
 
-@step_of(force_step, PageForces)
-def page_forces(
-    model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
-    """Fill in the forces in the joints and of the elements, and how far the two routes to an effort differ."""
+@borrowing_kernel
+def fill_forces(model: PageForces, t: float, linkage: Array, y: Array, regimes: Indices, out: Array) -> None:
+    """Fill in the forces of a linkage row; ``y`` and ``regimes`` are room."""
     machine, s = model.machine, model.machine.system
-    y, regimes = np.empty(len(machine.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
     fill_state(machine, linkage, y, regimes)
     tell_regimes(s, regimes)
     fill_found(machine, linkage)
-    call_straight_line(model.reactions, s.numbers, s.controls, step * machine.step_s, y, model.told)
+    call_straight_line(model.reactions, s.numbers, s.controls, t, y, model.told)
     out[0] = 0.0
     for i in range(3 * model.pins + model.quantities):
         out[PINS + i] = model.told[i]
@@ -365,4 +379,14 @@ def page_forces(
     for i in range(size):
         worst = max(worst, abs(model.told[place + i]) / max(model.told[place + size + i], UNLOADED * greatest, 1e-9))
     out[PINS + place] = worst
+
+
+@step_of(force_step, PageForces)
+def page_forces(
+    model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
+) -> tuple[Array, int]:
+    """Fill in the forces in the joints and of the elements, and how far the two routes to an effort differ."""
+    s = model.machine.system
+    y, regimes = np.empty(len(model.machine.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
+    fill_forces(model, step * model.machine.step_s, linkage, y, regimes, out)
     return loads, 0
