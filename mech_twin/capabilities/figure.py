@@ -41,6 +41,27 @@ def circle(centre: Point, radius_m: float, points: int = CIRCLE_POINTS) -> Strip
     return (*strip, strip[0])
 
 
+def toothed(centre: Point, radius_m: float, teeth: int, angle: float, height_m: float) -> Strip:
+    """Return a closed gear about its pitch circle (m), the middle of a tooth at an angle (rad)."""
+    strip = []
+    for i in range(teeth):
+        for edge, out in ((-0.25, -1.0), (-0.25, 1.0), (0.25, 1.0), (0.25, -1.0)):
+            turn, reach = angle + 2.0 * pi * (i + edge) / teeth, radius_m + out * height_m
+            strip.append((centre[0] + reach * cos(turn), centre[1] + reach * sin(turn)))
+    return (*strip, strip[0])
+
+
+def spiral(centre: Point, inner_m: float, outer_m: float, begin: float, end: float, turns: int = 2) -> Strip:
+    """Return a spiral from an angle on an inner circle to one on an outer circle (m, rad), wound by whole turns."""
+    count = turns * CIRCLE_POINTS
+    strip = []
+    for i in range(count + 1):
+        share = i / count
+        turn, reach = begin + share * (end - begin + 2.0 * pi * turns), inner_m + share * (outer_m - inner_m)
+        strip.append((centre[0] + reach * cos(turn), centre[1] + reach * sin(turn)))
+    return tuple(strip)
+
+
 def box(left_m: float, low_m: float, right_m: float, high_m: float) -> Strip:
     """Return a closed rectangle (m), anticlockwise from its lower left corner."""
     return ((left_m, low_m), (right_m, low_m), (right_m, high_m), (left_m, high_m), (left_m, low_m))

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import cos, hypot, sin
+from fractions import Fraction
+from math import atan2, cos, hypot, pi, sin
 
 from mech_twin.capabilities.figure import (
     CRANK,
@@ -19,6 +20,8 @@ from mech_twin.capabilities.figure import (
     circle,
     coil,
     hatched,
+    spiral,
+    toothed,
 )
 from mech_twin.machines.page.assembly import exact_turn
 from mech_twin.machines.page.parameters import GROUND as GROUND_NAME
@@ -94,6 +97,7 @@ class PageDrawing:
                 text = "" if name in sliding else name
                 made.append(Shape(name, "line", closed, colour, self._width, text))
         self._elements(made, at, places)
+        self._turning(made, at, motion)
         pins = [at(j.between[1]) for j in page.joints.values() if j.kind == "revolute"]
         if pins:
             made.append(Shape("pins", "points", tuple(pins), STEEL, self._width))
@@ -122,6 +126,34 @@ class PageDrawing:
                 spot = at(joint.between[0] if first == GROUND_NAME else joint.between[1])
                 made.append(Shape(f"{name}_frame", "line", bearing(spot, 1.6 * self._width), GROUND, 0.2 * self._width))
         return sliding
+
+    def _turning(self, made: list[Shape], at: Callable[[str], Point], motion: Kinematics) -> None:
+        """Draw turning springs as spirals, gears in mesh, belts about their wheels, racks on their pinions."""
+        page, w, body_number = self._shared.page, self._width, self._shared.assembly.body_number
+
+        def turned(joint: str, end: int) -> float:
+            return real(motion.frames[body_number(page.point(page.joints[joint].between[end])[0])].angle)
+
+        def wheel(joint: str) -> float:
+            on_ground = page.point(page.joints[joint].between[1])[0] == GROUND_NAME
+            return turned(joint, 0 if on_ground else 1)
+
+        for name, spring in page.springs.items():
+            if spring.joint is not None and page.joints[spring.joint].kind == "revolute":
+                spot = at(page.joints[spring.joint].between[0])
+                strip = spiral(spot, w, 4.0 * w, turned(spring.joint, 1), turned(spring.joint, 0))
+                made.append(Shape(name, "line", strip, SPRING, 0.3 * w, name))
+        for name, coupling in page.couplings.items():
+            first, second = (at(page.joints[joint].between[0]) for joint in coupling.joints)
+            if coupling.slides:
+                rack = page.joints[coupling.joints[1]]
+                axis = exact_turn(rack.direction_deg or 0.0)
+                x, y = map(real, motion.frames[body_number(page.point(rack.between[0])[0])].turned(axis))
+                made += _rack(name, first, coupling.factor, wheel(coupling.joints[0]), (x, y))
+            elif coupling.kind != "shaft":
+                angle = wheel(coupling.joints[0])
+                draw = _belt if coupling.kind == "belt" else _mesh
+                made += draw(name, first, second, coupling.factor, angle)
 
     def _elements(self, made: list[Shape], at: Callable[[str], Point], travel: Mapping[str, float]) -> None:
         page, w = self._shared.page, self._width
@@ -163,3 +195,73 @@ def _chamber(first: Point, second: Point, width: float) -> tuple[Point, ...]:
     corners = (first, second, second, first)
     signs = (1.0, 1.0, -1.0, -1.0, 1.0)
     return tuple((px + k * x, py + k * y) for (px, py), k in zip((*corners, first), signs, strict=True))
+
+
+TEETH = 10  # of the smaller gear
+
+
+def _mesh(name: str, first: Point, second: Point, ratio: float, angle: float) -> list[Shape]:
+    """Return two gears in mesh by their centres and ratio, the first turned by an angle; none on one centre."""
+    x, y = second[0] - first[0], second[1] - first[1]
+    apart, size = hypot(x, y), abs(ratio)
+    between = apart / (1.0 - ratio) if ratio < 0.0 else apart / abs(1.0 - ratio) if ratio != 1.0 else 0.0
+    if between < 1e-9:
+        return []
+    share = Fraction(size).limit_denominator(20)  # of their teeth: a drawn gear has whole ones
+    times = -(-TEETH // max(1, min(share.numerator, share.denominator)))
+    teeth = max(3, times * share.numerator), max(3, times * share.denominator)
+    height = 0.4 * pi * between / teeth[1]
+    towards = atan2(y, x) + (pi if 0.0 < ratio < 1.0 else 0.0)  # in which they touch, from the first
+    phase = teeth[0] * (towards - angle)
+    other = towards + pi - (pi - phase) / teeth[1] if ratio < 0.0 else towards - (phase + pi) / teeth[1]
+    strips = toothed(first, size * between, teeth[0], angle, height), toothed(second, between, teeth[1], other, height)
+    ends = zip(("first", "second"), strips, strict=True)
+    return [Shape(f"{name}_{end}", "line", strip, STEEL, 0.3 * height) for end, strip in ends]
+
+
+def _belt(name: str, first: Point, second: Point, ratio: float, angle: float) -> list[Shape]:
+    """Return two wheels and the strands of a belt about them."""
+    x, y = second[0] - first[0], second[1] - first[1]
+    apart = hypot(x, y)
+    if apart < 1e-9:
+        return []
+    least = 0.3 * apart / max(1.0, ratio)
+    radii, thick = (ratio * least, least), 0.03 * apart
+    lean, towards = (radii[0] - radii[1]) / apart, atan2(y, x)
+    wheels = _spoked(first, radii[0], angle), _spoked(second, radii[1], ratio * angle)
+    made = [Shape(f"{name}_{i}", "line", wheel, STEEL, 0.5 * thick) for i, wheel in enumerate(wheels)]
+    across = (1.0 - lean * lean) ** 0.5
+    for side, sign in (("upper", 1.0), ("lower", -1.0)):
+        u = lean * cos(towards) - sign * across * sin(towards), lean * sin(towards) + sign * across * cos(towards)
+        ends = tuple((p[0] + r * u[0], p[1] + r * u[1]) for p, r in zip((first, second), radii, strict=True))
+        made.append(Shape(f"{name}_{side}", "line", ends, STEEL, thick))
+    return made
+
+
+def _spoked(centre: Point, radius: float, angle: float) -> tuple[Point, ...]:
+    """Return a circle with a spoke that shows how it is turned."""
+    ring = circle((0.0, 0.0), radius)
+    c, s = cos(angle), sin(angle)
+    return (centre, *((centre[0] + c * x - s * y, centre[1] + s * x + c * y) for x, y in ring))
+
+
+def _rack(name: str, centre: Point, radius: float, angle: float, axis: Point) -> list[Shape]:
+    """Return a pinion and the rack that it drives along a direction."""
+    size, teeth = abs(radius), 2 * TEETH
+    height, pitch, sign = 0.4 * pi * size / teeth, 2.0 * pi * size / teeth, 1.0 if radius > 0.0 else -1.0
+    normal = (sign * axis[1], -sign * axis[0])  # from the centre to where they touch
+    phase = atan2(normal[1], normal[0]) - angle
+    travel = -sign * size * phase + 0.5 * pitch  # of a gap, which meets the tooth
+    begin = travel % pitch - (TEETH // 2 + 1) * pitch
+    strip: list[Point] = []
+    for i in range(2 * TEETH + 4):
+        reach, middle = size + (height if i % 2 else -height), begin + 0.5 * i * pitch
+        foot = centre[0] + reach * normal[0], centre[1] + reach * normal[1]
+        strip += [
+            (foot[0] + s * axis[0], foot[1] + s * axis[1]) for s in (middle - 0.25 * pitch, middle + 0.25 * pitch)
+        ]
+    pinion = toothed(centre, size, teeth, angle, height)
+    return [
+        Shape(f"{name}_pinion", "line", pinion, STEEL, 0.3 * height),
+        Shape(f"{name}_rack", "line", tuple(strip), STEEL, 0.3 * height),
+    ]
