@@ -16,7 +16,7 @@ from mech_twin.samples import Frame, LinkageSample
 
 
 class PageRun:
-    """Running numbers of a run.
+    """Running numbers of a run, from ``settle_s`` on.
 
     Parameters
     ----------
@@ -32,13 +32,20 @@ class PageRun:
         self._struck: dict[str, LinkageSample] = {}  # at the end of the step of the last blow
         self._first = self._last = 0.0
         self._work: dict[str, float] = {}
+        self._work_before: dict[str, float] = {}
         self._begun = False
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account."""
         linkage, shared = frame.linkage, self._shared
+        settle_s = shared.page.settle_s
+        if linkage.time_s < settle_s - 1e-9 * shared.page.coupling.step_s:
+            return
+        events = [event for event in linkage.events if event.time_s >= settle_s]
+        work = {n: v for n, v in linkage.memory.as_dict().items() if n.endswith("_work_j")}
         if not self._begun:
             self._begun, self._first = True, linkage.time_s
+            self._work_before = work if settle_s > 0.0 else {}
         self._last = linkage.time_s
         slides = shared.assembly.slides
         for name, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):
@@ -49,13 +56,13 @@ class PageRun:
             self._take(f"{pin}_force_{{}}_n", hypot(wrench.force_x_n, wrench.force_y_n))
         for name, value in frame.forces.quantities.as_dict().items():
             self._take(_with_place(name), value)
-        for event in linkage.events:
+        for event in events:
             if event.kind == "impact":
                 self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
             if shared.rods.tells(event):
                 self._rods[event.contact].append(shared.rods.numbers(event))
                 self._struck[event.contact] = linkage
-        self._work = {n: v for n, v in linkage.memory.as_dict().items() if n.endswith("_work_j")}
+        self._work = {name: value - self._work_before.get(name, 0.0) for name, value in work.items()}
 
     def _take(self, name: str, value: float) -> None:
         least, most = self._extremes.get(name, (inf, -inf))

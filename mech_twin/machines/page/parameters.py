@@ -9,7 +9,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice
+from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.page.elements import (
     BodyElement,
@@ -51,6 +51,7 @@ class Page(Parameters):
     loads: dict[Name, LoadElement] = choice("loads by name", default={})
     outputs: dict[Name, Output] = choice("outputs by name", default={})
     coupling: Coupling = choice("coupling of the roles", default=Coupling(step_s=USUAL_STEP_S))
+    settle_s: float = quantity("s", "time from the start that the numbers of a run leave out", default=0.0, ge=0.0)
 
     @model_validator(mode="after")
     def _of_a_size(self) -> Self:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from machines.page.pages import SLIDER_CRANK, run
+from machines.page.pages import BALL, SLIDER_CRANK, run
 
 BLOCK = """
 gravity_m_per_s2: [0, 0]
@@ -271,6 +271,25 @@ drives: {shaker: {kind: unbalance, point: box, mass_kg: 1, radius_m: 0.05, speed
         t = frame.linkage.time_s
         x = size * (math.cos(w * t) - math.cos(w0 * t))
         assert frame.linkage.joint("guide").position == pytest.approx(x, abs=1e-10)
+
+
+def test_the_numbers_of_a_run_leave_out_what_comes_before_it_has_settled():
+    rate, mass, v0, settle_s = 4.0, 2.0, 3.0, 0.5
+    dampers = {"oil": {"joint": "guide", "rate_ns_per_m": rate}}
+    numbers = balanced(BLOCK, 1.0, dampers=dampers, settle_s=settle_s, **moving(v0))[1].numbers()
+    v1, v2 = (v0 * math.exp(-rate * t / mass) for t in (settle_s, 1.0))
+    assert numbers["guide_speed_max_m_per_s"] == pytest.approx(v1, rel=1e-9)
+    assert numbers["run_oil_work_j"] == pytest.approx(0.5 * mass * (v2**2 - v1**2), rel=1e-9)
+    assert balanced(BLOCK, 0.4, dampers=dampers, settle_s=settle_s, **moving(v0))[1].numbers() == {}
+
+
+def test_blows_before_a_run_has_settled_do_not_count():
+    every, settled = (run(BALL, 2.0, settle_s=s)[1].numbers() for s in (0.0, 1.0))
+    fall, rise = math.sqrt(0.2), math.sqrt(20.0)  # its blows: fall, fall + rise / 10, ...
+    assert fall < 1.0 < fall + rise * 0.5 / 5.0 + rise * 0.25 / 5.0
+    before = sum(fall + rise / 5.0 * (1.0 - 0.5**k) < 1.0 for k in range(10))
+    assert every["bounce_impacts"] - settled["bounce_impacts"] == before
+    assert settled["bounce_impact_speed_max_m_per_s"] == pytest.approx(rise * 0.5**before, rel=1e-9)
 
 
 def test_a_resisted_slider_passes_its_dead_centres_with_its_crank():
