@@ -281,6 +281,9 @@ class Contact(Parameters):
     gives_way_n: float | None = quantity(
         "N", "wall under a tool, its joint given: it gives way at this force and never comes back", default=None, gt=0.0
     )
+    friction: float = quantity(
+        "1", "coefficient of Coulomb friction along the line; none within an impact", default=0.0, ge=0.0, le=2.0
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -293,10 +296,12 @@ class Contact(Parameters):
         elif self.point is not None:
             only(
                 self, "point on line", ("point", "line", "normal_deg"),
-                ("restitution", "stiffness_n_per_m", "damping_s_per_m", "layer_m_n", "rod"),
+                ("restitution", "stiffness_n_per_m", "damping_s_per_m", "layer_m_n", "rod", "friction"),
             )  # fmt: skip
         else:
             one_of(self, "least_m", "most_m", "least_deg", "most_deg")
+            if self.friction > 0.0:
+                raise ValueError("friction: a stop has no line to rub along; expected the keys point and line")
         return self
 
     @property

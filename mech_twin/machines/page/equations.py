@@ -17,7 +17,7 @@ from mech_twin.machines.page.state_places import StatePlaces
 from mech_twin.mechanics.actions import Action, joint_action
 from mech_twin.mechanics.dynamics import ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, dot
-from mech_twin.mechanics.recording import Number
+from mech_twin.mechanics.recording import Number, total
 from mech_twin.mechanics.structure import FREE, Vector
 
 
@@ -133,8 +133,10 @@ class PageInstant(ElementForces):
             if joint.kind != FREE:
                 pins[name] = found.wrenches[number]
         for name in places.touching:
-            load = (laws[name] if name in laws else self.actions[name]).loads[0]
-            pins[name] = (load.force_x, load.force_y, load.moment)
+            touching = [laws[name] if name in laws else self.actions[name]]
+            touching += [laws[law] for law, contact in places.rubbing.items() if contact == name]
+            on = [act.loads[0] for act in touching]
+            pins[name] = (total([w.force_x for w in on]), total([w.force_y for w in on]), on[0].moment)
         quantities: dict[str, Number] = {}
         for name in places.motors:
             quantities |= self._effort(name, self.actions[name], self.page.drives[name].turns)

@@ -73,6 +73,7 @@ class ElementForces:
         self.potentials: dict[str, Number] = {}
         self.found_signals: dict[str, tuple[Number, Number]] = {}
         self.at_full_supply: dict[str, Number] = {}
+        self.pressing: dict[str, Number] = {}
         self.amount_rates: list[Number] = []
         self.refills: list[Number] = []
         self.inertias = self._rotors()
@@ -85,6 +86,7 @@ class ElementForces:
         self.laws += [self._layer(name) for name in self.places.layers]
         self.laws += [self._resistance(joint) for joint in self.places.resisted.values()]
         self._compliant()
+        self.laws += [self._rubbing(name) for name in self.places.rubbing.values()]
         self.signals = [self.found_signals[name] for name in self.places.switches]
 
     def regime(self, switch: str) -> Number:
@@ -324,8 +326,22 @@ class ElementForces:
             depth = larger(-gap.value, 0.0)
             damped = larger(1.0 - self.number(contact.damping_s_per_m) * speed, 0.0)
             force = self.number(contact.stiffness_n_per_m or 0.0) * power(depth, HERTZ) * damped
-            self.actions[name] = action(force)
+            self.actions[name], self.pressing[name] = action(force), force
             self.watch(name, gap.value, speed)
+
+    def _rubbing(self, name: str) -> Law:
+        """Return the law of friction along the line of a contact; a force that the loop finds is that of a step ago."""
+        contact, places = self.page.contacts[name], self.places
+        x, y = exact_turn(contact.normal_deg or 0.0)
+        along = self.number(y), self.number(-x)
+        line, point = self.point(contact.line or ""), self.point(contact.point or "")
+        pressing = self.pressing.get(name)
+        if pressing is None:
+            found = self.controls[places.found_controls + places.free + places.laws.index(name)]
+            pressing = larger(found, 0.0)
+        most = self.number(contact.friction) * pressing
+        scalar = self.motion.along(along, line, point)
+        return Law(scalar, -most, most, NO_GAP, lambda size: contact_action(self.at, line, point, along, size))
 
     def _resistance(self, joint: str) -> Law:
         """Return the one law of what resists a joint: friction, loads, a wall that gives way, the loss of a gear."""

@@ -40,8 +40,8 @@ class StatePlaces:
 
     @cached_property
     def laws(self) -> tuple[str, ...]:
-        """Names of the laws: rigid contacts, layers, then what rubs or resists."""
-        return (*self.rigid, *self.layers, *self.resisted)
+        """Names of the laws: rigid contacts, layers, joints that rub or are resisted, contacts that rub."""
+        return (*self.rigid, *self.layers, *self.resisted, *self.rubbing)
 
     @cached_property
     def rigid(self) -> tuple[str, ...]:
@@ -83,6 +83,11 @@ class StatePlaces:
             if coupling.efficiency < 1.0:
                 found.setdefault(coupling.joints[1], []).append(f"{name}_loss")
         return {names[0] if len(names) == 1 else joint: joint for joint, names in found.items()}
+
+    @cached_property
+    def rubbing(self) -> dict[str, str]:
+        """The contact of each law of friction along a line, by the law's name."""
+        return {f"{name}_friction": name for name, c in self.page.contacts.items() if c.friction > 0.0}
 
     @cached_property
     def motors(self) -> tuple[str, ...]:

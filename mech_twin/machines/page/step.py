@@ -289,6 +289,9 @@ def try_step(
     for i in range(len(y)):
         room.tolerance[i] = model.tolerance[i]
     fill_state(model, linkage, y, regimes)
+    forces = memory_place(model) + len(regimes) + model.kept + s.free
+    for i in range(s.law_count):  # friction follows the force of its contact
+        s.controls[s.switch_controls + 2 * s.switches + s.free + i] = linkage[forces + i]
     begun = linkage[len(out) - 5] + energy_held(model, t, y) - linkage[len(out) - 3]
     system = declared(model.entry, s, room.at)
     count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
@@ -348,9 +351,13 @@ def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Ar
     candidates = np.zeros(s.law_count, dtype=np.int64)
     put_back(s, y)
     tell_regimes(s, regimes)
-    prepare_instant(system, t, y, regimes, room.at)
-    starting_regimes(room.at.velocity, room.at.gap, s.restitutions, regimes, candidates)
-    answer = settle_regimes(system, t, y, regimes, candidates, room.at)
+    answer, found = SOLVED, s.switch_controls + 2 * s.switches + s.free
+    for _ in range(2):  # friction follows the force of its contact
+        prepare_instant(system, t, y, regimes, room.at)
+        starting_regimes(room.at.velocity, room.at.gap, s.restitutions, regimes, candidates)
+        answer = settle_regimes(system, t, y, regimes, candidates, room.at)
+        for i in range(s.law_count):
+            s.controls[found + i] = room.at.multiplier[i]
     let_open(room.at, regimes)
     energy = fill_linkage(model, system, t, y, regimes, room.at, out)
     held = len(out) - 5

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Coulomb friction of a contact along its line, against closed forms and an integration of its own."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from machines.page.pages import run
+
+BLOCK = """
+gravity_m_per_s2: [0, -10]
+bodies: {belt: {mass_kg: 1}, carriage: {}, block: {mass_kg: 2}}
+joints:
+  rolls: {kind: slider, between: [ground, belt], start_m: 0.0}
+  along: {kind: slider, between: [ground, carriage], start_m: 0.0}
+  up: {kind: slider, between: [carriage, block], direction_deg: 90, start_m: 0.0}
+drives: {motor: {kind: constant_speed, joint: rolls, speed_m_per_s: 1.0}}
+contacts: {sole: {point: block, line: belt, normal_deg: 90, restitution: 0.0, friction: 0.25}}
+"""
+CONVEYOR = """
+gravity_m_per_s2: [0, -9.81]
+bodies:
+  crank: {inertia_kg_m2: 0.1, points_m: {pin: [0.005, 0]}}
+  yoke: {}
+  trough: {mass_kg: 5}
+  carriage: {}
+  block: {mass_kg: 2}
+joints:
+  shaft: {kind: revolute, between: [ground, crank], start_deg: 30.0}
+  pin: {kind: revolute, between: [crank.pin, yoke]}
+  slot: {kind: slider, between: [trough, yoke], direction_deg: 120, start_m: 0.0, turned_deg: 0.0}
+  leaf: {kind: slider, between: [ground, trough], direction_deg: 30, start_m: 0.005}
+  along: {kind: slider, between: [ground, carriage], start_m: 0.00433}
+  up: {kind: slider, between: [carriage, block], direction_deg: 90, start_m: 0.0025}
+drives: {motor: {kind: constant_speed, joint: shaft, speed_rpm: 400}}
+contacts: {sole: {point: block, line: trough, normal_deg: 90, restitution: 0.0, friction: 0.6}}
+"""
+
+
+def test_a_block_on_a_belt_is_taken_along_by_mu_g_until_it_rides():
+    told, simulation = run(BLOCK, 0.6)
+    assert all(r.worst <= r.limit for r in simulation.residuals().values())
+    for frame in told[::37]:
+        t, place = frame.linkage.time_s, frame.linkage.joint("along")
+        x, v = (1.25 * t * t, 2.5 * t) if t < 0.4 else (0.2 + t - 0.4, 1.0)
+        assert place.position == pytest.approx(x, abs=1e-12)
+        assert place.velocity == pytest.approx(v, abs=1e-12)
+    sole = told[100].forces.wrenches[told[100].forces.pins.index("sole")]
+    assert (sole.force_x_n, sole.force_y_n) == pytest.approx((5.0, 20.0), rel=1e-12)
+    (stick,) = (event for frame in told for event in frame.linkage.events)
+    assert (stick.kind, stick.contact) == ("stick", "sole_friction")
+    assert stick.time_s == pytest.approx(0.4, abs=1e-12)
+    assert told[-1].linkage.memory["sole_friction_work_j"] == pytest.approx(-5.0 * 0.2, rel=1e-12)
+
+
+def test_a_compliant_sole_rubs_with_its_force_of_the_instant():
+    contact = {"restitution": None, "stiffness_n_per_m": 1e6}
+    depth = (20.0 / 1e6) ** (2.0 / 3.0)
+    told, _ = run(BLOCK, 0.3, contacts={"sole": contact}, joints={"up": {"start_m": -depth}})
+    assert told[-1].linkage.joint("along").velocity == pytest.approx(2.5 * 0.3, rel=1e-9)
+
+
+def conveyed(duration_s: float, dt: float = 2e-6) -> float:
+    """Return the travel of a block on a trough shaken under 30 degrees, by time stepping (m)."""
+    omega, r, g, mu = 400.0 * math.pi / 30.0, 0.005, 9.81, 0.6
+    cosine, sine = math.cos(math.pi / 6.0), 0.5
+    x, v = 0.0, 0.0
+    for i in range(round(duration_s / dt)):
+        t = (i + 0.5) * dt
+        pressing = g - r * omega * omega * math.cos(omega * t) * sine
+        assert pressing > 0.0
+        most = mu * pressing * dt
+        trough = -r * omega * math.sin(omega * (i + 1) * dt) * cosine
+        v += min(max(trough - v, -most), most)
+        x += v * dt
+    return x
+
+
+def test_a_shaken_trough_conveys_what_lies_on_it():
+    duration_s, travels = 0.6, []
+    expected = conveyed(duration_s)
+    for step_s in (1e-3, 2.5e-4):
+        told, simulation = run(CONVEYOR, duration_s, coupling={"step_s": step_s})
+        assert all(r.worst <= r.limit for r in simulation.residuals().values()), simulation.residuals()
+        along = [frame.linkage.joint("along").position for frame in told]
+        travels.append(along[-1] - along[0])
+        kinds = {event.kind for frame in told for event in frame.linkage.events}
+        assert {"stick", "slip"} <= kinds
+    assert abs(expected) > 0.01
+    assert travels[0] == pytest.approx(expected, rel=1e-3)  # the force of the contact is that of a step ago
+    assert abs(travels[1] - expected) < 0.5 * abs(travels[0] - expected)
