@@ -74,6 +74,11 @@ def test_a_motion_without_inertia_is_named():
     assert "joints.pivot: a motion without inertia" in told
 
 
+def test_a_stop_does_not_rub():
+    told = refused(BALL, contacts={"stop": {"joint": "fall", "most_m": 2.0, "restitution": 0.0, "friction": 0.1}})
+    assert "friction: a stop has no line" in told
+
+
 def test_a_contact_that_begins_inside_is_named_with_its_depth():
     told = refused(BALL, joints={"fall": {"start_m": -0.25}})
     assert "contacts.bounce: begins 0.25 m behind its line" in told
