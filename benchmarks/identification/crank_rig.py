@@ -82,7 +82,7 @@ def main() -> None:
             with opened_run(_timed(folder / name, Path(scratch))) as reader:
                 data.append(geometry_data(read_run(reader, given), model.columns))
         kept = [each for i, each in enumerate(data) if i != out]
-        report = geometry_report(model, kept, data[out])
+        report, _ = geometry_report(model, kept, data[out], ("slider",))
         (score,) = report.held_out
         worst = min(worst, score.fit_percent)
         print(f"held out {RUNS[out]}: fit {score.fit_percent:.2f} %, before {score.before_percent:.2f} %")

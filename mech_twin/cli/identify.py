@@ -204,11 +204,11 @@ def _bouncing(asked: IdentifyRequest) -> bool:
 
 
 def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> str:
-    """Return what moves the model: the measured crank, if lengths are asked for and nothing but positions tell them."""
+    """Return what moves the model: the measured crank, where it leads all that is measured and that is no effort."""
     if asked.motion != "auto":
         return asked.motion
     names = [channel.quantity for channel in asked.given_map.channels]
-    if turn is None or not guided or AUTO in asked.free or not asked.free or not set(names) & set(TURNING):
+    if turn is None or not guided or AUTO in asked.free or not set(names) & set(TURNING):
         return "simulated"
     led = {name.rpartition(".")[0] for name in {*turn.led, *TURNING} if joint_column(name) is not None}
     moving = all(

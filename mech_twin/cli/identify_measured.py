@@ -25,8 +25,8 @@ from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.free_keys import AUTO
 from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
-from mech_twin.studies.identification.geometry_model import GeometryModel
-from mech_twin.studies.identification.geometry_report import GeometryReport, geometry_report
+from mech_twin.studies.identification.geometry_model import GeometryModel, lengths
+from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
 
@@ -37,22 +37,28 @@ def identify_lengths(asked: IdentifyRequest) -> None:
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
     _refuse_unused(asked)
-    if not asked.free:
-        raise CommandError("--free: expected at least one key of the configuration, such as crank_m")
     if AUTO in asked.free:
         raise CommandError(
             f"--free {AUTO}: expected keys, or --motion simulated; the measured motion fits lengths alone"
         )
     given = asked.given_map
     base = asked.parameters
-    model = GeometryModel(asked.machine, base, tuple(asked.free), _led_columns(asked, given))
+    columns = _led_columns(asked, given)
+    keys = tuple(asked.free) or lengths(asked.machine, base, columns)
+    if not asked.free:
+        say(f"free, since the measured positions depend on them: {', '.join(keys) or 'no key'}")
+    if not keys:
+        raise CommandError(f"{asked.machine}: no length moves {', '.join(columns)}; expected --free KEY")
+    model = GeometryModel(asked.machine, base, keys, columns)
     model.values()  # a key that is wrong is named before the runs are read
     fitted, held_out = split_runs(asked.runs, asked.held_out_run)
     runs = [_data(path, given, model) for path in fitted]
-    report = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model))
+    chosen = [text.partition("=")[0].strip() for text in asked.settings]
+    report, model = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model), chosen)
     _show_lengths(asked, report, held_out, time.monotonic() - began)
-    if held_out is not None and not report.better:
-        say(f"{held_out}: the run held out fits no better than before; no configuration is written")
+    if not report.better:
+        found = any(key.verdict == IDENTIFIED for key in report.keys)
+        say(f"{f'{held_out}: fits no better than before' if found else 'no key is identified'}; nothing is written")
         raise SystemExit(FOUND)
     if asked.out is not None:
         _write_lengths(asked, model, report, [str(path) for path in fitted])
@@ -98,6 +104,7 @@ def _show_lengths(asked: IdentifyRequest, report: GeometryReport, held_out: Path
             "parameters": [asdict(each) for each in report.keys],
             "channels": [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()],
             "lags_s": list(report.lags_s),
+            "assembly": asdict(report.assembly),
             "held_out": None
             if held_out is None
             else {"run": str(held_out), "scores": [asdict(s) for s in report.held_out]},
@@ -106,20 +113,32 @@ def _show_lengths(asked: IdentifyRequest, report: GeometryReport, held_out: Path
         print_json(document)
         return
     show_keys(f"{asked.machine}: lengths from measured positions", report.keys)
+    say(_assembly_words(report.assembly))
     for key in report.keys:
-        say(f"{key.key}: {key.verdict}, {key.reason}")
+        if key.verdict != IDENTIFIED:
+            say(f"{key.key}: {key.verdict}, {key.reason}")
     scores = [(s.channel, s.fit_percent, s.before_percent, s.constant_percent) for s in report.held_out]
     if scores:
         print_table(f"fit of {held_out}, held out, percent", ("channel", "estimated", "before", "constant"), scores)
 
 
+def _assembly_words(found: FittedAssembly) -> str:
+    """Return which assembly and which sense of the crank fit best, and by how much."""
+    taken = " and ".join(f"{key}: {value}" for key, value in found.configured.items()) or "as configured"
+    words = [f"assembly {taken}"]
+    if np.isfinite(found.margin):
+        words.append(f"the other one leaves a residual {found.margin:.3g} times as large")
+    sense = "as in the map" if found.sense > 0 else "against the map (sign: -1 for the crank)"
+    return "; ".join([*words, f"crank turns {sense}, the other sense {found.sense_margin:.3g} times"])
+
+
 def _write_lengths(asked: IdentifyRequest, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
     """Write the configuration with the keys that were identified; the others are kept as they were."""
     assert asked.out is not None
-    values = [key.estimate if key.verdict == "identified" else key.before for key in report.keys]
+    values = [key.estimate if key.verdict == IDENTIFIED else key.before for key in report.keys]
     notes = [
         f"# {key.key}: identified {key.estimate:.6g} +- {key.high_95 - key.estimate:.2g} (95 %) from {', '.join(runs)}"
-        if key.verdict == "identified"
+        if key.verdict == IDENTIFIED
         else f"# {key.key}: kept, {key.verdict}: {key.reason}"
         for key in report.keys
     ]

@@ -20,7 +20,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.event_estimates import Estimate, restitution_from_flights
 
-LEAST_FLIGHT = 0.05  # of the swing: lower flights are lost in the places of a picture
+LEAST_FLIGHT = 0.03  # of the swing: lower flights are lost in the places of a picture
 FEWEST_BOUNCES = 3
 FEWEST_CLEAN = 2  # runs without a missed or false bounce from which the others are left out
 

@@ -13,7 +13,7 @@ one run at a time (jackknife, Student's t with runs - 1), where that is wider th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,10 @@ class GeometryData:
     last_s: float
     crank_zero: str | float
     channels: tuple[MeasuredChannel, ...]
+
+    def turning(self, sense: int) -> GeometryData:
+        """Return the same with the crank angle times 1 or -1."""
+        return self if sense > 0 else replace(self, crank=CubicSpline(self.crank.x, -self.crank(self.crank.x)))
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, get_args
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
-from mech_twin.parameters.load import catalogue_entry
+from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.roles import CrankState, GuidedLinkage
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.free_keys import machine_keys
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, declared_field, unit_at
 
 TURN = 2.0 * np.pi
+LENGTHENED = 1e-3  # of a key: enough to move the positions of a mechanism
 ANGLES = 180  # of a turn at which the mechanism is solved; between them a periodic cubic spline
 
 
@@ -51,3 +59,58 @@ class GeometryModel(KeyedConfiguration):
             curve[-1] = curve[0]
             found[column] = CubicSpline(angles, curve, bc_type="periodic")
         return found
+
+
+def lengths(name: str, base: Parameters, columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the keys in metres that the positions in ``columns`` depend on."""
+    found = []
+    for key in machine_keys(name, base):
+        model = GeometryModel(name, base, (key,), columns)
+        if unit_at(type(base), key) == "m" and _moves(model, model.values() + LENGTHENED * model.scales()):
+            found.append(key)
+    return tuple(found)
+
+
+def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tuple[dict[str, str], GeometryModel]]:
+    """Yield the mechanism as configured, then put together the other way, with the words that say so.
+
+    Parameters
+    ----------
+    model : GeometryModel
+        As configured.
+    fixed : sequence of str
+        Keys that stay as configured.
+    """
+    yield {}, model
+    entry, base = catalogue_entry(model.name), type(model.base)
+    for key, value in _words(model.tree):
+        declared = declared_field(base, key)
+        for other in get_args(declared.annotation) if declared is not None and key not in fixed else ():
+            if other == value or not isinstance(other, str):
+                continue
+            tree = merged_tree(model.tree, tree_from_flat({key: other}))
+            try:
+                mirrored = GeometryModel(model.name, validated(entry, tree, key), model.keys, model.columns)
+                differs = _moves(model, model.values(), mirrored)
+            except ConfigurationError:
+                continue
+            if differs:
+                yield {key: other}, mirrored
+
+
+def _words(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _words(value, f"{prefix}{name}.")
+        elif isinstance(value, str):
+            yield prefix + name, value
+
+
+def _moves(model: GeometryModel, values: Array, other: GeometryModel | None = None) -> bool:
+    """Return whether values of the keys, or another model, put a position elsewhere."""
+    before = model.positions(model.values())
+    try:
+        after = (other or model).positions(values)
+    except ConfigurationError:
+        return False
+    return any(not np.allclose(before[each].c, after[each].c, rtol=1e-9, atol=1e-12) for each in model.columns)

@@ -19,7 +19,7 @@ from mech_twin.studies.identification.geometry_fit import (
     own_errors,
     unseen,
 )
-from mech_twin.studies.identification.geometry_model import GeometryModel
+from mech_twin.studies.identification.geometry_model import GeometryModel, assemblies
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
     IDENTIFIED,
@@ -29,6 +29,8 @@ from mech_twin.studies.identification.verdicts import (
     KeyVerdict,
 )
 
+CLEARLY = 1.02  # times the residual of the best: what fits so well is not another assembly
+TINY = 1e-300
 COMBINED = 0.1  # share of a key in directions that are not seen
 LEAST_FIT_PERCENT = 90.0  # of a channel: less, and the mechanism is another one
 
@@ -44,6 +46,26 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
+class Assembly:
+    """How the mechanism is put together, and turns, as the positions show it.
+
+    Attributes
+    ----------
+    configured : dict of str to str
+        Keys of the configuration that are other than before.
+    sense : int
+        -1 where the crank turns against the sign that its channel has in the map.
+    margin, sense_margin : float
+        Residual (rms) of the best other assembly, and of the other sense, over that of the best; infinite of none.
+    """
+
+    configured: dict[str, str]
+    sense: int
+    margin: float
+    sense_margin: float
+
+
+@dataclass(frozen=True)
 class GeometryReport:
     """Keys, fits of the channels over the fitted runs, and the score on the run held out."""
 
@@ -51,21 +73,46 @@ class GeometryReport:
     fit_percent: dict[str, float]
     lags_s: tuple[float, ...]
     held_out: tuple[HeldOut, ...]
+    assembly: Assembly
 
     @property
     def better(self) -> bool:
-        """Whether every channel of the run held out fits better than before, and than a constant."""
-        return all(each.fit_percent > max(each.before_percent, each.constant_percent) for each in self.held_out)
+        """Whether a key is identified, and all channels held out fit better than before, and than a constant."""
+        ahead = (each.fit_percent > max(each.before_percent, each.constant_percent) for each in self.held_out)
+        return any(key.verdict == IDENTIFIED for key in self.keys) and all(ahead)
+
+
+def fitted_assembly(
+    model: GeometryModel, runs: Sequence[GeometryData], fixed: Sequence[str] = ()
+) -> tuple[Assembly, GeometryModel]:
+    """Return the assembly and the sense of the crank that fit the runs best; another than configured only if clearly.
+
+    ``fixed`` names keys that stay as configured.
+    """
+    tried = [
+        (GeometryProblem(each, [run.turning(sense) for run in runs]).solved().cost, words, sense, each)
+        for words, each in assemblies(model, fixed)
+        for sense in (1, -1)
+    ]
+    least = min(cost for cost, *_ in tried)
+    chosen, words, sense, best = next(each for each in tried if each[0] <= CLEARLY**2 * least)
+    others = min((cost for cost, *_, each in tried if each is not best), default=np.inf)
+    turned = next(cost for cost, _, other, each in tried if each is best and other != sense)
+    margins = np.sqrt(np.array([others, turned]) / max(chosen, TINY)).tolist()
+    return Assembly(words, sense, *margins), best
 
 
 def geometry_report(
-    model: GeometryModel, runs: Sequence[GeometryData], held_out: GeometryData | None
-) -> GeometryReport:
-    """Return the fit over the runs, its intervals, and its score on a run that the fit never saw.
+    model: GeometryModel, runs: Sequence[GeometryData], held_out: GeometryData | None, fixed: Sequence[str] = ()
+) -> tuple[GeometryReport, GeometryModel]:
+    """Return the fit over the runs, its intervals, and its score on a run that the fit never saw; and what was fitted.
 
     On the run held out only what belongs to a run (zero of the crank, zeros of the channels, lags) is fitted, with the
-    keys estimated and with those configured.
+    keys estimated and with those configured.  ``fixed`` as in `fitted_assembly`.
     """
+    configured = model
+    assembly, model = fitted_assembly(configured, runs, fixed)
+    runs = [run.turning(assembly.sense) for run in runs]
     problem = GeometryProblem(model, runs)
     fit = problem.solved()
     count = len(model.keys)
@@ -74,12 +121,14 @@ def geometry_report(
     errors = errors if left_out is None else np.maximum(errors, left_out)
     names = [channel.name for channel in runs[0].channels]
     fits = {name: min(fit_percent(fit, run, i) for run in range(len(runs))) for i, name in enumerate(names)}
-    return GeometryReport(
+    report = GeometryReport(
         _keys(model, fit, errors, half_width(errors, len(runs)), min(fits.values())),
         fits,
         tuple(fit.lags_s.tolist()),
-        () if held_out is None else _scores(model, held_out, fit.keys, names),
+        () if held_out is None else _scores((model, configured), held_out, assembly.sense, fit.keys, names),
+        assembly,
     )
+    return report, model
 
 
 def _keys(
@@ -102,6 +151,10 @@ def _keys(
     return tuple(found)
 
 
-def _scores(model: GeometryModel, held_out: GeometryData, keys: Array, names: Sequence[str]) -> tuple[HeldOut, ...]:
-    after, before = (GeometryProblem(model, [held_out], values).solved() for values in (keys, model.values()))
+def _scores(
+    models: tuple[GeometryModel, GeometryModel], held_out: GeometryData, sense: int, keys: Array, names: Sequence[str]
+) -> tuple[HeldOut, ...]:
+    found, configured = models
+    after = GeometryProblem(found, [held_out.turning(sense)], keys).solved()
+    before = GeometryProblem(configured, [held_out], configured.values()).solved()
     return tuple(HeldOut(name, fit_percent(after, 0, i), fit_percent(before, 0, i)) for i, name in enumerate(names))

@@ -13,7 +13,7 @@ import yaml
 from command_line import Ended, mech_twin
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.parameters.load import machine_parameters
+from mech_twin.parameters.load import configuration_file, machine_parameters
 from mech_twin.studies.identification.geometry_fit import GeometryFit, half_width, unseen
 from mech_twin.studies.identification.geometry_model import GeometryModel
 
@@ -68,6 +68,23 @@ def identified(stand: Path, *words: str | Path) -> Ended:
     return mech_twin("identify", MACHINE, *runs, "--map", stand / "map.yaml", *words)
 
 
+def test_lengths_and_assembly_are_found_where_nothing_is_named(stand: Path, tmp_path: Path) -> None:
+    other, out = tmp_path / "other.yaml", tmp_path / "found.yaml"
+    other.write_text(configuration_file(MACHINE).read_text(encoding="utf-8").replace("slider: above", "slider: below"))
+    ended = identified(stand, "--config", other, "--out", out, "--json")
+    assert ended.code == 0, ended.err
+    document = json.loads(ended.out)
+    assert document["assembly"]["configured"] == {"slider": "above"}
+    assert document["assembly"]["margin"] > 2.0
+    found = {each["key"]: each for each in document["parameters"]}
+    assert set(found) == set(TRUE)
+    for key, true in TRUE.items():  # a crank that turns the other way has its line on the other side
+        ends = (found[key]["low_95"], found[key]["high_95"])
+        low, high = sorted(map(abs, ends)) if key == "offset_m" else ends
+        assert low <= true <= high
+    assert "slider: above" in out.read_text(encoding="utf-8")
+
+
 def test_the_lengths_of_the_machine_are_found_within_their_intervals(stand: Path, tmp_path: Path) -> None:
     out = tmp_path / "found.yaml"
     free = [word for key in (*TRUE, "masses.tree_kg") for word in ("--free", key)]
@@ -89,11 +106,11 @@ def test_the_lengths_of_the_machine_are_found_within_their_intervals(stand: Path
     assert "# masses.tree_kg: kept, not_excited" in out.read_text(encoding="utf-8")
 
 
-def test_no_better_than_before_writes_nothing_and_ends_with_1(stand: Path, tmp_path: Path) -> None:
+def test_nothing_identified_writes_nothing_and_ends_with_1(stand: Path, tmp_path: Path) -> None:
     out = tmp_path / "found.yaml"
     ended = identified(stand, "--free", "masses.tree_kg", "--out", out)
     assert ended.code == 1
-    assert "no better than before" in ended.err
+    assert "no key is identified" in ended.err
     assert not out.exists()
 
 
