@@ -42,8 +42,8 @@ def test_the_restitution_is_told_whatever_the_unit_and_the_direction(share: floa
 
 
 def test_bounces_are_counted_down_to_three_hundredths_of_the_first_height() -> None:
-    times, heights = dropped(0.9, count=20)
-    assert len(bounces(Path("drop"), times, {"y": heights}).times_s) == int(np.log(0.03) / np.log(0.9**2))
+    times, heights = dropped(0.8, count=12)
+    assert len(bounces(Path("drop"), times, {"y": heights}).times_s) == int(np.log(0.03) / np.log(0.8**2))
 
 
 def test_a_bounce_that_was_not_filmed_is_named_and_runs_without_flaws_count_alone() -> None:
