@@ -29,8 +29,10 @@ JOINT_WORDS: Mapping[str, tuple[str, ...]] = {
     "rod": ("rod", "conrod", "coupler"),
     "coupler": ("coupler", "rod", "conrod"),
     "rocker": ("rocker", "lever", "hammer"),
-    "motor": ("motor", "drive"),
-    "rotor": ("rotor", "motor", "drive"),
+    "motor": ("motor", "drive", "current"),
+    "rotor": ("rotor", "motor", "drive", "current"),
+    "generator": ("generator", "actuator", "drive", "force"),
+    "cart": ("cart", "carriage", "trolley"),
     "mass": ("mass", "ball", "hammer", "striker", "ram"),
     "drum": ("drum", "spool", "package", "bobbin"),
     "yarn": ("yarn", "thread"),
@@ -111,7 +113,9 @@ def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str
     field = source.field if source.joint is not None else _field(words, offered.unit)
     if field != parts.field:
         return 0, 0.0, ""
-    joint = _likeness(words, JOINT_WORDS.get(re.sub(r"_\d+$", "", parts.joint), (parts.joint,)))
+    kind, _, number = parts.joint.partition("_")
+    known = JOINT_WORDS.get(kind if number.isdigit() else parts.joint, (parts.joint,))
+    joint = _likeness(words, known) + (0.1 if number.isdigit() and number in re.findall(r"\d+", source.label) else 0.0)
     role = 0.01 if parts.role == "linkage" else 0.0
     if joint >= ALIKE:
         return NEAR, joint + role, "a near name"

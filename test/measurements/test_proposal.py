@@ -11,7 +11,19 @@ from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import Source, TimeSource
 from mech_twin.measurements.proposal import UNSURE, WIDTH, map_text, proposed_channels
+from mech_twin.measurements.units import unit_in
 
+FOREIGN = {  # headers of other people's tables, and what they are
+    "mb10_breaker": {"Motor speed [rpm]": "motor.rotor.velocity", "Hammer angle (deg)": "linkage.rocker.position"},
+    "compaction_press": {
+        "Main shaft speed (1/min)": "linkage.crank.velocity",
+        "pendulum_deg": "linkage.pendulum.position",
+    },
+    "vibration_crank": {"Encoder (°)": "linkage.crank.position", "Tree displacement [cm]": "linkage.slider.position"},
+    "impact_mass": {"Striker travel (mm)": "linkage.mass.position", "Force (kN)": "motor.generator.effort"},
+    "roller_former": {"Carriage 2 travel (mm)": "linkage.cart_2.position", "Current (A)": "motor.rotor.effort"},
+    "winding_drum": {"Bobbin speed (rpm)": "linkage.drum.velocity", "Yarn speed (m/min)": "linkage.yarn.velocity"},
+}
 LONG = "/plant/line_3/machine_17/encoder_of_the_main_shaft"
 OFFERED = (
     SourceColumn(Source(topic=LONG, joint="main_shaft", field="position"), "deg"),
@@ -37,3 +49,11 @@ def test_a_proposed_map_fits_a_terminal_and_reads_as_proposed(machine: str) -> N
     assert [channel["is"] for channel in read] == [each.column for each in sure]
     unsure = "\n".join(f"  {line[4:]}" if line.startswith("  # ") else line for line in text.splitlines())
     assert len(yaml.safe_load(unsure)["channels"]) == len(channels)  # taking the comment away is all it needs
+
+
+@pytest.mark.parametrize("machine", FOREIGN)
+def test_headers_of_foreign_tables_tell_column_and_unit(machine: str) -> None:
+    offered = [SourceColumn(Source(column=header), unit_in(header)) for header in FOREIGN[machine]]
+    found = proposed_channels(offered, machine_columns(built(machine)))
+    assert all(each.unit is not None and each.surety > UNSURE for each in found)
+    assert {each.source.label: each.column for each in found} == FOREIGN[machine]
