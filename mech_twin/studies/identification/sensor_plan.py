@@ -31,7 +31,7 @@ from mech_twin.studies.identification.profile_likelihood import Walk
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
-from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts
+from mech_twin.studies.identification.verdicts import IDENTIFIED, KeyEvidence, KeyVerdict, key_verdicts
 
 ADDED_NOISE = 1e-3  # of its swing: noise of a sensor that might be added
 ADDED_RATE_HZ = 500.0
@@ -107,17 +107,48 @@ def sensor_plan(
     noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
     own = _PlannedRun("as it is", question, ())
     samples = _samples(own, channels, sensors.channels, noises, duration_s)
-    keys, combined = _verdicts(own, samples, together=True)
-    found = {key.key for key in keys if key.verdict == "identified"}
-    widths = {key.key: key.high_95 - key.low_95 for key in keys}
-    found_helps = []
-    for what, run, more in _options(own, samples, duration_s) if helps else ():
-        other, _ = _verdicts(run, more)
-        now = {key.key for key in other if key.verdict == "identified"}
-        shares = [widths[key.key] / max(key.high_95 - key.low_95, 1e-300) for key in other if key.key in found & now]
-        found_helps.append(Help(what, tuple(sorted(now - found)), float(np.median(shares)) if shares else 1.0))
-    found_helps.sort(key=lambda each: (len(each.identified), each.narrowed), reverse=True)
-    return SensorPlan(tuple(keys), tuple(combined), tuple(found_helps))
+    keys, combined = _verdicts(_Derived(own, samples), together=True)
+    found = sensor_helps(question, samples, duration_s) if helps else []
+    for run in _manoeuvres(own, duration_s) if helps else ():
+        other, _ = _verdicts(_Derived(run, _again(run, samples, duration_s)))
+        found.append(_help(run.name, keys, other))
+    return SensorPlan(tuple(keys), tuple(combined), tuple(sorted(found, key=_worth, reverse=True)))
+
+
+def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: float) -> list[Help]:
+    """Return what each further sensor of a joint's motion or effort would bring, best first.
+
+    Parameters
+    ----------
+    question : IdentificationQuestion
+        Machine, configuration and free keys.
+    samples : FitRun
+        The run as the sensors sample it, with their noise.
+    duration_s : float
+        Length of the run.
+    """
+    own = _PlannedRun("as it is", question, samples.command)
+    added = _further_sensors(own, samples, duration_s)
+    derived = _Derived(own, replace(samples, channels=(*samples.channels, *added)))
+    count = len(samples.channels)
+    before, _ = _verdicts(derived, range(count))
+    found = [
+        _help(f"sensor {channel.name}", before, _verdicts(derived, (*range(count), count + i))[0])
+        for i, channel in enumerate(added)
+    ]
+    return sorted(found, key=_worth, reverse=True)
+
+
+def _help(what: str, before: Sequence[KeyVerdict], after: Sequence[KeyVerdict]) -> Help:
+    """Return which keys are identified more, and by how much the intervals of the others narrow in the median."""
+    first = {key.key: key.high_95 - key.low_95 for key in before if key.verdict == IDENTIFIED}
+    then = {key.key: key.high_95 - key.low_95 for key in after if key.verdict == IDENTIFIED}
+    shares = [first[key] / max(then[key], 1e-300) for key in first if key in then]
+    return Help(what, tuple(sorted(set(then) - set(first))), float(np.median(shares)) if shares else 1.0)
+
+
+def _worth(each: Help) -> tuple[int, float]:
+    return len(each.identified), each.narrowed
 
 
 def _noise(channel: Channel, place: int) -> float:
@@ -172,37 +203,69 @@ def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
     return problem.over(runs)
 
 
+class _Derived:
+    """Derivatives by the keys of a planned run, those of each first share of it computed once."""
+
+    def __init__(self, run: _PlannedRun, samples: FitRun) -> None:
+        self.question, self._samples = run.question, samples
+        self.keyed = KeyedConfiguration(self.question.machine, self.question.base, self.question.keys)
+        self.bounds = self.keyed.bounds(self.question.bounds)
+        self._known: dict[float, tuple[FitProblem, Weighting, Array, Array, Array]] = {}
+
+    def over(self, share: float) -> tuple[FitProblem, Weighting, Array, Array, Array]:
+        """Return problem, weighting, derivatives over two step lengths, and the channel of each row (-1: a prior)."""
+        if share not in self._known:
+            first, last = self._samples.first_s, self._samples.last_s
+            part = self._samples.within(-np.inf, first + share * (last - first))
+            problem = FitProblem(
+                ModelRuns(self.keyed, [part], 0.0, self.question.cores),
+                unknowns_of(self.keyed, self.bounds, [part]),
+                self.question.priors,
+            )
+            sigmas = np.array([channel.noise for channel in part.channels])
+            weighting = Weighting(sigmas, problem.comparison(problem.unknowns.start, sigmas).masks)
+            pair = problem.two_jacobians(problem.unknowns.start, weighting)
+            channels = np.repeat(np.arange(len(sigmas)), [int(mask.sum()) for mask in weighting.masks[0]])
+            rest = np.full(len(pair[0]) - len(channels), -1)
+            self._known[share] = (problem, weighting, *pair, np.concatenate([channels, rest]))
+        return self._known[share]
+
+
 def _verdicts(
-    run: _PlannedRun, samples: FitRun, *, together: bool = False
+    derived: _Derived, channels: Sequence[int] | None = None, *, together: bool = False
 ) -> tuple[list[KeyVerdict], list[Combination]]:
-    """Return what a fit would say, over the first share of the run in which derivatives tell where the keys lead."""
+    """Return what a fit would say, over the first share of the run in which derivatives tell where the keys lead.
+
+    ``channels`` are those that are looked at, all if absent.
+    """
     for share in (1.0, *PREDICTABLE):
-        part = samples.within(-np.inf, samples.first_s + share * (samples.last_s - samples.first_s))
-        found = _verdicts_of(run, part, together=together)
+        found = _verdicts_of(derived, share, channels, together=together)
         if found is not None:
             return found
-    whole = _verdicts_of(run, samples, together=together, contradicted=True)
+    whole = _verdicts_of(derived, 1.0, channels, together=together, contradicted=True)
     assert whole is not None
     return whole
 
 
 def _verdicts_of(
-    run: _PlannedRun, samples: FitRun, *, together: bool = False, contradicted: bool = False
+    derived: _Derived,
+    share: float,
+    channels: Sequence[int] | None,
+    *,
+    together: bool = False,
+    contradicted: bool = False,
 ) -> tuple[list[KeyVerdict], list[Combination]] | None:
     """Return what a fit of the keys would say, from the derivatives at the configuration itself.
 
     ``together``: also what it would say of keys that are not seen alone.  None where derivatives over two step lengths
     contradict each other, unless that is allowed.
     """
-    question = run.question
-    keyed = KeyedConfiguration(question.machine, question.base, question.keys)
-    bounds = keyed.bounds(question.bounds)
-    unknowns = unknowns_of(keyed, bounds, [samples])
-    problem = FitProblem(ModelRuns(keyed, [samples], 0.0, question.cores), unknowns, question.priors)
-    x = unknowns.start
-    sigmas = np.array([channel.noise for channel in samples.channels])
-    weighting = Weighting(sigmas, problem.comparison(x, sigmas).masks)
-    jacobian, other = problem.two_jacobians(x, weighting)
+    question, keyed, bounds = derived.question, derived.keyed, derived.bounds
+    problem, weighting, jacobian, other, labels = derived.over(share)
+    if channels is not None:
+        rows = np.isin(labels, [-1, *channels])
+        jacobian, other = jacobian[rows], other[rows]
+    unknowns, x = problem.unknowns, problem.unknowns.start
     places = unknowns.places(KEY)
     seen = sensitivity(jacobian, other, places, x[places])
     if seen.contradicted and not contradicted:
@@ -236,11 +299,11 @@ def _open(bounds: Array) -> Array:
     return np.array([np.full(bounds.shape[1], -np.inf), np.full(bounds.shape[1], np.inf)])
 
 
-def _options(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[tuple[str, _PlannedRun, FitRun]]:
-    """Return what could be added: a sensor of each joint's motion and effort, or another manoeuvre."""
+def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[FitChannel]:
+    """Return what could be added: a sensor of each joint's motion and effort."""
     measured = {channel.name for channel in samples.channels}
     machine = catalogue_entry(own.question.machine).build(own.question.base)
-    rolled = roll_out(machine, duration_s)
+    rolled = roll_out(machine, duration_s, command=own.command or 1.0)
     found = []
     for column in column_names(machine):
         parts = joint_column(column)
@@ -252,9 +315,8 @@ def _options(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[tuple
         channel = Channel.model_validate({"source": {"column": column}, "is": column, "rate_hz": ADDED_RATE_HZ})
         times = np.arange(0.0, duration_s, 1.0 / ADDED_RATE_HZ)
         values = np.interp(times, rolled["time_s"], rolled[column])
-        added = FitChannel(channel, times, values, ADDED_NOISE * swing)
-        found.append((f"sensor {column}", own, replace(samples, channels=(*samples.channels, added))))
-    return found + [(run.name, run, _again(run, samples, duration_s)) for run in _manoeuvres(own, duration_s)]
+        found.append(FitChannel(channel, times, values, ADDED_NOISE * swing))
+    return found
 
 
 def _tells(column: str, role: str) -> bool:
