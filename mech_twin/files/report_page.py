@@ -17,12 +17,16 @@ STYLE = """
 body { font-family: system-ui, sans-serif; margin: 2rem auto; max-width: 60rem; color: #2b2b2b; line-height: 1.45 }
 table { border-collapse: collapse; margin: 1rem 0; font-size: 0.92rem }
 th, td { border-bottom: 1px solid #ddd; padding: 0.25rem 0.7rem; text-align: right; overflow-wrap: break-word }
-th { overflow-wrap: anywhere }
+th { overflow-wrap: anywhere; min-width: 4.5em }
 th:first-child, td:first-child, td.words { text-align: left }
 .identified { color: #006b4c; font-weight: 600 } .other { color: #a04500 }
 svg, img { max-width: 100%; height: auto }
+.row { display: flex; align-items: flex-start } .row svg { min-width: 0 }
+@page { margin: 12mm }
 @media print {
-  body { margin: 0; max-width: none; font-size: 10pt; print-color-adjust: exact }
+  html { font-size: 9pt }
+  body { margin: 0; max-width: none; print-color-adjust: exact }
+  h1, h2, h3, p, table { margin: 0.5rem 0 } th, td { padding: 0.1rem 0.5rem }
   tr, figure, svg, img { break-inside: avoid } h2, h3 { break-after: avoid } thead { display: table-header-group }
 }
 """

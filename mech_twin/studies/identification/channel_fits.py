@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.measurements.measurement_map import fixed
-from mech_twin.studies.identification.held_out import ChannelScore, score
+from mech_twin.studies.identification.held_out import ChannelScore, autocorrelations, score
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO
@@ -22,7 +22,11 @@ FARTHEST, TINY = 1e4, 1e-300
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """A channel over the fitted runs: fit, residual, and what was found of it (in the channel's own unit)."""
+    """A channel over the fitted runs: fit, residual, and what was found of it (in the channel's own unit).
+
+    ``autocorrelation`` is that of the residuals at lags from 1 on, the mean over the runs; of ``samples`` white ones
+    95 % lie within 1.96 over the root of their number.
+    """
 
     channel: str
     fit_percent: float
@@ -31,6 +35,8 @@ class ChannelFit:
     zero: dict[str, float]
     gain: dict[str, float]
     lag_s: dict[str, float]
+    samples: int
+    autocorrelation: tuple[float, ...]
 
 
 def refutation(fitted: Fitted) -> str | None:
@@ -100,6 +106,17 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
                 open_numbers[ZERO],
                 open_numbers[GAIN],
                 open_numbers[LAG],
+                *_memory(fitted, place),
             )
         )
     return found
+
+
+def _memory(fitted: Fitted, place: int) -> tuple[int, tuple[float, ...]]:
+    """Return how many samples of a channel were fitted, and the autocorrelation of their residuals."""
+    parts = [each[place] for each in fitted.problem.parts(fitted.x)]
+    masks = [each[place] for each in fitted.comparison.masks]
+    runs = [autocorrelations(off[mask & np.isfinite(off)]) for off, mask in zip(parts, masks, strict=True)]
+    lags = min((len(each) for each in runs if len(each)), default=0)
+    mean = np.mean([each[:lags] for each in runs if len(each)], axis=0).tolist() if lags else []
+    return int(sum(mask.sum() for mask in masks)), tuple(mean)

@@ -145,14 +145,22 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
     return (float(np.sqrt(np.mean(np.square(off)))) if off else None if not any_times else np.nan), missed, false
 
 
-def ljung_box(residual: Array) -> float:
-    """Return the probability that white residuals are at least as correlated over the first lags."""
+def autocorrelations(residual: Array) -> Array:
+    """Return the correlations of a residual with itself over the first lags from 1 on; none of a few samples."""
     n = len(residual)
     centred = residual - residual.mean() if n else residual
     power = float(centred @ centred)
     lags = min(LAGS, n // 4)
     if lags < 1 or not np.isfinite(power) or power == 0.0:
+        return np.zeros(0)
+    return np.array([float(centred[lag:] @ centred[:-lag]) / power for lag in range(1, lags + 1)])
+
+
+def ljung_box(residual: Array) -> float:
+    """Return the probability that white residuals are at least as correlated over the first lags."""
+    n, correlations = len(residual), autocorrelations(residual)
+    lags = len(correlations)
+    if not lags:
         return 0.0
-    correlations = np.array([float(centred[lag:] @ centred[:-lag]) / power for lag in range(1, lags + 1)])
     statistic = n * (n + 2.0) * float(np.sum(correlations**2 / (n - np.arange(1, lags + 1))))
     return float(stats.chi2.sf(statistic, lags))

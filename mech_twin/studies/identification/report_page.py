@@ -13,20 +13,30 @@ import numpy as np
 from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style
 from mech_twin.files.report_page import page
 from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.units import UNITS, shown_unit
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.intervals import NORMAL
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.sensor_plan import Help
 from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.verdicts import IDENTIFIED
+from mech_twin.studies.identification.written_identification import intervals_before
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_POINTS = 1500  # of a curve
+MOST_PICTURES, MOST_SENSORS = 4, 4  # so that the report fits two pages
 SHOWN_SHARE = 0.2  # of a run, at its end
+CAPTION = (
+    "<p>The end of each run; the band holds 95 % of the samples about the fit. Of white residuals 95 % of the "
+    f"autocorrelations lie within the dashed lines. At most {MOST_PICTURES} channels, those that fit worst.</p>"
+)
 
 
-def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[str]) -> str:
+def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[str], helps: Sequence[Help] = ()) -> str:
     """Return the report as HTML.
 
     Parameters
@@ -35,6 +45,8 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
         What was found.
     runs, held_out : sequence of str
         Names of the runs that were fitted, and of those that were not.
+    helps : sequence of Help, optional
+        What further sensors would give.
     """
     title = f"{found.question.machine}: identification"
     outcome = "foretold better than before" if found.better else "foretold no better than before: nothing was written"
@@ -44,7 +56,7 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
     )
     head += f"<p>{escape(search_words(found.search))}</p>"
     parts = [head, "<h2>Parameters</h2>", _verdict_table(found), *_pictures(found), "<h2>Held out</h2>", _scores(found)]
-    return page(title, parts)
+    return page(title, [*parts, _further_sensors(helps)])
 
 
 def search_words(search: Search) -> str:
@@ -69,12 +81,17 @@ def _cell(value: Any, kind: str = "") -> str:
 
 
 def _verdict_table(found: Identification) -> str:
-    rows = []
-    for key in found.keys:
-        kind = "identified" if key.verdict == "identified" else "other"
-        numbers = [_cell(each) for each in (key.before, key.estimate, key.low_95, key.high_95)]
-        rows.append([_cell(key.key), *numbers, _cell(key.verdict, kind), _cell(key.reason, "words")])
-    tables = _table(("key", "before", "estimate", "95 % from", "to", "verdict", "reason"), rows)
+    known = intervals_before(found.question)
+    rows = [
+        [
+            *map(_cell, (key.key, key.before, _ends(*known[key.key]), key.estimate, _ends(key.low_95, key.high_95))),
+            _cell(key.verdict, "identified" if key.verdict == IDENTIFIED else "other"),
+        ]
+        for key in found.keys
+    ]
+    tables = _table(("key", "before", "95 % or bounds before", "estimate", "95 % after", "verdict"), rows)
+    reasons = [f"<b>{escape(k.key)}</b>: {escape(k.reason)}" for k in found.keys if k.verdict != IDENTIFIED]
+    tables += f"<p>{'.<br>'.join(reasons)}.</p>" if reasons else ""
     if found.combinations:
         heads = ("combination", "estimate", "95 % from", "to", "holds for")
         combined = [
@@ -87,6 +104,10 @@ def _verdict_table(found: Identification) -> str:
         ]
         tables += "<h3>Seen in combination</h3>" + _table(heads, combined)
     return tables
+
+
+def _ends(low: float, high: float) -> str:
+    return f"{low:.6g} to {high:.6g}"
 
 
 def _scores(found: Identification) -> str:
@@ -105,23 +126,31 @@ def _scores(found: Identification) -> str:
     )
 
 
+def _further_sensors(helps: Sequence[Help]) -> str:
+    rows = [
+        [_cell(each.what), _cell(", ".join(each.identified) or "-", "words"), _cell(float(f"{each.narrowed:.3g}"))]
+        for each in helps[:MOST_SENSORS]
+    ]
+    heads = ("one more sensor", "would also identify", "intervals narrower by")
+    return "<h2>What one more sensor would give</h2>" + _table(heads, rows) if rows else ""
+
+
 def _pictures(found: Identification) -> list[str]:
     """Return the pictures with their headings."""
     with house_style():
-        shown = ["<h2>Intervals</h2>", _intervals(found)]
-        if len(found.fitted_keys) > 1:
-            shown += ["<h2>Correlation of the estimates</h2>", _correlation(found)]
+        pair = [_svg(interval_figure(found)), *([_correlation(found)] if len(found.fitted_keys) > 1 else [])]
+        shown = ["<h2>Intervals, and correlation of the estimates</h2>", f'<div class="row">{"".join(pair)}</div>']
         if found.fitted is None:
             return [*shown, "<p>Read from a document: it holds no runs to draw.</p>"]
         after, before = beside_whole_runs(found, found.fitted)
-        problem = after[0]
-        for run in range(len(problem.runs)):
-            shown.append(f"<h2>Channels: {escape(problem.runs[run].path.name)}</h2>")
-            shown += [
-                _channel(after, before, run, place)
-                for place, channel in enumerate(problem.runs[run].channels)
-                if not channel.of_events
-            ]
+        shown += ["<h2>Measured against fitted</h2>", CAPTION]
+        worst = sorted(
+            (found.channels[place].fit_percent, run, place)
+            for run, each in enumerate(after[0].runs)
+            for place, channel in enumerate(each.channels)
+            if not channel.of_events
+        )
+        shown += [_channel(found, (before, after), run, place) for _, run, place in worst[:MOST_PICTURES]]
     return shown
 
 
@@ -135,13 +164,13 @@ def beside_whole_runs(
     return (problem.over(whole), fitted.x), (other.over(whole), offsets)
 
 
-def _figure(width: float, height: float, rows: int = 1) -> tuple[Figure, Any]:
+def _figure(width: float, height: float, columns: Sequence[float] = (1.0,)) -> tuple[Figure, Any]:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure as Drawn
 
     figure = Drawn(figsize=(width, height), layout="constrained")
     FigureCanvasSVG(figure)
-    return figure, figure.subplots(rows, 1, sharex=rows > 1)
+    return figure, figure.subplots(1, len(columns), width_ratios=columns)
 
 
 def _svg(figure: Any) -> str:
@@ -150,14 +179,10 @@ def _svg(figure: Any) -> str:
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 
-def _intervals(found: Identification) -> str:
-    return _svg(interval_figure(found))
-
-
 def interval_figure(found: Identification) -> Figure:
     """Return the estimates of the keys that were identified, with their intervals, over the values before."""
-    shown = [key for key in found.keys if key.verdict == "identified" and key.before != 0.0]
-    figure, axes = _figure(7.5, 0.6 + 0.32 * len(shown))
+    shown = [key for key in found.keys if key.verdict == IDENTIFIED and key.before != 0.0]
+    figure, axes = _figure(5.5, 0.8 + 0.32 * len(shown))
     for row, key in enumerate(reversed(shown)):
         low, middle, high = (100.0 * (each / key.before - 1.0) for each in (key.low_95, key.estimate, key.high_95))
         axes.plot(sorted((low, high)), [row, row], color=BLUE)
@@ -169,7 +194,8 @@ def interval_figure(found: Identification) -> Figure:
 
 
 def _correlation(found: Identification) -> str:
-    figure, axes = _figure(5.5, 4.5)
+    side = 1.4 + 0.22 * len(found.fitted_keys)
+    figure, axes = _figure(side + 1.0, side)
     image = axes.imshow(found.correlation, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
     names = [key.rpartition(".")[2] for key in found.fitted_keys]
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
@@ -179,21 +205,36 @@ def _correlation(found: Identification) -> str:
     return _svg(figure)
 
 
-def _channel(after: tuple[FitProblem, Array], before: tuple[FitProblem, Array], run: int, place: int) -> str:
-    """Return measured and model before and after at the end of a run, and the residuals."""
-    channel = after[0].runs[run].channels[place]
+def _channel(
+    found: Identification, both: tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]], run: int, place: int
+) -> str:
+    """Return measured and model at the end of a run, with the band of the fit, its residuals, and their memory."""
+    measured = both[1][0].runs[run]
+    channel, fit = measured.channels[place], found.channels[place]
     last = channel.times_s[-1]
     shown = np.flatnonzero(channel.times_s >= last - SHOWN_SHARE * (last - channel.times_s[0]))
     shown = shown[:: max(1, len(shown) // MOST_POINTS)]
-    figure, (above, below) = _figure(7.5, 4.0, 2)
+    figure, (left, middle, right) = _figure(9.0, 1.55, (2.2, 1.4, 1.0))
     times, values = channel.times_s[shown], channel.values[shown]
-    above.plot(times, values, ".", color=GREY, markersize=3, label="measured")
-    for name, colour, (problem, x) in (("before", RED, before), ("identified", BLUE, after)):
+    left.plot(times, values, ".", color=GREY, markersize=3, label="measured")
+    for name, colour, (problem, x) in zip(("before", "fitted"), (RED, BLUE), both, strict=True):
         off = problem.parts(x)[run][place][shown]
-        above.plot(times, values - off, color=colour, linewidth=1.0, label=name)
-        below.plot(times, off, color=colour, linewidth=0.8)
-    above.set_title(channel.name)
-    above.legend(ncols=3, loc="upper right")
-    below.set_ylabel("measured less model")
-    below.set_xlabel("time, s")
+        left.plot(times, values - off, color=colour, linewidth=1.0, label=name)
+        middle.plot(times, off, color=colour, linewidth=0.8)
+        if name == "fitted":
+            half = NORMAL * fit.rms
+            left.fill_between(times, values - off - half, values - off + half, color=BLUE, alpha=0.2, label="95 %")
+            middle.axhspan(-half, half, color=BLUE, alpha=0.2, linewidth=0.0)
+    unit = shown_unit(UNITS[channel.channel.unit].si) if channel.channel.unit else "SI"
+    left.set_title(f"{channel.name}, {unit}: {measured.path.name}", fontsize=8)
+    left.legend(fontsize=6, loc="best")
+    middle.set_title("measured less model", fontsize=8)
+    lags = np.arange(1, len(fit.autocorrelation) + 1)
+    right.vlines(lags, 0.0, fit.autocorrelation, color=BLUE)
+    for sign in (-1.0, 1.0):
+        right.axhline(sign * NORMAL / max(fit.samples, 1) ** 0.5, color=GREY, linewidth=0.8, linestyle="--")
+    right.set_title("autocorrelation", fontsize=8)
+    for axes, label in ((left, "time, s"), (middle, "time, s"), (right, "lag, samples")):
+        axes.set_xlabel(label, fontsize=7)
+        axes.tick_params(labelsize=6)
     return _svg(figure)

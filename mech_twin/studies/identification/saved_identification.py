@@ -6,7 +6,8 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, written_file
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.sensor_plan import Help, sensor_helps
 from mech_twin.studies.identification.written_identification import configuration_text, document
 
 if TYPE_CHECKING:
@@ -60,6 +62,21 @@ class SavedIdentification:
         """Everything as plain values, as ``identification.json`` holds it."""
         return document(self.found, self.runs, self.held_out, self.map_file)
 
+    @cached_property
+    def helps(self) -> list[Help]:
+        """What each further sensor would give beside those of the first run; nothing where no run is at hand."""
+        fitted, asked = self.found.fitted, self.found.question
+        if fitted is None or not fitted.problem.runs[0].channels:
+            return []
+        run = fitted.problem.runs[0]
+        noises = zip(run.channels, fitted.comparison.sigmas.tolist(), strict=True)
+        begin = fitted.problem.begin(fitted.x, 0)
+        channels = tuple(
+            replace(each, noise=noise, times_s=each.times_s + begin) for each, noise in noises if not each.of_events
+        )
+        known = replace(run, channels=channels, begin_s=0.0)
+        return sensor_helps(replace(asked, base=self.found.parameters), known, known.last_s) if channels else []
+
     def __repr__(self) -> str:
         rows = [
             f"  {key.key:<36} {key.before:>12.6g} -> {key.estimate:>12.6g}  "
@@ -67,6 +84,11 @@ class SavedIdentification:
             for key in self.found.keys
         ]
         return "\n".join([f"{self.found.question.machine}: identified in {self.found.seconds:.1f} s", *rows])
+
+    @property
+    def _with_helps(self) -> dict[str, Any]:
+        """The document, with what further sensors would give, which takes more runs of the model."""
+        return {**self.document, "further_sensors": [asdict(each) for each in self.helps]}
 
     def plot(self) -> Figure:
         """Return the estimates with their intervals, over the values before; needs the extra 'plots'."""
@@ -92,12 +114,12 @@ class SavedIdentification:
         if not is_file(out):
             out.mkdir(parents=True, exist_ok=True)
             machine = self.found.question.machine
-            texts = {out / f"{machine}.yaml": configuration, out / "identification.json": _json(self.document)}
+            texts = {out / f"{machine}.yaml": configuration, out / "identification.json": _json(self._with_helps)}
             if find_spec("matplotlib") is not None:
                 from mech_twin.studies.identification.report_page import report_page
 
                 names = [[path.name for path in paths] for paths in (self.runs, self.held_out)]
-                texts[out / "report.html"] = report_page(self.found, *names)
+                texts[out / "report.html"] = report_page(self.found, names[0], names[1], self.helps)
         for path, text in texts.items():
             with written_file(path, force=force) as file:
                 file.write_text(text, encoding="utf-8")

@@ -23,6 +23,8 @@ from mech_twin.studies.identification.channel_fits import ChannelFit
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.held_out import ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.intervals import NORMAL
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, KeyVerdict
@@ -81,6 +83,7 @@ def document(
         "before": configuration_tree(asked.base),
         "asked": {name: getattr(asked, name) for name in ASKED},
         "parameters": [asdict(key) for key in found.keys],
+        "intervals_before": {key: list(ends) for key, ends in intervals_before(asked).items()},
         "combinations": [asdict(each) for each in found.combinations],
         "channels": [_channel(each) for each in found.channels],
         "search": asdict(found.search),
@@ -102,6 +105,13 @@ def document(
         "model_runs": found.model_runs,
         "seconds": found.seconds,
     }
+
+
+def intervals_before(asked: IdentificationQuestion) -> dict[str, tuple[float, float]]:
+    """Return what was known of each free key: the 95 % of its prior, else the bounds within which it was looked for."""
+    bounds = KeyedConfiguration(asked.machine, asked.base, asked.keys).bounds(asked.bounds)
+    priors = {key: (mean - NORMAL * sd, mean + NORMAL * sd) for key, (mean, sd) in asked.priors.items()}
+    return {**{key: (float(low), float(high)) for key, low, high in zip(asked.keys, *bounds, strict=True)}, **priors}
 
 
 def _channel(each: ChannelFit) -> dict[str, Any]:
@@ -170,7 +180,8 @@ def _combination(row: Mapping[str, Any]) -> Combination:
 
 def _channel_read(row: Mapping[str, Any]) -> ChannelFit:
     rest = {name: value for name, value in row.items() if name != "is"}
-    return ChannelFit(row["is"], **{**rest, "fit_percent": _or(row["fit_percent"], nan)})
+    memory = {"autocorrelation": tuple(row["autocorrelation"])}
+    return ChannelFit(row["is"], **{**rest, **memory, "fit_percent": _or(row["fit_percent"], nan)})
 
 
 def _score_read(record: Mapping[str, Any]) -> Score:

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import subprocess
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -12,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from browser import chromium
 
 import mech_twin as mt
 from mech_twin.cli.console import print_json
@@ -47,6 +50,14 @@ def measured(folder: Path) -> tuple[Path, Path]:
     given = folder / "map.yaml"
     given.write_text(yaml.safe_dump({"machine": MACHINE, "time": {"column": "t"}, "channels": channels}))
     return table, given
+
+
+def pages(report: Path) -> int:
+    """Return how many pages a report prints on."""
+    printed = report.with_suffix(".pdf")
+    options = ("--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={printed}")
+    subprocess.run([chromium(), *options, str(report)], check=True, capture_output=True, timeout=120)
+    return len(re.findall(rb"/Type\s*/Page\b", printed.read_bytes()))
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +115,17 @@ def test_what_is_saved_is_the_table_and_a_configuration_that_runs(found: SavedId
     report = (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
     for row in found.table:
         assert row["key"] in report
-    assert report.count("<svg") >= 2
+    assert report.count("<svg") == 2 + len(CHANNELS)  # intervals, correlation, and each channel
+    for channel in document["channels"]:
+        assert np.abs(channel["autocorrelation"]).max() < 4.0 / channel["samples"] ** 0.5
+    assert set(document["intervals_before"]) == set(TRUE)
+    for key, (low, high) in document["intervals_before"].items():
+        assert low < TRUE[key] < high
+        assert f"{low:.6g} to {high:.6g}" in report
+    sensors = document["further_sensors"]
+    assert max(each["narrowed"] for each in sensors) > 1.0
+    assert f"<td>{sensors[0]['what']}</td>" in report
+    assert pages(tmp_path / "found" / "report.html") <= 2
     assert "http-equiv" not in report
     with pytest.raises(OutputError):
         found.save(tmp_path / "found")
