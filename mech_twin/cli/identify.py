@@ -132,7 +132,7 @@ BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a n
 
 
 def identify_machine(verb: IdentifyVerb) -> None:
-    """Fit the free keys to the runs; write what was found, unless what was held out is foretold no better with it."""
+    """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
     asked = IdentifyRequest(**dict(verb))
     if asked.latest_begin_s is not None and asked.begin != "unknown":
         raise CommandError(f"--latest-begin {asked.latest_begin_s:g}: expected --begin unknown beside it")
@@ -162,15 +162,15 @@ def identify_machine(verb: IdentifyVerb) -> None:
     held = [] if held_out is None or asked.held_out_share is not None else [held_out]
     fitted = fitted if held or held_out is None else [*fitted, held_out]
     runs = [_run(path, asked, turn) for path in fitted]
-    with _telling(asked) as told:
-        found = identified(question, runs, [_run(path, asked, turn) for path in held], share, told)
+    with _progress(asked) as progress:
+        found = identified(question, runs, [_run(path, asked, turn) for path in held], share, progress)
     saved = SavedIdentification(found, tuple(fitted), tuple(held), asked.map_file)
     if asked.as_json:
         print_json(saved.document)
     else:
         _show_found(found)
     if not found.better:
-        say("what was held out is foretold no better than before; no configuration is written")
+        say("what was held out is predicted no better than before; no configuration is written")
         raise SystemExit(FOUND)
     if asked.out is not None:
         for path in saved.save(asked.out, force=asked.force):
@@ -249,7 +249,7 @@ def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
 
 
 @contextmanager
-def _telling(asked: IdentifyRequest) -> Iterator[Callable[[str], None]]:
+def _progress(asked: IdentifyRequest) -> Iterator[Callable[[str], None]]:
     """Provide what takes lines on the progress: a line that is written over on a terminal, none elsewhere."""
     if not sys.stderr.isatty() or asked.as_json:
         yield lambda _: None
@@ -264,7 +264,7 @@ def _show_found(found: Identification) -> None:
     show_keys(f"{found.question.machine}: identified in {found.seconds:.1f} s", found.keys)
     if found.search.starts > 1:
         ahead = f", the second best {found.search.margin:.3g} times as far off" if found.search.valleys > 1 else ""
-        say(f"{found.search.starts} starts ended in {found.search.valleys} valleys{ahead}")
+        say(f"{found.search.starts} starts ended in {found.search.valleys} local minima{ahead}")
     for key in found.keys:
         if key.verdict != "identified":
             say(f"{key.key}: {key.verdict}, {key.reason}")
@@ -291,11 +291,11 @@ def _numbers(values: dict[str, float]) -> str:
 MOST_SHOWN = 12
 
 
-def _show_combinations(told: Sequence[Combination]) -> None:
-    """Print what is seen of keys that are not seen alone, and for which values of held keys that is so."""
+def _show_combinations(combinations: Sequence[Combination]) -> None:
+    """Print what is seen of keys that are not seen alone, and for which values of fixed keys that is so."""
     heads = ("combination", "estimate", "95 % from", "to", "holds for")
-    rows = [(each.formula, each.estimate, each.low_95, each.high_95, each.condition) for each in told]
-    print_table("seen in combination", heads, rows)
+    rows = [(each.formula, each.estimate, each.low_95, each.high_95, each.condition) for each in combinations]
+    print_table("identifiable in combination", heads, rows)
 
 
 def _show_plan(

@@ -14,7 +14,7 @@ from mech_twin.measurements.measurement_map import Source
 from mech_twin.samples import Event
 from mech_twin.studies.first_difference import Value
 from mech_twin.studies.identification.combinations import Combination
-from mech_twin.studies.identification.geometry_report import Assembly, HeldOut
+from mech_twin.studies.identification.geometry_report import FittedAssembly, HeldOut
 from mech_twin.studies.identification.sensor_plan import Help
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.measured_forces import Compared
@@ -269,7 +269,7 @@ class LengthsReport(PrintedDocument):
     parameters: tuple[KeyVerdict, ...]
     channels: tuple[FittedChannel, ...]
     lags_s: tuple[float, ...]
-    assembly: Assembly
+    assembly: FittedAssembly
     held_out: HeldOutRun | None
     seconds: float
 

@@ -150,7 +150,7 @@ class IdentifierNode(TwinNode):
             return
         self.found = told
         self.phase = "found" if told.better else "not better"
-        word = "" if told.better else "; what was held out is foretold no better than before"
+        word = "" if told.better else "; what was held out is predicted no better than before"
         self.told = f"fitted in {told.seconds:.0f} s{word}"
 
     def _identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

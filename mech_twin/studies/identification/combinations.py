@@ -2,8 +2,8 @@
 """What the channels see of the keys together: directions without effect, and the combinations that remain.
 
 Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
-by singular values.  A direction whose effect is a small share of what its keys do singly cannot be told from an error
-of the model of that share, so it counts as not seen.  What remains of keys that such directions tie together is given
+by singular values.  A direction whose effect is a small share of what its keys do singly may as well be an error of the model
+of that share, so it counts as not seen.  What remains of keys that such directions tie together is given
 for those that were fitted and those fixed, from fits in which the fixed ones were moved (`key_dependence`).
 """
 
@@ -52,7 +52,7 @@ class Sensitivity:
     contradicted : bool
         Whether derivatives over two step lengths contradict each other in a direction that is seen: a motion that
         forgets nothing, or a change of the order of events.
-    told_apart : bool
+    distinguished : bool
         Whether the runs speak against leaving out a key that derivatives hardly tell from others.
     """
 
@@ -62,14 +62,14 @@ class Sensitivity:
     jacobian: Array
     least_effects: Array
     contradicted: bool = False
-    told_apart: bool = False
+    distinguished: bool = False
 
     def with_all_of(self, chosen: Sequence[int]) -> Sensitivity:
         """Return the same with the directions seen that lie among these keys, if derivatives can be trusted."""
         if self.contradicted:
             return self
         among = np.array([set(np.flatnonzero(np.abs(d) > PART).tolist()) <= set(chosen) for d in self.unseen.T], bool)
-        return replace(self, unseen=self.unseen[:, ~among], told_apart=True)
+        return replace(self, unseen=self.unseen[:, ~among], distinguished=True)
 
     def groups(self) -> list[list[int]]:
         """Return the keys that unseen directions tie together, group by group."""

@@ -13,7 +13,7 @@ SERIES = 0.1  # of the usual spacing: events that follow sooner belong to a seri
 
 
 def first_of_series(times_s: Array) -> npt.NDArray[np.bool_]:
-    """Return which events begin a series, shape (n,): chatter is told by its beginning, not by its bounces."""
+    """Return which events begin a series, shape (n,): chatter counts by its beginning, not by its bounces."""
     if len(times_s) < 3:
         return np.ones(len(times_s), dtype=np.bool_)
     return np.diff(times_s, prepend=-np.inf) > SERIES * usual_spacing(times_s)

@@ -18,7 +18,7 @@ from mech_twin.studies.identification.profile_likelihood import (
     Profile,
     key_profile,
     profile_of_keys,
-    sought_keys,
+    profiled_keys,
 )
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
@@ -64,7 +64,7 @@ def _stage(setting: FitSetting, share: float, start: tuple[int, Array]) -> tuple
 
 def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, scheduler: str) -> Profile:
     """Return the profile of a fit, each key followed by a worker of a cluster."""
-    places = sought_keys(fitted)
+    places = profiled_keys(fitted)
     one = partial(_followed, _alone(setting), fitted.x, fitted.comparison, found)
     followed = sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
     return profile_of_keys(len(fitted.x), followed)

@@ -46,7 +46,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class Assembly:
+class FittedAssembly:
     """How the mechanism is put together, and turns, as the positions show it.
 
     Attributes
@@ -73,7 +73,7 @@ class GeometryReport:
     fit_percent: dict[str, float]
     lags_s: tuple[float, ...]
     held_out: tuple[HeldOut, ...]
-    assembly: Assembly
+    assembly: FittedAssembly
 
     @property
     def better(self) -> bool:
@@ -84,7 +84,7 @@ class GeometryReport:
 
 def fitted_assembly(
     model: GeometryModel, runs: Sequence[GeometryData], fixed: Sequence[str] = ()
-) -> tuple[Assembly, GeometryModel]:
+) -> tuple[FittedAssembly, GeometryModel]:
     """Return the assembly and the sense of the crank that fit the runs best; another than configured only if clearly.
 
     ``fixed`` names keys that stay as configured.
@@ -99,7 +99,7 @@ def fitted_assembly(
     others = min((cost for cost, *_, each in tried if each is not best), default=np.inf)
     turned = next(cost for cost, _, other, each in tried if each is best and other != sense)
     margins = np.sqrt(np.array([others, turned]) / max(chosen, TINY)).tolist()
-    return Assembly(words, sense, *margins), best
+    return FittedAssembly(words, sense, *margins), best
 
 
 def geometry_report(
@@ -136,17 +136,17 @@ def _keys(
 ) -> tuple[KeyVerdict, ...]:
     shares, found = unseen(fit, len(model.keys)), []
     for i, (key, before) in enumerate(zip(model.keys, model.values().tolist(), strict=True)):
-        verdict, reason = IDENTIFIED, "the channels see it"
+        verdict, reason = IDENTIFIED, "observable, with an interval within half its value"
         if not np.any(fit.jacobian[:, i]):
             verdict, reason = NOT_EXCITED, "no channel depends on it"
         elif shares[i] > COMBINED:
             partners = ", ".join(k for j, k in enumerate(model.keys) if j != i and shares[j] > COMBINED)
-            verdict, reason = COMBINATION, f"the channels see it only together with {partners or 'the zeros and lags'}"
+            verdict, reason = COMBINATION, f"its effect equals that of {partners or 'the zeros and lags'}"
         elif worst_fit < LEAST_FIT_PERCENT:
             verdict, reason = MODEL_ERROR, f"a channel fits to {worst_fit:.1f} % only: another assembly or mechanism?"
         value, width = float(fit.keys[i]), float(widths[i])
         if verdict == IDENTIFIED and width > WIDEST * abs(value):
-            verdict, reason = NOT_EXCITED, "the channels leave it open by more than half of itself on either side"
+            verdict, reason = NOT_EXCITED, "its interval is wider than half its value"
         found.append(KeyVerdict(key, before, value, float(errors[i]), value - width, value + width, verdict, reason))
     return tuple(found)
 

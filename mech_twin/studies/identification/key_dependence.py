@@ -145,7 +145,7 @@ class _Steps:
         moved = values - self.walk.x[self.fixed]
         slopes = _following(self.walk.jacobian, self.fixed, self.fitted)
         rows = self.walk.jacobian[:, self.fixed] @ moved + self.walk.jacobian[:, self.fitted] @ (slopes @ moved)
-        return (float(np.sqrt(self.walk.sought)) + MORE_RISE * float(np.linalg.norm(rows))) ** 2
+        return (float(np.sqrt(self.walk.threshold)) + MORE_RISE * float(np.linalg.norm(rows))) ** 2
 
 
 def _following(jacobian: Array, fixed: list[int], fitted: Mask) -> Array:

@@ -30,7 +30,7 @@ from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts, refuted
 
-LARGEST_ERROR = 0.5  # half width over the size of a key: of a combination that is told
+LARGEST_ERROR = 0.5  # half width over the size of a key: of a combination that is stated
 REFITS = 2  # where a step or a profile shows that the fit had not ended
 FARTHEST = 1.0  # logarithm by which a key may move where another goes back to what is configured
 PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs, where derivatives over the whole contradict each other
@@ -151,7 +151,7 @@ def settled(
         progress("the fit once more, from where it had not ended")
         x = fitted.x if profile.better is None else profile.better
         again = around_fit(question, refined(fitted.problem, x, progress))
-        around = again.with_all_of(chosen) if around.seen.told_apart else again
+        around = again.with_all_of(chosen) if around.seen.distinguished else again
     return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profile)
 
 

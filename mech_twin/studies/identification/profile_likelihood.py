@@ -26,12 +26,12 @@ LEAST_RISE, MOST_RISE = 0.6, 1.6  # of the rise that a parabola has: another one
 WEAK = 0.03  # of the effect of a key that no other unknown repeats: less is followed whatever the rise
 WIDE = 0.5  # half width over value: may be open to one side
 POINTS = 8  # on either side
-CLOSE = 0.1  # of the root of the rise sought: an end
+CLOSE = 0.1  # of the root of the threshold: an end
 INNERMOST = 0.2  # of the way between two points: a next one nearer to either is put into the middle
 LEAST_GROWTH, MOST_GROWTH = 1.3, 3.0  # of the distance from point to point
 FOLLOWING = 4  # steps of the other unknowns at a point, before and after their derivatives are taken anew
-SETTLED = 0.02  # of the rise sought: a step that wins less is the last
-IMPROVED = 0.1  # of the rise sought: a point lower than the fit by more shows that the fit had not ended
+SETTLED = 0.02  # of the threshold: a step that wins less is the last
+IMPROVED = 0.1  # of the threshold: a point lower than the fit by more shows that the fit had not ended
 
 Mask = npt.NDArray[np.bool_]
 
@@ -74,11 +74,11 @@ def profiled(fitted: Fitted, found: Linearised, progress: Progress = quiet) -> P
     progress : callable, optional
         Takes a line on the progress.
     """
-    walk, told_keys = Walk(fitted, found), []
-    for place in sought_keys(fitted):
+    walk, profiles = Walk(fitted, found), []
+    for place in profiled_keys(fitted):
         progress(f"profile of {fitted.problem.unknowns.all[place].name}")
-        told_keys.append(_key_profile(walk, place))
-    return profile_of_keys(len(fitted.x), told_keys)
+        profiles.append(_key_profile(walk, place))
+    return profile_of_keys(len(fitted.x), profiles)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class KeyProfile:
     cost: float
 
 
-def sought_keys(fitted: Fitted) -> list[int]:
+def profiled_keys(fitted: Fitted) -> list[int]:
     """Return the places of the keys that may be followed."""
     return list(map(int, fitted.problem.unknowns.places(KEY)))
 
@@ -104,7 +104,7 @@ def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
 
 def _key_profile(walk: Walk, place: int) -> KeyProfile:
     lower = upper = np.nan
-    if walk.sought > 0.0 and walk.doubtful(place):
+    if walk.threshold > 0.0 and walk.doubtful(place):
         lower, upper = walk.end(place, -1.0), walk.end(place, 1.0)
     return KeyProfile(place, lower, upper, walk.better, walk.lowest)
 
@@ -139,13 +139,13 @@ class Walk:
         if variance is None:
             variance = float(found.residuals @ found.residuals) / freedom
         share = float(stats.t.ppf(0.975, freedom))
-        self.sought, self.deviation = variance * share**2, float(np.sqrt(variance))
+        self.threshold, self.deviation = variance * share**2, float(np.sqrt(variance))
         self.covariance = inverse_information(found.jacobian) * variance
         self.reach = share * np.sqrt(np.diag(self.covariance))
         self.low, self.high = fitted.problem.unknowns.bounds()
         self.least = self.cost(self.x)
         self.better: Array | None = None
-        self.lowest = self.least - IMPROVED * self.sought
+        self.lowest = self.least - IMPROVED * self.threshold
 
     def cost(self, x: Array) -> float:
         """Return the robust sum of squares."""
@@ -167,14 +167,14 @@ class Walk:
         others = np.arange(len(self.x)) != place
         x = self._along(place, away)
         rise = self._noted(x)
-        if not LEAST_RISE * self.sought <= rise <= MOST_RISE * self.sought:
+        if not LEAST_RISE * self.threshold <= rise <= MOST_RISE * self.threshold:
             rise = self._noted(self.descended(x, others, self.jacobian)[0])
-        return LEAST_RISE * self.sought <= rise <= MOST_RISE * self.sought
+        return LEAST_RISE * self.threshold <= rise <= MOST_RISE * self.threshold
 
     def end(self, place: int, sign: float) -> float:
-        """Return the distance at which the cost has risen by as much as is sought, inf where it does not."""
+        """Return the distance at which the cost has risen by the threshold, inf where it does not."""
         bound = float(self.high[place] - self.x[place] if sign > 0.0 else self.x[place] - self.low[place])
-        goal, start, jacobian = float(np.sqrt(self.sought)), self.x, self.jacobian
+        goal, start, jacobian = float(np.sqrt(self.threshold)), self.x, self.jacobian
         near = far = (0.0, 0.0)  # distance and root of the rise: within the interval, and beyond its end
         away = min(float(self.reach[place]), bound)
         for _ in range(POINTS):
@@ -225,7 +225,7 @@ class Walk:
 
     def settled(self, won: float) -> bool:
         """Return whether a step that won so much was the last."""
-        return won <= SETTLED * self.sought
+        return won <= SETTLED * self.threshold
 
     def descended(self, x: Array, others: Mask, jacobian: Array) -> tuple[Array, float, Array]:
         """Return where steps of these derivatives lead while the cost falls, what the last one won, and they anew."""
@@ -239,7 +239,7 @@ class Walk:
             now = _robust(rows_there)
             jacobian = _brought_on(jacobian, moved - x, _weights(rows) * (rows_there - rows))
             if now >= cost:
-                return x, 0.0 if won < np.inf else self.sought, jacobian
+                return x, 0.0 if won < np.inf else self.threshold, jacobian
             x, rows, cost, won = moved, rows_there, now, cost - now
             if self.settled(won):
                 break

@@ -109,8 +109,8 @@ class RecentSamples:
         later = [(time_s, share) for time_s, share in self._commands if time_s > from_s]
         if not before and not later:
             return None
-        told = [(max(from_s, self._first_s), before[-1] if before else 1.0), *later]
-        times, values = np.array(told).T
+        changes = [(max(from_s, self._first_s), before[-1] if before else 1.0), *later]
+        times, values = np.array(changes).T
         return times, values
 
 

@@ -49,7 +49,7 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
         What further sensors would give.
     """
     title = f"{found.question.machine}: identification"
-    outcome = "foretold better than before" if found.better else "foretold no better than before: nothing was written"
+    outcome = "predicted better than before" if found.better else "predicted no better than before: nothing was written"
     head = (
         f"<p>Fitted to {escape(', '.join(runs))}; held out: {escape(', '.join(held_out)) or 'the last share'}, "
         f"{outcome}. {found.model_runs} runs of the model, {found.seconds:.1f} s, seed {found.question.seed}.</p>"
@@ -63,7 +63,7 @@ def search_words(search: Search) -> str:
     """Return what the search has seen, as a sentence."""
     if search.starts == 1:
         return "The first start ended where the sensors' noise explains the residuals; no other was tried."
-    ends = f"{search.starts} starts ended in {search.valleys} valleys, {search.agreeing} of them in the best"
+    ends = f"{search.starts} starts ended in {search.valleys} local minima, {search.agreeing} of them in the best"
     if search.valleys == 1:
         return f"{ends}."
     return f"{ends}; the misfit of the second best is {search.margin:.3g} times as large."
@@ -102,7 +102,7 @@ def _verdict_table(found: Identification) -> str:
             ]
             for c in found.combinations
         ]
-        tables += "<h3>Seen in combination</h3>" + _table(heads, combined)
+        tables += "<h3>Identifiable in combination</h3>" + _table(heads, combined)
     return tables
 
 

@@ -47,7 +47,7 @@ class Weighting:
 def contradicting(first: Array, other: Array) -> Mask:
     """Return the rows in which derivatives of two step lengths contradict each other, shape (rows,).
 
-    Keys without an effect have no say.  None are where that is so in many rows: then the keys are not told at all, and
+    Keys without an effect have no say.  None are where that is so in many rows: then no derivative can be trusted, and
     to leave rows out would hide it.
     """
     off, sizes = np.abs(first - other), np.linalg.norm(first, axis=0)
@@ -65,7 +65,7 @@ class FitProblem:
     model : ModelRuns
         Machine, keys and measured runs.
     unknowns : Unknowns
-        What is sought.
+        What is fitted.
     priors : mapping
         Mean and standard deviation of keys that are known from elsewhere.
     """
@@ -146,9 +146,9 @@ class FitProblem:
         self, x: Array, run: int, channel: FitChannel, curves: ColumnCurves, at_s: Array
     ) -> tuple[Array, Array]:
         """Return what the matched event of the model shows, and its time; an unmatched one is off by the limit."""
-        told = curves.of_events(channel.kind, "time")
-        begins = first_of_series(told)
-        times, values = told[begins], curves.of_events(channel.kind, channel.field)[begins]
+        every = curves.of_events(channel.kind, "time")
+        begins = first_of_series(every)
+        times, values = every[begins], curves.of_events(channel.kind, channel.field)[begins]
         values = values - self.begin(x, run) if channel.field == "time" else values
         limit = SHARE * min(usual_spacing(channel.times_s), 1e3) if channel.field == "time" else np.std(channel.values)
         found = matched(at_s, times)

@@ -56,7 +56,7 @@ def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
     """
     if off is None:
         return None
-    seen = f"{search.agreeing} of {search.starts} starts ended in the best of {search.valleys} valleys"
+    seen = f"{search.agreeing} of {search.starts} starts ended in the best of {search.valleys} local minima"
     if search.agreed:
         return MODEL_ERROR, f"{off}, and {seen}: the model lacks something"
     return NOT_CONVERGED, f"{off}, and {seen}: the fit has not found the keys"
@@ -95,19 +95,19 @@ def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas
     down, up = evidence.half_widths[:, i].tolist()
     if np.isfinite(down) != np.isfinite(up):
         end = f"at least {estimate - down:.6g}" if np.isfinite(down) else f"at most {estimate + up:.6g}"
-        return ONE_SIDED, f"the channels tell only that it is {end}: to the other side the misfit does not rise"
+        return ONE_SIDED, f"{end}; to the other side the likelihood profile is flat"
     return _by_width(evidence, i, estimate, max(down, up))
 
 
 def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tuple[str, str]:
     """Return whether the interval is narrow enough to speak of a number."""
     if not np.isfinite(half):
-        return NOT_EXCITED, "the misfit rises to neither side"
+        return NOT_EXCITED, "the likelihood profile is flat on both sides"
     if half > WIDEST * abs(estimate):
         if evidence.before[i] == 0.0:
-            return NOT_EXCITED, f"the channels do not tell it from 0, to {half:.3g}"
-        return NOT_EXCITED, f"the channels leave it open by {half:.3g} on either side, more than half of its value"
-    return IDENTIFIED, "the channels see it"
+            return NOT_EXCITED, f"not significantly different from 0: 95 % within {half:.3g}"
+        return NOT_EXCITED, f"95 % within {half:.3g} on either side, more than half its value"
+    return IDENTIFIED, "observable, with an interval within half its value"
 
 
 def _not_seen_alone(
@@ -118,12 +118,12 @@ def _not_seen_alone(
     if sensitivity.effects[i] < sensitivity.least_effects[i]:
         return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"
     if sensitivity.left[i] < ALONE:
-        return COMBINATION, "the channels see it only together with their zeros, gains and lags, or with the beginning"
+        return COMBINATION, "its effect equals that of zeros, gains, lags or the start state of the run"
     if i not in tied:
         return None
     partners = ", ".join(evidence.names[j] for j in tied[i] if j != i)
     if not evidence.fixed & set(tied[i]):
-        return COMBINATION, f"its effect differs from that of {partners} by less than derivatives are trusted to"
+        return COMBINATION, f"its effect differs from that of {partners} by less than the error of the derivatives"
     formula = formulas.get(evidence.names[i])
-    seen = f": they see {formula}" if formula else ""
-    return COMBINATION, f"the channels see it only together with {partners}{seen}"
+    seen = f": only {formula} is observable" if formula else ""
+    return COMBINATION, f"its effect on the channels equals that of {partners}{seen}"

@@ -144,10 +144,10 @@ def identification_read(document: Mapping[str, Any]) -> Identification:
     found, base = (configuration_read(machine, document[name], name) for name in ("config", "before"))
     bounds = {key: (_or(low, -inf), _or(high, inf)) for key, (low, high) in asked["bounds"].items()}
     priors = {key: tuple(pair) for key, pair in asked["priors"].items()}
-    told = {**asked, "keys": tuple(asked["keys"]), "bounds": bounds, "priors": priors}
+    arguments = {**asked, "keys": tuple(asked["keys"]), "bounds": bounds, "priors": priors}
     held, correlation = document["held_out"], document["correlation"]
     return Identification(
-        IdentificationQuestion(machine, base, **told, seed=document["seed"]),
+        IdentificationQuestion(machine, base, **arguments, seed=document["seed"]),
         found,
         tuple(KeyVerdict(**_interval(row)) for row in document["parameters"]),
         tuple(map(_combination, document["combinations"])),
