@@ -2,8 +2,8 @@
 """What the channels see of the keys together: directions without effect, and the combinations that remain.
 
 Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
-by singular values.  A direction whose effect is a small share of what its keys do singly may as well be an error of the model
-of that share, so it counts as not seen.  What remains of keys that such directions tie together is given
+by singular values.  A direction whose effect is a small share of what its keys do singly may be an error of the
+model alone, so it counts as not seen.  What remains of keys that such directions tie together is given
 for those that were fitted and those fixed, from fits in which the fixed ones were moved (`key_dependence`).
 """
 

@@ -125,5 +125,5 @@ def _not_seen_alone(
     if not evidence.fixed & set(tied[i]):
         return COMBINATION, f"its effect differs from that of {partners} by less than the error of the derivatives"
     formula = formulas.get(evidence.names[i])
-    seen = f": only {formula} is observable" if formula else ""
+    seen = f": observable is {formula}" if formula else ""
     return COMBINATION, f"its effect on the channels equals that of {partners}{seen}"

@@ -48,7 +48,7 @@ def test_keys_that_repeat_each_other_carry_a_combination_only_where_the_model_fi
     )
     told = key_verdicts(evidence, [])
     assert [key.verdict for key in told] == [verdict, verdict]
-    assert (lacking[1] if lacking else "together with") in told[0].reason
+    assert (lacking[1] if lacking else "equals that of") in told[0].reason
 
 
 @pytest.mark.parametrize(("agreeing", "verdict"), [(2, NOT_CONVERGED), (3, MODEL_ERROR)])
@@ -71,7 +71,7 @@ def test_what_the_noise_refutes_is_the_models_fault_only_where_several_starts_en
 
 
 @pytest.mark.parametrize(
-    ("held", "word"), [(frozenset({1}), "together with force"), (frozenset(), "differs from that")]
+    ("held", "word"), [(frozenset({1}), "equals that of force"), (frozenset(), "differs from that")]
 )
 def test_keys_are_called_tied_only_where_the_fit_holds_one_of_them(held: frozenset[int], word: str) -> None:
     """Derivatives that two step lengths contradict say that keys are not told apart, and not that they go together."""
@@ -97,4 +97,4 @@ def test_the_reason_says_for_which_values_of_a_held_key_a_combination_holds() ->
         "mass force^-1", "product", ("mass", "force"), (1.0, -1.0), 1.0, 0.9, 1.1, {"force": (0.5, 1.5)}
     )
     for key in key_verdicts(evidence, [ratio]):
-        assert key.reason.endswith("they see mass force^-1, for force from 0.5 to 1.5")
+        assert key.reason.endswith("observable is mass force^-1, for force from 0.5 to 1.5")
