@@ -25,9 +25,9 @@ REFUSED = 1e3  # standard deviations where the machine refuses the values, or it
 GUARD_STEPS = 2.5  # coupling steps on either side of an event
 BEND_GUARD_STEPS = 1.5  # of a position, which bends there
 KEY_STEP = 1e-4  # of the scale of a key, in central differences
-OTHER_STEP = 3.0  # times as long, or as short: differences over it tell the error of the first
+STEPS = 3.0  # times as long, or as short: from differences over several steps those over none follow
 DOUBTED = 1e-4  # of the effect of a key: more difference between two step lengths
-HALVED, MOST_HALVINGS = 8.0, 1
+HALVED = 8.0  # times shorter: steps of a key within which many rows are bent
 LEAST_BEND = 1e-3  # standard deviations: less is rounding
 CURVED = 0.3  # of the slopes on either side: more difference between them, and the order of events changed
 MOST_BENT = 0.2  # of the rows of a channel
@@ -55,6 +55,12 @@ def contradicting(first: Array, other: Array) -> Mask:
     larger = np.maximum(np.abs(first), np.abs(other))
     found = ((off > CURVED * larger) & (off > SMALL * usual)).any(axis=1)
     return np.asarray(found if np.mean(found) <= MOST_BENT else np.zeros(len(found), dtype=np.bool_))
+
+
+def romberg(longest: Array, middle: Array, shortest: Array) -> tuple[Array, Array]:
+    """Return central differences over three steps, each `STEPS` times the next, as those over none; of two likewise."""
+    coarse, fine = (b + (b - a) / (STEPS**2 - 1.0) for a, b in ((longest, middle), (middle, shortest)))
+    return fine + (fine - coarse) / (STEPS**4 - 1.0), coarse
 
 
 class FitProblem:
@@ -172,24 +178,26 @@ class FitProblem:
 
     def jacobian(self, x: Array, comparison: Weighting, step: float = KEY_STEP) -> Array:
         """Return the derivatives of `residuals`, shape (rows, unknowns); the keys move by ``step`` of their scales."""
-        return self._with_others(x, comparison, self._key_columns(x, comparison, step))
+        return self._with_others(x, comparison, self._straightened(x, comparison, step)[0])
 
     def two_jacobians(self, x: Array, comparison: Weighting) -> tuple[Array, Array]:
-        """Return the derivatives of `residuals`, and the same from another step length: they differ by their errors.
+        """Return the derivatives of `residuals`, and the same less exactly: they differ by the error, or by more.
 
-        The other step is the longer one, which has less rounding; of a key for which the two differ, because the motion
-        bends within the longer step, it is the shorter one if that differs less.  Either way rounding shows.  A row in
-        which they still contradict each other lies behind a change of the order of events within the steps: it tells
-        no derivative, and has none in either.
+        Central differences over three steps are extrapolated to none (Romberg 1955), the other ones are so from the
+        longer two.  Where the motion bends within these, all steps are shorter; where rounding makes both differ, both
+        are the differences themselves.  A row in which they still contradict each other lies behind a change of the
+        order of events within the steps: it tells no derivative, and has none in either.
         """
-        first, longer = (self._key_columns(x, comparison, KEY_STEP * factor) for factor in (1.0, OTHER_STEP))
-        off = np.linalg.norm(longer - first, axis=0)
-        doubted = np.flatnonzero(off > DOUBTED * np.linalg.norm(first, axis=0)).tolist()
-        shorter = self._key_columns(x, comparison, KEY_STEP / OTHER_STEP, doubted)
-        other = longer.copy()
-        for place in doubted:
-            if np.linalg.norm(shorter[:, place] - first[:, place]) < off[place]:
-                other[:, place] = shorter[:, place]
+        longest, steps = self._straightened(x, comparison, STEPS * KEY_STEP)
+        middle, shortest = (self._key_columns(x, comparison, steps / each)[0] for each in (STEPS, STEPS**2))
+        first, other = romberg(longest, middle, shortest)
+        doubted = np.linalg.norm(first - other, axis=0) > DOUBTED * np.linalg.norm(first, axis=0)
+        bends = np.linalg.norm(shortest - middle, axis=0) < np.linalg.norm(middle - longest, axis=0)
+        bent, rounded = np.flatnonzero(doubted & bends), doubted & ~bends
+        first[:, rounded], other[:, rounded] = middle[:, rounded], longest[:, rounded]
+        if len(bent):
+            again = self._key_columns(x, comparison, steps / STEPS**3, bent)[0]
+            first[:, bent], other[:, bent] = romberg(middle[:, bent], shortest[:, bent], again[:, bent])
         lost = contradicting(first, other)
         first[lost] = other[lost] = 0.0
         return self._with_others(x, comparison, first), self._with_others(x, comparison, other)
@@ -237,37 +245,41 @@ class FitProblem:
             found[:, begin] = -inverse_gain * slope * self.unknowns.all[begin].scale / comparison.sigmas[place]
         return found
 
-    def _key_columns(self, x: Array, comparison: Weighting, step: float, among: Sequence[int] | None = None) -> Array:
-        """Return the derivatives by the keys: differences over a step that is halved where too many rows are bent.
+    def _straightened(self, x: Array, comparison: Weighting, step: float) -> tuple[Array, Array]:
+        """Return the derivatives by the keys, and the steps taken: shorter ones where too many rows were bent."""
+        steps = np.full(len(self.unknowns.places(KEY)), step)
+        found, bent = self._key_columns(x, comparison, steps)
+        again = np.flatnonzero(bent > MOST_BENT)
+        if len(again):
+            shorter, less = self._key_columns(x, comparison, steps / HALVED, again)
+            better = again[less[again] < bent[again]]
+            found[:, better], steps[better] = shorter[:, better], steps[better] / HALVED
+        return found, steps
 
-        ``among`` are the places of those wanted, all if absent; the columns of the others stay 0.
+    def _key_columns(
+        self, x: Array, comparison: Weighting, steps: Array, among: npt.NDArray[np.intp] | None = None
+    ) -> tuple[Array, Array]:
+        """Return differences of the rows over a step of each key, and the largest share of bent rows in a channel.
+
+        ``among`` are the places of those wanted, all if absent; the columns of the others are 0.
         """
-        count = len(self.unknowns.places(KEY))
-        left = list(range(count) if among is None else among)
         centre = self.model.at(self.unknowns.keys(x))
-        found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), count))
-        bent = dict.fromkeys(left, np.inf)
-        for _ in range(MOST_HALVINGS + 1):
-            if centre is None or not left:
-                break
-            rest = []
-            for place, (up, down) in zip(left, self._members(x, left, step), strict=True):
-                derivative, share = self._difference(x, comparison, (up, centre, down), step)
-                if share < bent[place]:
-                    found[:, place], bent[place] = derivative, share
-                if share > MOST_BENT:
-                    rest.append(place)
-            step, left = step / HALVED, rest
-        return found
+        found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), len(steps)))
+        bent = np.zeros(len(steps))
+        places = range(len(steps)) if among is None else among.tolist()
+        if centre is not None:
+            for place, (up, down) in zip(places, self._members(x, places, steps), strict=True):
+                found[:, place], bent[place] = self._difference(x, comparison, (up, centre, down), float(steps[place]))
+        return found, bent
 
-    def _members(self, x: Array, places: Sequence[int], step: float) -> list[tuple[Curves | None, Curves | None]]:
+    def _members(self, x: Array, places: Sequence[int], steps: Array) -> list[tuple[Curves | None, Curves | None]]:
         """Return the roll-outs on either side of the centre for each key."""
         keys, scales = self.unknowns.keys(x), self.unknowns.scales[self.unknowns.places(KEY)]
         asked = []
         for place in places:
             for sign in (1.0, -1.0):
                 moved = keys.copy()
-                moved[place] += sign * step * scales[place]
+                moved[place] += sign * steps[place] * scales[place]
                 asked.append(moved)
         rolled = self.model.many(asked)
         return [(rolled[2 * i], rolled[2 * i + 1]) for i in range(len(places))]
