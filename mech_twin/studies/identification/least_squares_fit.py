@@ -28,6 +28,8 @@ SETTLED = 0.02  # change of a standard deviation between rounds
 STAGE_ENDS = 1e-3  # relative change of cost or unknowns with which an earlier stage ends
 TRIED_BEGINS = 4000
 BEGIN_SAMPLES = 200
+FORETOLD = 0.03  # of what the rows change by in a step: derivatives that are less off go on
+FORETOLD_ROW = 0.01  # standard deviations of a row, likewise
 LOSS, LOSS_SCALE = "soft_l1", 3.0
 LEAST_NOISE = 1e-6  # of the size of a channel
 NORMAL_MEDIAN = 0.6745
@@ -113,10 +115,11 @@ def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> 
         comparison = problem.comparison(x, sigmas_now)
         if not len(x):
             return _fitted(problem, x, comparison)
+        followed = _Followed(problem, comparison)
         found = least_squares(
-            lambda y, c=comparison: problem.residuals(y, c),
+            followed.residuals,
             np.clip(x, low, high),
-            lambda y, c=comparison: problem.jacobian(y, c),
+            followed.jacobian,
             bounds=(low, high),
             x_scale="jac",
             loss=LOSS,
@@ -131,6 +134,43 @@ def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> 
         fitted = _fitted(problem, x, comparison)
     sigmas = np.maximum(sigmas, spreads(problem, x, problem.comparison(x, sigmas)))
     return _fitted(problem, x, problem.comparison(x, sigmas))
+
+
+class _Followed:
+    """Residuals, and derivatives that each step brings on as long as they foretell what the rows change by."""
+
+    def __init__(self, problem: FitProblem, comparison: Weighting) -> None:
+        self._problem, self._comparison, self._tried = problem, comparison, 0
+        self._last: tuple[Array, Array, Array] | None = None
+
+    def residuals(self, x: Array) -> Array:
+        """Return the residuals that count."""
+        self._tried += 1
+        return self._problem.residuals(x, self._comparison)
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives at a point, where a step has led."""
+        rows, found = self._problem.residuals(x, self._comparison), None
+        if self._last is not None and self._tried == 1:
+            from_x, from_rows, jacobian = self._last
+            moved, changed = x - from_x, rows - from_rows
+            off = float(np.linalg.norm(changed - jacobian @ moved))
+            if off <= max(FORETOLD * float(np.linalg.norm(changed)), FORETOLD_ROW * np.sqrt(len(rows))):
+                found = brought_on(jacobian, moved, changed)
+        found = self._problem.jacobian(x, self._comparison) if found is None else found
+        self._last, self._tried = (x.copy(), rows, found), 0
+        return found
+
+
+def brought_on(jacobian: Array, moved: Array, changed: Array) -> Array:
+    """Return derivatives that foretell what the rows changed by over a step, changed as little as possible (Broyden).
+
+    Changes are measured over the size of each column, so that no unknown is favoured by its scale.
+    """
+    sizes = np.linalg.norm(jacobian, axis=0)
+    step = moved * sizes**2
+    length = float(moved @ step)
+    return jacobian if length <= 0.0 else jacobian + np.outer(changed - jacobian @ moved, step / length)
 
 
 def _fitted(problem: FitProblem, x: Array, comparison: Weighting) -> Fitted:

@@ -19,7 +19,7 @@ from scipy import stats
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
-from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Progress, quiet
+from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Progress, brought_on, quiet
 from mech_twin.studies.identification.unknowns import KEY
 
 LEAST_RISE, MOST_RISE = 0.6, 1.6  # of the rise that a parabola has: another one is followed
@@ -237,7 +237,7 @@ class Walk:
             moved = np.clip(moved, self.low, self.high)
             rows_there = self.problem.residuals(moved, self.comparison)
             now = _robust(rows_there)
-            jacobian = _brought_on(jacobian, moved - x, _weights(rows) * (rows_there - rows))
+            jacobian = brought_on(jacobian, moved - x, _weights(rows) * (rows_there - rows))
             if now >= cost:
                 return x, 0.0 if won < np.inf else self.threshold, jacobian
             x, rows, cost, won = moved, rows_there, now, cost - now
@@ -264,14 +264,3 @@ def _weights(rows: Array) -> Array:
 
 def _solved(jacobian: Array, rows: Array) -> Array:
     return np.asarray(inverse_information(jacobian) @ (jacobian.T @ rows))
-
-
-def _brought_on(jacobian: Array, moved: Array, changed: Array) -> Array:
-    """Return derivatives that foretell what the rows changed by over a step, changed as little as possible (Broyden).
-
-    Changes are measured over the size of each column, so that no unknown is favoured by its scale.
-    """
-    sizes = np.linalg.norm(jacobian, axis=0)
-    step = moved * sizes**2
-    length = float(moved @ step)
-    return jacobian if length <= 0.0 else jacobian + np.outer(changed - jacobian @ moved, step / length)
