@@ -3,10 +3,11 @@
 
     python benchmarks/identification/hidden_draws.py [MACHINE]... [--draws N] [--minutes M] [--journal FILE] [--write]
 
-The runs are made by `test/studies/identification/independent_machines.py`, which writes each machine a second time and
-imports nothing of the product.  Every key is off by up to a half of itself.  ``--write`` puts a row a machine into
-docs/proof/hidden-draws.md; ``--journal`` keeps finished draws, so that a run that was ended goes on.  Ends with exit
-code 1 where fewer than 95 % of what is called identified lie inside, or over 2 % are off by over 3 standard errors.
+The runs are made by `independent_machines.py` and `independent_driven_machines.py` of test/studies/identification,
+which write each machine a second time and import nothing of the product.  Every key is off by up to a half of itself.
+``--write`` puts a row a machine into docs/proof/hidden-draws.md; ``--journal`` keeps finished draws, so that a run that
+was ended goes on.  Ends with exit code 1 where fewer than 95 % of what is called identified lie inside, or over 2 % are
+off by over 3 standard errors.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(1, str(Path(__file__).resolve().parents[2] / "test" / "studies" / "identification"))
+sys.path.insert(1, str(Path(__file__).resolve().parents[2] / "test"))
 from evidence import share_interval, write_rows
-from independent_machines import BENCHES, Bench, HiddenDraw, hidden_draw
+from studies.identification.independent_driven_machines import DRIVEN_BENCHES
+from studies.identification.independent_machines import BENCHES, Bench, HiddenDraw, hidden_draw
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -40,6 +42,7 @@ from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 from mech_twin.studies.spreading import spread
 
+EVERY = {**BENCHES, **DRIVEN_BENCHES}
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "proof" / "hidden-draws.md"
 HEADS = (
     *("machine", "draws", "keys", "identified", "inside 95 %", "of them, %", "95 % of it", "wrong (3 s.e.)"),
@@ -70,14 +73,15 @@ class Drawn:
 
 def found_of(label: str, seed: int, planning: bool = True) -> Drawn:
     """Return what is found of one draw."""
-    bench = BENCHES[label]
+    bench = EVERY[label]
     draw = hidden_draw(bench, seed)
     given = MeasurementMap.model_validate(draw.map_tree())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.csv"
         draw.write(path)
         run = fit_run(read_run(TableReader(path), given), begin_known=True)
-    question = IdentificationQuestion(bench.machine, machine_parameters(bench.machine), bench.keys, cores=1)
+    base = machine_parameters(bench.machine, None, bench.settings)
+    question = IdentificationQuestion(bench.machine, base, bench.keys, cores=1)
     promised = planned(bench, draw) if planning else ()
     began = time.process_time()
     try:
@@ -95,9 +99,8 @@ def _told(key: object) -> dict[str, float | str]:
 
 def planned(bench: Bench, draw: HiddenDraw) -> tuple[str, ...]:
     """Return the keys that a plan with these sensors calls identified at the true values."""
-    question = IdentificationQuestion(
-        bench.machine, machine_parameters(bench.machine, None, draw.true), bench.keys, cores=1
-    )
+    base = machine_parameters(bench.machine, None, {**bench.settings, **draw.true})
+    question = IdentificationQuestion(bench.machine, base, bench.keys, cores=1)
     tree = draw.map_tree()
     opened = MeasurementMap.model_validate(tree)
     for channel, sensor in zip(tree["channels"], bench.sensors, strict=True):
@@ -172,7 +175,7 @@ def row_of(machine: str, drawn: list[Drawn]) -> tuple[object, ...]:
 
 def main() -> None:
     words = argparse.ArgumentParser()
-    words.add_argument("machines", nargs="*", default=list(BENCHES))
+    words.add_argument("machines", nargs="*", default=list(EVERY))
     words.add_argument("--draws", type=int, default=40)
     words.add_argument("--minutes", type=float, default=1e6, help="after them no further draw of a machine is begun")
     words.add_argument("--journal", type=Path)

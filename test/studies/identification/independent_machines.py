@@ -46,6 +46,7 @@ class Bench:
     keys: tuple[str, ...]
     sensors: tuple[Sensor, ...]
     motion: Callable[[Mapping[str, float], float], Columns]
+    settings: Mapping[str, float] = field(default_factory=dict)  # of the machine, known to the fit
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ class HiddenDraw:
             channel |= {"zero": "free"} if sensor.zero else {}
             channel |= {"lag_s": "free"} if sensor.lag_s else {}
             channels.append(channel)
-        return {"machine": self.bench.machine, "time": {"column": "time_s"}, "channels": channels}
+        machine = "page" if self.bench.machine.endswith(".yaml") else self.bench.machine
+        return {"machine": machine, "time": {"column": "time_s"}, "channels": channels}
 
     def write(self, path: Path) -> None:
         """Write the run as a table; cells of channels without a sample at a time are empty."""
