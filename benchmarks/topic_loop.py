@@ -18,10 +18,8 @@ from comparison import Table, measure, ratio, told_in_turn
 
 from mech_twin.engine.coupling import next_body
 from mech_twin.engine.run import frames
-from mech_twin.messages import body, force, linkage, motor
-from mech_twin.messages.joint_state_cdr import encoded
-from mech_twin.messages.step_marks import revision_row
-from mech_twin.messages.step_message import Row
+from mech_twin.messages.step_codec import body, force, linkage, motor
+from mech_twin.messages.step_message import Row, revision_row
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.run.composition import run_in_process
@@ -88,7 +86,7 @@ def step_bytes(frame: Frame, *, raw: bool) -> list[object]:
     if frame.body is None:
         raise ValueError(f"{NAME} has no body")
     pairs = ((linkage, frame.linkage), (motor, frame.motor), (force, frame.forces), (body, frame.body))
-    return [encoded(c.to_step(s, MARKS)) if raw else c.to_message(s) for c, s in pairs]
+    return [c.to_bytes(s, MARKS) if raw else c.to_message(s) for c, s in pairs]
 
 
 def rates(built: Machine, frame: Frame, before: Frame) -> Table:

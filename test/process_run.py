@@ -24,8 +24,8 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
-from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.joint_state_cdr import Decoder
+from mech_twin.messages.step_codec import linkage as linkage_messages
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, STEP_LINKAGE, Topic, full_name
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.roles import Machine

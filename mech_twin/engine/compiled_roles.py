@@ -23,9 +23,7 @@ from mech_twin.engine.sample_vectors import (
     ForceLayout,
     LinkageLayout,
     MotorLayout,
-    body_row,
-    motion_row,
-    motor_row,
+    row_of,
 )
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 
@@ -75,8 +73,8 @@ class CompiledMotor(_Compiled[MotorLayout]):
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
         """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
         layout, out = self.layout, np.empty(self.layout.size)
-        held_motor_step(self.held, motion_row(linkage), target, out)
-        return layout.sample(linkage.step, linkage.time_s, out.tolist())
+        held_motor_step(self.held, row_of(linkage), target, out)
+        return layout.of_row(linkage.step, linkage.time_s, out)
 
 
 class CompiledLinkage(_Compiled[LinkageLayout]):
@@ -96,14 +94,14 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
         """Return the linkage one coupling step later, its events located inside the step."""
         layout, out = self.layout, np.empty(self.layout.size)
-        led = NO_NUMBERS if body is None else body_row(body)
+        led = NO_NUMBERS if body is None else row_of(body)
         log, count = held_linkage_step(
-            self.held, linkage.step, layout.row(linkage), motor_row(motor), led, out, layout.events.table()
+            self.held, linkage.step, row_of(linkage), row_of(motor), led, out, layout.events.table()
         )
         if count < 0:
             raise self.failure(count, linkage.time_s, log)
         step = linkage.step + 1
-        return layout.sample(step, step * self.step_s, out.tolist(), layout.events.events(log[:count]))
+        return layout.of_row(step, step * self.step_s, out, layout.events.events(log[:count]))
 
 
 class CompiledForces(_Compiled[ForceLayout]):
@@ -113,11 +111,9 @@ class CompiledForces(_Compiled[ForceLayout]):
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
         layout, out = self.layout, np.empty(self.layout.size)
         events = layout.loads.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
-        loads, count = held_force_step(
-            self.held, linkage.step, motion_row(linkage), events, len(events), out, no_loads()
-        )
+        loads, count = held_force_step(self.held, linkage.step, row_of(linkage), events, len(events), out, no_loads())
         told = layout.load_samples(loads[:count]) if count else ()
-        return layout.sample(linkage.step, linkage.time_s, out.tolist(), told)
+        return layout.of_row(linkage.step, linkage.time_s, out, told)
 
 
 class CompiledBody(_Compiled[BodyLayout]):
@@ -138,10 +134,10 @@ class CompiledBody(_Compiled[BodyLayout]):
         layout, out = self.layout, np.empty(self.layout.size)
         acting, loads = NO_NUMBERS, NO_LOADS
         if self.force_layout is not None:
-            acting, loads = self.force_layout.row(forces), self.force_layout.load_rows(forces.loads)
+            acting, loads = row_of(forces), self.force_layout.load_rows(forces.loads)
         log, count = held_body_step(
-            self.held, forces.step, layout.row(body), acting, loads, len(loads), out, layout.events.table()
+            self.held, forces.step, row_of(body), acting, loads, len(loads), out, layout.events.table()
         )
         if count < 0:
             raise failed(self.failures, count, body.time_s)
-        return layout.sample(forces.step, forces.time_s, out.tolist(), layout.events.events(log[:count]))
+        return layout.of_row(forces.step, forces.time_s, out, layout.events.events(log[:count]))

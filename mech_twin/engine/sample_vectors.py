@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples as rows of numbers, for kernels: where each number of a sample stands, and both ways of conversion.
+"""Samples as rows of numbers, declared once for each role: kernel, sample, column of a run and message follow from it.
 
 =========  ==========================================================================================
 linkage    regime; command; position, velocity, effort of each joint; memory; residuals
@@ -15,10 +15,12 @@ Step and time are not in a row: a kernel is told the step, and the time is the s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
+from itertools import accumulate, chain
+from operator import itemgetter
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -35,11 +37,12 @@ from mech_twin.samples import (
     Load,
     MotorSample,
     Named,
+    Sample,
     Wrench,
 )
 
 Array = NDArray[np.float64]
-Moving = TypeVar("Moving", LinkageSample, BodySample)
+SampleOf = TypeVar("SampleOf", bound=tuple[Any, ...])
 # columns of a row of the event table; then position, velocity, effort of each coordinate before, and after
 TIME, KIND, CONTACT, PRE_VELOCITY, POST_VELOCITY, IMPULSE, PERIOD, SIDES = range(8)
 EVENT_WIDTH = 8
@@ -131,133 +134,163 @@ class EventLayout:
         return (*self.contacts, RESET_CONTACT, GIVEN_STATE)
 
 
+BODILY = ("position", "velocity", "effort")  # what a joint has three of, and the columns of a message
+EFFORT = 2
+MARK = "~"  # before the rows of a message that are no joints and no efforts of their own
+MOST_REMEMBERED = 64
+NUMBERED = 3  # fields of a sample before its numbers: step, time, names
+
+
+class RowNumber(NamedTuple):
+    """A number of a row: its column in a run, and its row and column in a message."""
+
+    column: str
+    row: str
+    place: int = 0
+
+
 @dataclass(frozen=True)
-class _MovingLayout(Generic[Moving]):
-    """Row of a sample that has joints, memory and residuals; ``kind`` is its class, ``second`` the number beside."""
+class SampleLayout(Generic[SampleOf]):
+    """What the samples of a role hold, in the order of a row: single numbers, threes, named numbers.
+
+    Attributes
+    ----------
+    kind : type
+        The sample.
+    scalars : mapping
+        Fields that are one number, and what each is where a message does not say: a whole number, a number, or None.
+    bodies, threes
+        Field that names joints or pins, and what each of them has three of.
+    lists : mapping
+        Fields of named numbers, and the word before each name; none where the name stands alone.
+    place : int
+        Column of a message for numbers that are no joint's.
+    """
 
     kind: ClassVar[Any]
-    second: ClassVar[str]
+    scalars: ClassVar[Mapping[str, float | None]]
+    bodies: ClassVar[str] = "joints"
+    threes: ClassVar[tuple[str, str, str]] = BODILY
+    lists: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    place: ClassVar[int] = 0
+
+    @classmethod
+    def of(cls, sample: SampleOf) -> tuple[tuple[str, ...], ...]:
+        """Return the names in a sample: of joints or pins, then of each list."""
+        return (sample[2], *[getattr(sample, name).names for name in cls.lists])
+
+    @classmethod
+    def numbers(cls, sample: SampleOf) -> Array:
+        """Return a sample as a row."""
+        threes = sample[NUMBERED] if cls.bodies == "pins" else zip(*sample[NUMBERED : NUMBERED + 3], strict=True)
+        single = [getattr(sample, name) for name in cls.scalars]
+        lists = [getattr(sample, name).values for name in cls.lists]
+        return np.array([*single, *chain.from_iterable(threes), *chain.from_iterable(lists)], np.float64)
+
+    @cached_property
+    def entries(self) -> tuple[RowNumber, ...]:
+        """What each number of a row is."""
+        found = [RowNumber(name, MARK + name, self.place) for name in self.scalars]
+        for body in getattr(self, self.bodies):
+            if self.bodies == "pins":
+                found += [RowNumber(f"{body}.{what}", f"{body}/{what}", EFFORT) for what in self.threes]
+            else:
+                found += [RowNumber(f"{body}.{what}", body, place) for place, what in enumerate(self.threes)]
+        for (_, word), names in zip(self.lists.items(), self._names[1:], strict=True):
+            marked = f"{MARK}{word}/" if word else ""
+            found += [RowNumber(f"{word}.{name}" if word else name, marked + name, self.place) for name in names]
+        return tuple(found)
+
+    @property
+    def size(self) -> int:
+        """Numbers in a row."""
+        return len(self.entries)
+
+    def sample(self, step: int, time_s: float, row: Sequence[float], *more: Any) -> SampleOf:
+        """Return a row (a list) as a sample; ``more`` are its events, or its loads."""
+        single, end, lists, ordered = self._cuts
+        columns = [tuple(row[place:end:3]) for place in range(single, single + 3)]
+        carried = [tuple(map(Wrench, *columns))] if self.bodies == "pins" else columns
+        scalars = [int(row[0]), *row[1:single]] if self._whole else row[:single]
+        named = [Named(names, tuple(row[part])) for names, part in lists]
+        made: SampleOf = self.kind(*ordered((step, time_s, self._names[0], *carried, *scalars, *named)), *more)
+        return made
+
+    def of_row(self, step: int, time_s: float, row: Array, *more: Any) -> SampleOf:
+        """Return a row that nobody changes any more as a sample, which remembers it; see `sample`."""
+        made = self.sample(step, time_s, row.tolist(), *more)
+        _remember(made, row)
+        return made
+
+    @cached_property
+    def _names(self) -> tuple[tuple[str, ...], ...]:
+        return tuple(getattr(self, name) for name in (self.bodies, *self.lists))
+
+    @cached_property
+    def _whole(self) -> bool:
+        return isinstance(next(iter(self.scalars.values())), int)
+
+    @cached_property
+    def _cuts(self) -> tuple[int, int, list[tuple[tuple[str, ...], slice]], Any]:
+        """Where single numbers and threes end, the names and numbers of each list, and the order of a sample."""
+        begin = len(self.scalars) + 3 * len(self._names[0])
+        ends = [*accumulate(map(len, self._names[1:]), initial=begin)]
+        lists = [(names, slice(*ends[i : i + 2])) for i, names in enumerate(self._names[1:])]
+        carried = ("wrenches",) if self.bodies == "pins" else BODILY
+        fields = ("step", "time_s", self.bodies, *carried, *self.scalars, *self.lists)
+        order = itemgetter(*[fields.index(field) for field in self.kind._fields if field in fields])
+        return len(self.scalars), begin, lists, order
+
+
+@dataclass(frozen=True)
+class _StatefulLayout(SampleLayout[SampleOf]):
+    """Row of a sample that has joints, memory and residuals."""
+
+    lists = MappingProxyType({"memory": "memory", "residuals": "residual"})
     joints: tuple[str, ...]
     memory: tuple[str, ...]
     residuals: tuple[str, ...]
     events: EventLayout = EventLayout()
 
-    @property
-    def size(self) -> int:
-        """Numbers in a row."""
-        return 3 * len(self.joints) + 2 + len(self.memory) + len(self.residuals)
 
-    def names(self) -> list[str]:
-        """Return the column of each number, without the name of the role."""
-        return [
-            "regime", self.second, *_joint_names(self.joints),
-            *(f"memory.{name}" for name in self.memory), *(f"residual.{name}" for name in self.residuals),
-        ]  # fmt: skip
-
-    def row(self, sample: LinkageSample | BodySample) -> Array:
-        """Return a sample as a row."""
-        head: tuple[float, float] = (sample.regime, getattr(sample, self.second))
-        joints: tuple[float, ...] = tuple(joint_numbers(sample.position, sample.velocity, sample.effort))
-        return np.array((*head, *joints, *sample.memory.values, *sample.residuals.values), dtype=float)
-
-    def sample(self, step: int, time_s: float, row: Sequence[float], events: tuple[Event, ...]) -> Moving:
-        """Return a row (a list) as a sample."""
-        begin = 2 + 3 * len(self.joints)
-        end = begin + len(self.memory)
-        made: Moving = self.kind(
-            step,
-            time_s,
-            self.joints,
-            tuple(row[2:begin:3]),
-            tuple(row[3:begin:3]),
-            tuple(row[4:begin:3]),
-            int(row[0]),
-            row[1],
-            Named(self.memory, tuple(row[begin:end])),
-            Named(self.residuals, tuple(row[end:])),
-            events,
-        )
-        return made
-
-
-class LinkageLayout(_MovingLayout[LinkageSample]):
+class LinkageLayout(_StatefulLayout[LinkageSample]):
     """Row of a linkage sample."""
 
     kind = LinkageSample
-    second = "command"
+    scalars = MappingProxyType({"regime": 0, "command": 1.0})
 
 
-class BodyLayout(_MovingLayout[BodySample]):
+class BodyLayout(_StatefulLayout[BodySample]):
     """Row of a body sample."""
 
     kind = BodySample
-    second = "pressing_force_n"
+    scalars = MappingProxyType({"regime": 0, "pressing_force_n": None})
 
 
 @dataclass(frozen=True)
-class MotorLayout:
-    """Row of a motor sample."""
+class MotorLayout(SampleLayout[MotorSample]):
+    """Row of a motor sample; the effort asked of it is not in it."""
 
+    kind = MotorSample
+    scalars = MappingProxyType({"command": 1.0})
     joints: tuple[str, ...]
 
-    @property
-    def size(self) -> int:
-        """Numbers in a row."""
-        return 3 * len(self.joints) + 1
-
-    def names(self) -> list[str]:
-        """Return the column of each number, without the name of the role."""
-        return ["command", *_joint_names(self.joints)]
-
-    def row(self, sample: MotorSample) -> Array:
-        """Return a sample as a row."""
-        return motor_row(sample)
-
-    def sample(self, step: int, time_s: float, row: Sequence[float]) -> MotorSample:
-        """Return a row (a list) as a sample."""
-        return MotorSample(step, time_s, self.joints, tuple(row[1::3]), tuple(row[2::3]), tuple(row[3::3]), row[0])
-
 
 @dataclass(frozen=True)
-class ForceLayout:
+class ForceLayout(SampleLayout[ForceSample]):
     """Row of a force sample; ``loads`` are the events a load may stand for, ``reads_events`` whether they matter."""
 
+    kind = ForceSample
+    scalars = MappingProxyType({"body_moment_nm": None})
+    bodies = "pins"
+    threes = Wrench._fields
+    lists = MappingProxyType({"quantities": "", "residuals": "residual"})
+    place = EFFORT
     pins: tuple[str, ...]
     quantities: tuple[str, ...]
     residuals: tuple[str, ...]
     loads: EventLayout = EventLayout()
     reads_events: bool = False
-
-    @property
-    def size(self) -> int:
-        """Numbers in a row."""
-        return 3 * len(self.pins) + len(self.quantities) + 1 + len(self.residuals)
-
-    def names(self) -> list[str]:
-        """Return the column of each number, without the name of the role."""
-        wrenches = [f"{pin}.{name}" for pin in self.pins for name in Wrench._fields]
-        return ["body_moment_nm", *wrenches, *self.quantities, *(f"residual.{name}" for name in self.residuals)]
-
-    def row(self, sample: ForceSample) -> Array:
-        """Return a sample as a row."""
-        pins = [number for wrench in sample.wrenches for number in wrench]
-        quantities, residuals = sample.quantities.values, sample.residuals.values
-        return np.array((sample.body_moment_nm, *pins, *quantities, *residuals), dtype=float)
-
-    def sample(self, step: int, time_s: float, row: Sequence[float], loads: tuple[Load, ...]) -> ForceSample:
-        """Return a row (a list) as a sample."""
-        begin = 1 + 3 * len(self.pins)
-        end = begin + len(self.quantities)
-        return ForceSample(
-            step,
-            time_s,
-            self.pins,
-            tuple(map(Wrench, row[1:begin:3], row[2:begin:3], row[3:begin:3])),
-            Named(self.quantities, tuple(row[begin:end])),
-            row[0],
-            Named(self.residuals, tuple(row[end:])),
-            loads,
-        )
 
     def load_rows(self, loads: Sequence[Load]) -> Array:
         """Return loads as a table, (loads, 6)."""
@@ -269,6 +302,27 @@ class ForceLayout:
         """Return a table as loads."""
         kinds, contacts = self.loads._kinds, self.loads._contacts
         return tuple(Load(row[0], kinds[int(row[1])], contacts[int(row[2])], *row[3:]) for row in rows.tolist())
+
+
+LAYOUTS: dict[type, Any] = {
+    LinkageSample: LinkageLayout, MotorSample: MotorLayout, ForceSample: ForceLayout, BodySample: BodyLayout
+}  # fmt: skip
+_rows: dict[int, tuple[Sample, Array]] = {}  # of the newest samples, which are held so that no other takes their place
+
+
+def _remember(sample: Any, row: Array) -> None:
+    if len(_rows) >= MOST_REMEMBERED:
+        _rows.clear()
+    _rows[id(sample)] = sample, row
+
+
+def row_of(sample: Sample) -> Array:
+    """Return a sample as a row, which is not to be changed: several read it."""
+    known = _rows.get(id(sample))
+    if known is None:
+        known = sample, LAYOUTS[type(sample)].numbers(sample)
+        _remember(*known)
+    return known[1]
 
 
 class Places(NamedTuple):
@@ -291,20 +345,21 @@ class FrameLayout:
     body: BodyLayout | None = None
 
     @cached_property
+    def roles(self) -> dict[str, SampleLayout[Any]]:
+        """The rows in their order."""
+        always: dict[str, SampleLayout[Any]] = {"linkage": self.linkage, "motor": self.motor, "forces": self.forces}
+        return always if self.body is None else {**always, "body": self.body}
+
+    @cached_property
     def places(self) -> Places:
         """Where each role's row begins."""
-        motor = 1 + self.linkage.size
-        forces = motor + self.motor.size
-        body = forces + self.forces.size
-        return Places(1, motor, forces, body, body + (0 if self.body is None else self.body.size))
+        sizes = [layout.size for layout in self.roles.values()]
+        return Places(*accumulate([1, *sizes, *[0] * (len(Places._fields) - 1 - len(sizes))]))
 
     @cached_property
     def columns(self) -> dict[str, int]:
         """The place of each number by the name of its column."""
-        told = {"linkage": self.linkage.names(), "motor": self.motor.names(), "forces": self.forces.names()}
-        if self.body is not None:
-            told["body"] = self.body.names()
-        names = [f"{role}.{name}" for role, of_role in told.items() for name in of_role]
+        names = [f"{role}.{number.column}" for role, layout in self.roles.items() for number in layout.entries]
         return {name: place for place, name in enumerate(("time_s", *names))}
 
     @property
@@ -314,11 +369,7 @@ class FrameLayout:
 
     def row(self, frame: Frame) -> Array:
         """Return a frame as a row."""
-        rows = [np.array([frame.linkage.time_s]), self.linkage.row(frame.linkage), self.motor.row(frame.motor)]
-        rows.append(self.forces.row(frame.forces))
-        if self.body is not None and frame.body is not None:
-            rows.append(self.body.row(frame.body))
-        return np.concatenate(rows)
+        return np.concatenate([[frame.linkage.time_s], *[row_of(getattr(frame, role)) for role in self.roles]])
 
     def frame(
         self,
@@ -339,30 +390,3 @@ class FrameLayout:
             self.forces.sample(step, time_s, row[at.forces : at.body], loads),
             body,
         )
-
-
-def joint_numbers(position: Sequence[float], velocity: Sequence[float], effort: Sequence[float]) -> Iterable[float]:
-    """Return position, velocity and effort of each joint in turn."""
-    return chain.from_iterable(zip(position, velocity, effort, strict=True))
-
-
-def motion_row(sample: LinkageSample) -> Array:
-    """Return a linkage sample as a row without its residuals: what motor and force analysis read."""
-    joints = joint_numbers(sample.position, sample.velocity, sample.effort)
-    return np.array((sample.regime, sample.command, *joints, *sample.memory.values), dtype=float)
-
-
-def motor_row(sample: MotorSample) -> Array:
-    """Return a motor sample as a row."""
-    return np.array((sample.command, *joint_numbers(sample.position, sample.velocity, sample.effort)), dtype=float)
-
-
-def body_row(sample: BodySample) -> Array:
-    """Return a body sample as a row without memory and residuals: what a linkage reads."""
-    joints = joint_numbers(sample.position, sample.velocity, sample.effort)
-    return np.array((sample.regime, sample.pressing_force_n, *joints), dtype=float)
-
-
-def _joint_names(joints: Iterable[str]) -> list[str]:
-    """Return the column of each joint's number."""
-    return [f"{joint}.{kind}" for joint in joints for kind in ("position", "velocity", "effort")]

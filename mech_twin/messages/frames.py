@@ -15,6 +15,8 @@ from geometry_msgs.msg import TransformStamped
 from mech_twin.capabilities.mechanism import FrameTree, Pose, moved
 from mech_twin.messages.stamped_cdr import transform_bytes
 
+TOOL_FRAME = "tool"
+
 
 @lru_cache(maxsize=1024)
 def frame_id(namespace: str, frame: str) -> str:

@@ -33,6 +33,11 @@ def stamped_bytes(time_s: float, frame: str, numbers: tuple[float, ...]) -> byte
     return _written(time_s, (frame,), numbers)
 
 
+def wrench_bytes(time_s: float, frame: str, force_x_n: float, force_y_n: float = 0.0, moment_nm: float = 0.0) -> bytes:
+    """Return a planar wrench in a frame, a pin's or the tool's, as a WrenchStamped; padding is 0."""
+    return _written(time_s, (frame,), (force_x_n, force_y_n, 0.0, 0.0, 0.0, moment_nm))
+
+
 def transform_bytes(time_s: float, frame: str, child: str, numbers: tuple[float, ...]) -> bytes:
     """Return a TransformStamped of a child in a frame: translation x, y, z (m), rotation x, y, z, w; padding is 0."""
     return _written(time_s, (frame, child), numbers)

@@ -7,8 +7,7 @@ import struct
 from typing import NamedTuple
 
 from mech_twin.messages.joint_state_cdr import MOST_LAYOUTS, STAMP, STAMP_AT, Decoder, RowLayout
-from mech_twin.messages.step_marks import source
-from mech_twin.messages.step_message import SOURCE, STEP, checked_step, step_index
+from mech_twin.messages.step_message import SOURCE, STEP, checked_step, source, step_index
 
 COUNT = struct.Struct("<I")
 NUMBER = struct.Struct("<d")

@@ -9,7 +9,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Generic, TypeVar
+
+from mech_twin.samples import Event, Load, Wrench
 
 Kept = TypeVar("Kept")
 
@@ -19,6 +23,18 @@ STREAM_RATE_HZ = 100.0
 def steps_per_window(rate_hz: float, step_s: float) -> int:
     """Return how many coupling steps a window of a stream has: 1 where the rate is that of the steps, or higher."""
     return max(1, round(1.0 / (rate_hz * step_s)))
+
+
+def has_impact(happenings: Sequence[Event] | Sequence[Load]) -> bool:
+    """Return whether one of these events, or of the loads they brought, has an impulse."""
+    if not happenings:
+        return False
+    return any((each.impulse_ns if isinstance(each, Event) else each.impulse_nms) != 0.0 for each in happenings)
+
+
+def wrench_size(wrench: Wrench) -> float:
+    """Return the magnitude by which wrenches are compared when a stream is decimated."""
+    return math.hypot(wrench.force_x_n, wrench.force_y_n) + abs(wrench.moment_nm)
 
 
 class StreamWindow(Generic[Kept]):

@@ -13,10 +13,10 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.assembly import StepAssembler
 from mech_twin.engine.step_samples import StepSamples
-from mech_twin.messages import body, force, linkage, motor, scene
+from mech_twin.messages import scene
 from mech_twin.messages.joint_state_cdr import CdrError, Decoder
-from mech_twin.messages.step_marks import configuration_mark
-from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_codec import body, force, linkage, motor
+from mech_twin.messages.step_message import MessageError, configuration_mark
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,

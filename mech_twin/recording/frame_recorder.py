@@ -7,20 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import serialize_message
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from mech_twin.capabilities.urdf import urdf
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.messages import blow, impact, motor, scene, step_marks
-from mech_twin.messages import body as body_messages
-from mech_twin.messages import force as force_messages
-from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages.frames import frame_id, transforms
-from mech_twin.messages.joint_state_cdr import StepMessage, encoded, stamp_of
-from mech_twin.messages.joint_states import efforts_message, has_impact, joints_message, largest_reaction
+from mech_twin.messages import blow, impact, scene
+from mech_twin.messages.frames import TOOL_FRAME, frame_id, transforms
+from mech_twin.messages.joint_state_cdr import StepMessage, encoded
 from mech_twin.messages.peak_hold import PeakHoldWindow
-from mech_twin.messages.stream_window import STREAM_RATE_HZ, StreamWindow, steps_per_window
+from mech_twin.messages.stamped_cdr import clock_bytes, wrench_bytes
+from mech_twin.messages.step_codec import StepCodec, motor
+from mech_twin.messages.step_codec import body as body_messages
+from mech_twin.messages.step_codec import force as force_messages
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_message import revision_row
+from mech_twin.messages.stream_window import STREAM_RATE_HZ, StreamWindow, has_impact, steps_per_window, wrench_size
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -104,19 +105,19 @@ class FrameRecorder:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        marks = (step_marks.revision_row(self._revision),)
-        self._put(STEP_LINKAGE, linkage_messages.to_step(linkage, marks))
-        self._put(STEP_MOTOR, motor.to_step(frame.motor))
-        self._put(STEP_FORCES, force_messages.to_step(forces, marks))
+        marks = (revision_row(self._revision),)
+        self._put(STEP_LINKAGE, linkage_messages.to_bytes(linkage, marks))
+        self._put(STEP_MOTOR, motor.to_bytes(frame.motor))
+        self._put(STEP_FORCES, force_messages.to_bytes(forces, marks))
         if body is not None:
-            self._put(STEP_BODY, body_messages.to_step(body))
+            self._put(STEP_BODY, body_messages.to_bytes(body))
             kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
             self._put_pressing_force(kept)
         for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
-            kept = self._wrenches[pin].offer(force_messages.wrench_size(wrench), (forces.time_s, wrench))
+            kept = self._wrenches[pin].offer(wrench_size(wrench), (forces.time_s, wrench))
             self._put_wrench(pin, kept)
         for event in frame_events(frame):
-            self._put(IMPACTS, impact.to_message(event))
+            self._put(IMPACTS, impact.to_bytes(event))
         self._write_blows(linkage.events)
         self._write_joint_states(frame)
         self._write_scene(frame)
@@ -127,7 +128,7 @@ class FrameRecorder:
             self._put_wrench(pin, window.rest())
         self._put_pressing_force(self._pressing.rest())
         for sample in self._forces.rest():
-            self._put(FORCE_JOINT_STATES, efforts_message(sample))
+            self._put(FORCE_JOINT_STATES, force_messages.shown(sample))
         self._writer.close(discard_empty=True)
 
     def _write_blows(self, events: tuple[Event, ...]) -> None:
@@ -138,23 +139,23 @@ class FrameRecorder:
 
     def _write_joint_states(self, frame: Frame) -> None:
         struck = has_impact(frame.linkage.events)
-        self._offer(JOINT_STATES, frame.linkage, struck)
-        self._offer(MOTOR_JOINT_STATES, frame.motor, struck)
-        for sample in self._forces.offer(frame.forces.step, frame.forces, largest_reaction(frame.forces), struck):
-            self._put(FORCE_JOINT_STATES, efforts_message(sample))
+        self._offer(JOINT_STATES, linkage_messages, frame.linkage, struck)
+        self._offer(MOTOR_JOINT_STATES, motor, frame.motor, struck)
+        largest = max(map(wrench_size, frame.forces.wrenches), default=0.0)
+        for sample in self._forces.offer(frame.forces.step, frame.forces, largest, struck):
+            self._put(FORCE_JOINT_STATES, force_messages.shown(sample))
         if frame.body is not None:
-            self._offer(BODY_JOINT_STATES, frame.body, has_impact(frame.body.events) or has_impact(frame.forces.loads))
+            struck = has_impact(frame.body.events) or has_impact(frame.forces.loads)
+            self._offer(BODY_JOINT_STATES, body_messages, frame.body, struck)
 
-    def _offer(self, topic: Topic, sample: Any, struck: bool) -> None:
+    def _offer(self, topic: Topic, codec: StepCodec[Any], sample: Any, struck: bool) -> None:
         for due in self._joints[topic.name].offer(sample.step, sample, impact=struck):
-            self._put(topic, joints_message(due))
+            self._put(topic, codec.shown(due))
 
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage
         if linkage.step % self._window == 0:
-            clock = Clock()
-            clock.clock.sec, clock.clock.nanosec = stamp_of(linkage.time_s)
-            self._put(CLOCK, clock)
+            self._put(CLOCK, clock_bytes(linkage.time_s))
             self._write_frames(frame)
         if linkage.step % self._steps_per_drawing == 0:
             shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)
@@ -175,12 +176,12 @@ class FrameRecorder:
     def _put_wrench(self, pin: str, kept: Any) -> None:
         if kept is not None:
             frame = frame_id(self._machine.name, pin)
-            self._put(pin_wrench(pin), force_messages.wrench_message(kept[0], frame, kept[1]))
+            self._put(pin_wrench(pin), wrench_bytes(kept[0], frame, *kept[1]))
 
     def _put_pressing_force(self, kept: Any) -> None:
         if kept is not None:
-            tool = frame_id(self._machine.name, body_messages.TOOL_FRAME)
-            self._put(PRESSING_FORCE, body_messages.pressing_force_message(kept[0], tool, kept[1]))
+            tool = frame_id(self._machine.name, TOOL_FRAME)
+            self._put(PRESSING_FORCE, wrench_bytes(kept[0], tool, kept[1]))
 
     def _put(self, topic: Topic, message: Any) -> None:
         name = full_name(self._machine.name, topic)

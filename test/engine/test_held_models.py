@@ -13,7 +13,7 @@ from mech_twin.engine.compiled_roles import CompiledForces, CompiledMotor
 from mech_twin.engine.compiled_steps import chosen, force_step, motor_step
 from mech_twin.engine.held_models import held
 from mech_twin.engine.run import frames
-from mech_twin.engine.sample_vectors import motion_row
+from mech_twin.engine.sample_vectors import row_of
 from mech_twin.kernels.cache import modules_of, signature_text
 
 
@@ -23,8 +23,8 @@ def test_a_motor_with_held_constants_answers_as_its_kernel(name: str) -> None:
     assert isinstance(motor, CompiledMotor)
     for frame in frames(built(name), 0.02):
         out = np.empty(motor.layout.size)
-        chosen(motor_step, motor.model)(motor.model, motion_row(frame.linkage), 1.0, out)
-        assert motor.layout.row(motor.respond(frame.linkage, 1.0)).tobytes() == out.tobytes()
+        chosen(motor_step, motor.model)(motor.model, row_of(frame.linkage), 1.0, out)
+        assert row_of(motor.respond(frame.linkage, 1.0)).tobytes() == out.tobytes()
 
 
 def test_the_type_of_held_constants_tells_what_they_are_made_of() -> None:

@@ -11,8 +11,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages import linkage
 from mech_twin.messages.joint_state_cdr import MOST_LAYOUTS, CdrError, Decoder, encoded
+from mech_twin.messages.step_codec import linkage
 from mech_twin.messages.step_message import MessageError
 
 NAMES = st.lists(st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9), max_size=6)
@@ -103,7 +103,7 @@ def test_a_learnt_shape_does_not_read_beyond_a_message_cut_short(message, cut):
 
 def test_bytes_heard_by_several_listeners_are_one_sample_to_all() -> None:
     sample = next(iter(frames(built("winding_drum"), 0.0))).linkage
-    raw = encoded(linkage.to_step(sample))
+    raw = linkage.to_bytes(sample)
     first = linkage.received(raw, 0.001, sample.joints)
     assert first == sample
     assert linkage.received(bytes(bytearray(raw)), 0.001, sample.joints) is first

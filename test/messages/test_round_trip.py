@@ -12,7 +12,9 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
-from mech_twin.messages import body, force, linkage, motor, scene, step_message, step_table
+from mech_twin.messages import scene
+from mech_twin.messages.step_codec import arranged, body, force, linkage, motor
+from mech_twin.messages.step_message import MessageError
 from mech_twin.samples import Coordinate, Drawing, Event, LinkageSample, Named
 
 
@@ -49,7 +51,7 @@ def test_a_marker_of_no_colour_is_refused(share: float) -> None:
     machine = built("winding_drum")
     message = scene.to_message(Drawing(0, 0.0, machine.draw(machine.linkage.start(), None)))
     message.markers[0].color.g = share
-    with pytest.raises(step_message.MessageError, match="colour"):
+    with pytest.raises(MessageError, match="colour"):
         scene.from_message(message)
 
 
@@ -69,31 +71,31 @@ def test_joints_are_matched_by_name() -> None:
     shuffled = sample()._replace(
         joints=("rocker", "crank"), position=(2.0, 1.0), velocity=(4.0, 3.0), effort=(6.0, 5.0)
     )
-    assert step_table.arranged(shuffled, ("crank", "rocker")) == sample()
+    assert arranged(shuffled, ("crank", "rocker")) == sample()
 
 
 def test_a_missing_joint_is_named() -> None:
-    with pytest.raises(step_message.MessageError, match="coupler"):
-        step_table.arranged(sample(), ("crank", "coupler"))
+    with pytest.raises(MessageError, match="coupler"):
+        arranged(sample(), ("crank", "coupler"))
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
 def test_a_number_that_is_not_finite_is_refused(bad: float) -> None:
-    with pytest.raises(step_message.MessageError, match="finite"):
+    with pytest.raises(MessageError, match="finite"):
         linkage.from_message(linkage.to_message(sample()._replace(effort=(bad, 0.0))))
 
 
 def test_columns_of_unequal_length_are_refused() -> None:
     message = linkage.to_message(sample())
     message.effort = message.effort[:-1]
-    with pytest.raises(step_message.MessageError, match=r"column effort has \d+ numbers, expected \d+"):
+    with pytest.raises(MessageError, match=r"column effort has \d+ numbers, expected \d+"):
         linkage.from_message(message)
 
 
 def test_a_stamp_that_contradicts_its_step_is_refused() -> None:
     message = linkage.to_message(sample())
     message.header.stamp.nanosec += 1000
-    with pytest.raises(step_message.MessageError, match="stamp"):
+    with pytest.raises(MessageError, match="stamp"):
         linkage.from_message(message)
 
 
@@ -101,5 +103,5 @@ def test_somebodys_own_joint_state_counts_by_its_stamp() -> None:
     message = JointState(name=["rotor"], position=[1.0], velocity=[2.0], effort=[3.0])
     message.header.stamp.nanosec = 5_000_000
     assert motor.from_message(message, 0.001).step == 5
-    with pytest.raises(step_message.MessageError, match="coupling step"):
+    with pytest.raises(MessageError, match="coupling step"):
         motor.from_message(message)

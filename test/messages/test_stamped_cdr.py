@@ -13,11 +13,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mech_twin.messages import body, force, impact, scene
+from mech_twin.messages import impact, scene
 from mech_twin.messages.joint_state_cdr import stamp_of
-from mech_twin.messages.stamped_cdr import clock_bytes, transform_bytes
+from mech_twin.messages.stamped_cdr import clock_bytes, transform_bytes, wrench_bytes
 from mech_twin.messages.step_message import set_stamp
-from mech_twin.samples import Drawing, Event, Shape, Wrench
+from mech_twin.samples import Drawing, Event, Shape
 
 number = st.floats(allow_nan=False)
 time = st.floats(0.0, 1e6)
@@ -48,15 +48,13 @@ def read(raw: bytes, kind: Any) -> Any:
     return message
 
 
-@given(time, frame, st.builds(Wrench, number, number, number))
-def test_a_wrench_reads_as_the_message(time_s: float, name: str, wrench: Wrench) -> None:
-    assert read(force.wrench_bytes(time_s, name, wrench), WrenchStamped) == force.wrench_message(time_s, name, wrench)
-
-
-@given(time, frame, number)
-def test_a_pressing_force_reads_as_the_message(time_s: float, name: str, force_n: float) -> None:
-    found = read(body.pressing_force_bytes(time_s, name, force_n), WrenchStamped)
-    assert found == body.pressing_force_message(time_s, name, force_n)
+@given(time, frame, st.tuples(*[number] * 3))
+def test_a_wrench_reads_as_its_frame_and_numbers(time_s: float, name: str, numbers: tuple[float, ...]) -> None:
+    expected = WrenchStamped()
+    set_stamp(expected.header, time_s)
+    expected.header.frame_id = name
+    expected.wrench.force.x, expected.wrench.force.y, expected.wrench.torque.z = numbers
+    assert read(wrench_bytes(time_s, name, *numbers), WrenchStamped) == expected
 
 
 @given(time, frame, number, number, number)

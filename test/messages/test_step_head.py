@@ -11,11 +11,10 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages import force, linkage, motor
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder, encoded
+from mech_twin.messages.joint_state_cdr import CdrError, Decoder
+from mech_twin.messages.step_codec import force, linkage, motor
 from mech_twin.messages.step_head import StepHead, StepHeadReader
-from mech_twin.messages.step_marks import revision_row, source
-from mech_twin.messages.step_message import SOURCE, STEP, MessageError, Row, step_index
+from mech_twin.messages.step_message import SOURCE, STEP, MessageError, Row, revision_row, source, step_index
 
 MARKS = (revision_row(3, 17.0), Row(SOURCE, 2.0**47 + 1.0))
 
@@ -43,14 +42,14 @@ def test_the_head_is_that_of_the_message(name: str) -> None:
     for frame in frames(built(name), 0.1):
         for codec, sample in ((linkage, frame.linkage), (motor, frame.motor), (force, frame.forces)):
             stamp_ns = round(sample.time_s * 1e9)
-            assert signed(encoded(codec.to_step(sample, MARKS))) == (stamp_ns, sample.step, MARKS[-1].position)
+            assert signed(codec.to_bytes(sample, MARKS)) == (stamp_ns, sample.step, MARKS[-1].position)
             assert read(serialize_message(codec.to_message(sample))) == (stamp_ns, sample.step, 0.0)
 
 
 def test_damaged_bytes_are_read_as_the_decoder_reads_them(capfd: pytest.CaptureFixture[str]) -> None:
     chance = random.Random(3)
     sample = next(iter(frames(built("winding_drum"), 0.0))).linkage
-    sound = encoded(linkage.to_step(sample, MARKS))
+    sound = linkage.to_bytes(sample, MARKS)
     read, decode = StepHeadReader(), Decoder()
     assert read(sound) == decoded_head(decode, sound)
     outcomes = set()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from catalogue import built
 
-from mech_twin.messages.step_marks import ConfigurationMark
+from mech_twin.messages.step_message import ConfigurationMark
 from mech_twin.nodes.roles.follower_node import REMEMBERED_SOURCES, DescriptionStore
 from mech_twin.parameters.load import Description
 

@@ -9,8 +9,7 @@ from functools import partial
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.messages.step_marks import ANONYMOUS
-from mech_twin.messages.step_message import SOURCE, Row
+from mech_twin.messages.step_message import ANONYMOUS, SOURCE, Row
 from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, HeardBytes, Listener, StepChannel
 from mech_twin.samples import MotorSample
 

@@ -18,8 +18,8 @@ from catalogue import built
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages import force as force_messages
-from mech_twin.messages import motor as motor_messages
+from mech_twin.messages.step_codec import force as force_messages
+from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import (
     STEP_BODY,

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.messages.step_marks import ANONYMOUS
+from mech_twin.messages.step_message import ANONYMOUS
 from mech_twin.nodes.exchange.peers import SOURCE_BITS, Admission, HeardSource, SourceLock, new_source
 
 

@@ -12,15 +12,13 @@ from catalogue import NAMES, built
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages import body, force, linkage, motor
-from mech_twin.messages.step_marks import revision, source
-from mech_twin.messages.step_message import EVENT, MEMORY, RESIDUAL, REVISION, STEP, MessageError
-from mech_twin.messages.step_table import arranged
+from mech_twin.messages.step_codec import arranged, body, force, linkage, motor
+from mech_twin.messages.step_message import EVENT, REVISION, STEP, MessageError, revision, source
 
 MUTATIONS = 1000
 NUMBERS = (float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, -1e300, 5e-324, 2.0**63)
 WORDS = (
-    "", "~", "/", "\0", STEP, REVISION, MEMORY, RESIDUAL + "x", "a/force_x_n", "~load/0/a/b/time_s", "~load/time_s",
+    "", "~", "/", "\0", STEP, REVISION, "~memory/", "~residual/x", "a/force_x_n", "~load/0/a/b/time_s", "~load/time_s",
     *(EVENT + end for end in ("0/a/b", "²/a/b", "0/after", "9" * 5000 + "/a/b", "0/pre/x")),
 )  # fmt: skip
 

@@ -23,11 +23,11 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
-from mech_twin.messages import body as body_messages
-from mech_twin.messages import force as force_messages
-from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages import motor as motor_messages
 from mech_twin.messages import scene
+from mech_twin.messages.step_codec import body as body_messages
+from mech_twin.messages.step_codec import force as force_messages
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_head import StepHeadReader
 from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp
 from mech_twin.messages.topics import (

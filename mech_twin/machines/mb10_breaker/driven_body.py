@@ -29,6 +29,7 @@ from mech_twin.engine.sample_vectors import (
     REGIME,
     Array,
     BodyLayout,
+    row_of,
 )
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.coupling_limits import CouplingLimits
@@ -220,5 +221,5 @@ class DrivenBody(CompiledBody):
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its collar."""
         out = np.empty(self.layout.size)
-        fill_body(self.model.breaker, self.force_layout.row(forces), 0.0, 0.0, CONTACT, 0.0, out)
+        fill_body(self.model.breaker, row_of(forces), 0.0, 0.0, CONTACT, 0.0, out)
         return self.layout.sample(forces.step, forces.time_s, out.tolist(), ())

@@ -23,8 +23,7 @@ from rclpy.timer import Timer
 
 from mech_twin.declarations.quantity import LONGEST_RUN_S, Parameters, choice, quantity
 from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
-from mech_twin.messages.step_marks import source
-from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_message import MessageError, source
 from mech_twin.messages.stream_window import STREAM_RATE_HZ
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
 from mech_twin.nodes.exchange.counting_publisher import (
@@ -272,9 +271,7 @@ class TwinNode(Node):
         self._added(made)
         return made
 
-    def joint_state_output(
-        self, topic: Topic, window: int, message: Callable[[Any], StepMessage]
-    ) -> JointStatePublisher:
+    def joint_state_output(self, topic: Topic, window: int, message: Callable[[Any], bytes]) -> JointStatePublisher:
         """Return a new publisher of joint states, one a window of steps and more around impacts."""
         made = JointStatePublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
         self._added(made)

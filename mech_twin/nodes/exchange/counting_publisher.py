@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 
-from mech_twin.messages.joint_state_cdr import StepMessage, encoded
 from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.stream_window import StreamWindow
 from mech_twin.messages.topics import Topic
@@ -118,7 +117,7 @@ class JointStatePublisher(CountingPublisher):
     window : int
         Steps per message where nothing strikes.
     message : callable
-        Returns the joint state of a sample.
+        Returns the bytes of the joint state of a sample.
     """
 
     exclusive = True
@@ -129,7 +128,7 @@ class JointStatePublisher(CountingPublisher):
         topic: Topic,
         listeners: int,
         window: int,
-        message: Callable[[Any], StepMessage],
+        message: Callable[[Any], bytes],
         on_incompatible: Callable[[Any], None] | None = None,
     ) -> None:
         super().__init__(node, topic, listeners, on_incompatible)
@@ -146,10 +145,7 @@ class JointStatePublisher(CountingPublisher):
 
     def _send_all(self, due: Iterable[Any]) -> None:
         for sample in due:
-            self.send_made(partial(self._encoded, sample))
-
-    def _encoded(self, sample: Sample) -> bytes:
-        return encoded(self._message(sample))
+            self.send_made(partial(self._message, sample))
 
 
 class PeakHoldPublisher(CountingPublisher):

@@ -20,14 +20,12 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from mech_twin.engine.sample_vectors import row_of
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_marks import ANONYMOUS, ConfigurationMark, configuration_mark
-from mech_twin.messages.step_message import REVISION, Row
+from mech_twin.messages.step_message import ANONYMOUS, REVISION, ConfigurationMark, Row, configuration_mark
 from mech_twin.nodes.exchange.publisher_numbers import PublisherNumbers
-from mech_twin.samples import ForceSample, LinkageSample, MotorSample
 
 REMEMBERED = 1 << 15  # messages of a topic: half a minute of steps of 1 ms, longer than any listener is behind
-SECOND = LinkageSample._fields.index("command")  # where a body has its pressing force
 
 
 class HandedStep:
@@ -71,7 +69,8 @@ class HandedStep:
     @property
     def finite(self) -> bool:
         """Whether the sum of all numbers is finite; where it is not, a decoder of bytes has to look at each."""
-        return math.isfinite(_sum(self.sample))
+        more = self.sample[-1]
+        return math.isfinite(sum(row_of(self.sample).tolist()) + (_numbers_of(more) if more else 0.0))
 
 
 class HandedBytes:
@@ -120,21 +119,6 @@ class ReceivedStep:
 
 
 Step = HandedStep | ReceivedStep
-
-
-def _sum(sample: Any) -> float:
-    """Return the sum of all numbers of a sample, added up a column at a time: this is done at each step."""
-    if isinstance(sample, ForceSample):
-        total = sum(map(sum, sample.wrenches)) + sum(sample.quantities.values) + sample.body_moment_nm
-        more = sample.loads
-    else:
-        total = sum(sample.position) + sum(sample.velocity) + sum(sample.effort)
-        if isinstance(sample, MotorSample):
-            return float(total + sample.command)
-        total += sum(sample.memory.values) + sample[SECOND]
-        more = sample.events
-    total += sum(sample.residuals.values)
-    return float(total + _numbers_of(more)) if more else float(total)
 
 
 def _numbers_of(part: Iterable[Any]) -> float:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from mech_twin.messages.step_marks import ANONYMOUS
+from mech_twin.messages.step_message import ANONYMOUS
 from mech_twin.messages.topics import CLOCK
 from mech_twin.samples import BodySample, ForceSample, MotorSample
 

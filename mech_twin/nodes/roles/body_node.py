@@ -10,13 +10,14 @@ from std_msgs.msg import String
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import GIVEN_STATE, RESET, next_body
-from mech_twin.messages import body as body_messages
-from mech_twin.messages import force as force_messages
 from mech_twin.messages import impact
-from mech_twin.messages.frames import frame_id
+from mech_twin.messages.frames import TOOL_FRAME, frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.joint_states import has_impact, joints_message
+from mech_twin.messages.stamped_cdr import wrench_bytes
+from mech_twin.messages.step_codec import body as body_messages
+from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.stream_window import has_impact
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     IMPACTS,
@@ -34,7 +35,7 @@ from mech_twin.samples import BodySample, ForceSample
 
 
 def _pressing_force(frame: str, sample: BodySample) -> bytes:
-    return body_messages.pressing_force_bytes(sample.time_s, frame, sample.pressing_force_n)
+    return wrench_bytes(sample.time_s, frame, sample.pressing_force_n)
 
 
 class BodyNode(FollowerNode):
@@ -45,9 +46,9 @@ class BodyNode(FollowerNode):
     ) -> None:
         super().__init__("body", machine_name, parameters, options, STEP_FORCES, "force_analysis")
         self._out = self.step_output(STEP_BODY, 1)
-        self._states = self.joint_state_output(BODY_JOINT_STATES, self.stream_window, joints_message)
+        self._states = self.joint_state_output(BODY_JOINT_STATES, self.stream_window, body_messages.shown)
         self._impacts = self.output(IMPACTS)
-        tool = frame_id(self.get_namespace(), body_messages.TOOL_FRAME)
+        tool = frame_id(self.get_namespace(), TOOL_FRAME)
         self._pressing = self.peak_hold_output(PRESSING_FORCE, self.stream_window, partial(_pressing_force, tool))
         self._rejoining = False
         self._rejoin = self.output(REJOIN, recorded=False)

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_marks import ConfigurationMark
+from mech_twin.messages.step_message import ConfigurationMark
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import Step

@@ -6,11 +6,12 @@ from __future__ import annotations
 from functools import partial
 
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.messages import force as force_messages
-from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.frames import frame_id
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.joint_states import efforts_message, has_impact
+from mech_twin.messages.stamped_cdr import wrench_bytes
+from mech_twin.messages.step_codec import force as force_messages
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.stream_window import has_impact, wrench_size
 from mech_twin.messages.topics import FORCE_JOINT_STATES, STEP_FORCES, STEP_LINKAGE, pin_wrench
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
@@ -19,7 +20,7 @@ from mech_twin.samples import ForceSample, LinkageSample
 
 
 def _wrench(frame: str, place: int, sample: ForceSample) -> bytes:
-    return force_messages.wrench_bytes(sample.time_s, frame, sample.wrenches[place])
+    return wrench_bytes(sample.time_s, frame, *sample.wrenches[place])
 
 
 class ForceNode(FollowerNode):
@@ -30,7 +31,7 @@ class ForceNode(FollowerNode):
     ) -> None:
         super().__init__("force_analysis", machine_name, parameters, options, STEP_LINKAGE, "linkage")
         self._out = self.step_output(STEP_FORCES, 1)
-        self._states = self.joint_state_output(FORCE_JOINT_STATES, self.stream_window, efforts_message)
+        self._states = self.joint_state_output(FORCE_JOINT_STATES, self.stream_window, force_messages.shown)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         space = self.get_namespace()
         self._wrenches = [
@@ -58,7 +59,7 @@ class ForceNode(FollowerNode):
 
     def show(self, question: LinkageSample, answer: ForceSample) -> None:
         """Offer the forces to the decimated topics, all of them and pin by pin."""
-        sizes = [force_messages.wrench_size(wrench) for wrench in answer.wrenches]
+        sizes = [wrench_size(wrench) for wrench in answer.wrenches]
         self._states.offer(answer, has_impact(question.events), max(sizes, default=0.0))
         for output, size in zip(self._wrenches, sizes, strict=True):
             output.offer(size, answer)

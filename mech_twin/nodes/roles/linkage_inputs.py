@@ -10,20 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
+from typing import Any
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.messages import body as body_messages
-from mech_twin.messages import force as force_messages
-from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.step_marks import ANONYMOUS
-from mech_twin.messages.step_message import MessageError
-from mech_twin.messages.step_table import arranged
+from mech_twin.messages.step_codec import StepCodec, arranged
+from mech_twin.messages.step_codec import body as body_messages
+from mech_twin.messages.step_codec import force as force_messages
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_codec import motor as motor_messages
+from mech_twin.messages.step_message import ANONYMOUS, MessageError
 from mech_twin.messages.topics import (
     REJOIN,
     REJOIN_BODY,
@@ -156,7 +155,7 @@ class LinkageRejoin:
 
 
 TOPICS = {"motor": STEP_MOTOR, "body": STEP_BODY, "force_analysis": STEP_FORCES}
-CONVERTERS: dict[str, ModuleType] = {
+CONVERTERS: dict[str, StepCodec[Any]] = {
     "motor": motor_messages,
     "body": body_messages,
     "force_analysis": force_messages,

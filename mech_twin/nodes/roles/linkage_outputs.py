@@ -12,10 +12,10 @@ from functools import partial
 from std_msgs.msg import String
 
 from mech_twin.messages import blow, impact, scene
-from mech_twin.messages import linkage as linkage_messages
 from mech_twin.messages.frames import frame_id
-from mech_twin.messages.joint_states import has_impact, joints_message
 from mech_twin.messages.stamped_cdr import clock_bytes
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.stream_window import has_impact
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -117,7 +117,7 @@ class LinkageOutputs:
         self._node = node
         self._frame = frame_id(node.get_namespace(), scene.FRAME)
         self._steps = node.step_output(STEP_LINKAGE, PEERS_THAT_STEP)
-        self._states = node.joint_state_output(JOINT_STATES, node.stream_window, joints_message)
+        self._states = node.joint_state_output(JOINT_STATES, node.stream_window, linkage_messages.shown)
         self._clock = node.output(OWN_CLOCK)
         self.shared_clock = SharedClock(node)
         self._impacts = node.output(IMPACTS)

@@ -14,12 +14,11 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import Target, driven, effort_limit
 from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
-from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages import motor as motor_messages
 from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.joint_states import has_impact, joints_message
-from mech_twin.messages.step_marks import marked
-from mech_twin.messages.step_message import TARGET, MessageError, Row
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_codec import motor as motor_messages
+from mech_twin.messages.step_message import TARGET, MessageError, Row, marked
+from mech_twin.messages.stream_window import has_impact
 from mech_twin.messages.topics import (
     EFFORT_COMMAND,
     MOTOR_JOINT_STATES,
@@ -57,7 +56,7 @@ class MotorNode(FollowerNode):
         self._asked_target = RATED
         self._forecasts = Ration(FORECAST_SHARE, FORECAST_BURST_S)
         self._out = self.step_output(STEP_MOTOR, 1)
-        self._states = self.joint_state_output(MOTOR_JOINT_STATES, self.stream_window, joints_message)
+        self._states = self.joint_state_output(MOTOR_JOINT_STATES, self.stream_window, motor_messages.shown)
         self._rejoin = self.output(REJOIN, recorded=False)
         self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
         self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)

@@ -16,7 +16,6 @@ from functools import partial
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import SetParametersResult
@@ -25,11 +24,9 @@ from rclpy.parameter import Parameter
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.run import warm_up
-from mech_twin.messages import body, force, motor
 from mech_twin.messages.joint_state_cdr import received_message
-from mech_twin.messages.step_marks import ANONYMOUS, revision_row
-from mech_twin.messages.step_message import SOURCE, Row
-from mech_twin.messages.step_table import arranged
+from mech_twin.messages.step_codec import StepCodec, arranged, body, force, motor
+from mech_twin.messages.step_message import ANONYMOUS, SOURCE, Row, revision_row
 from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.parameters.declared_keys import keys
@@ -44,7 +41,7 @@ class RolePlace(NamedTuple):
     """A role that may be replaced: its methods, the messages of its samples, and the key under which it is named."""
 
     methods: tuple[str, ...]
-    messages: ModuleType
+    messages: StepCodec[Any]
     key: str
 
 

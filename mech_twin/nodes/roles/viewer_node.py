@@ -16,12 +16,12 @@ from visualization_msgs.msg import MarkerArray
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
-from mech_twin.messages import body as body_messages
-from mech_twin.messages import force as force_messages
-from mech_twin.messages import linkage as linkage_messages
-from mech_twin.messages import motor as motor_messages
 from mech_twin.messages import scene
 from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.step_codec import body as body_messages
+from mech_twin.messages.step_codec import force as force_messages
+from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.topics import (
     EVERY,

@@ -16,7 +16,7 @@ from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import masses_at, spring_moment
 from mech_twin.machines.mb10_breaker.reference import BreakerReference
-from mech_twin.messages.linkage import from_message, to_message
+from mech_twin.messages.step_codec import linkage
 from mech_twin.parameters.load import machine, machine_parameters
 
 mounts = pytest.mark.parametrize("mount", ["frame", "body"])
@@ -239,7 +239,7 @@ def test_run_goes_on_from_its_samples_alone_and_through_messages():
     fresh = machine("mb10_breaker", overrides=rubs)
     for before, after in pairwise(taken):
         if before.linkage.events or after.linkage.events:
-            passed = from_message(to_message(before.linkage))
+            passed = linkage.from_message(linkage.to_message(before.linkage))
             assert passed == before.linkage
             assert next_frame(fresh, before._replace(linkage=passed), 1.0) == after
 
