@@ -4,16 +4,16 @@
 from __future__ import annotations
 
 import pytest
-from scheduled_run import STEPS, ScheduledRun, run_schedules
+from scheduled_run import NAME, STEPS, ScheduledRun, run_schedules
 from simulated_ros import simulated_ros
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 SCHEDULES, SEEDS = 40, 10
 
 
-@pytest.mark.parametrize("seed", range(SEEDS))
-def test_every_schedule_gives_the_engines_bits(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert run_schedules(seed, SCHEDULES, monkeypatch) >= SCHEDULES * STEPS - 1
+@pytest.mark.parametrize(("name", "seed"), [*((NAME, seed) for seed in range(SEEDS)), ("winding_drum", 0)])
+def test_every_schedule_gives_the_engines_bits(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run_schedules(seed, SCHEDULES, monkeypatch, name) >= SCHEDULES * STEPS - 1
 
 
 def test_a_seed_gives_the_same_schedules_again(monkeypatch: pytest.MonkeyPatch) -> None:
