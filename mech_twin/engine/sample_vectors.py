@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import accumulate, chain
 from operator import itemgetter
 from types import MappingProxyType
@@ -149,6 +149,10 @@ class RowNumber(NamedTuple):
     place: int = 0
 
 
+def _wrenches(numbers: tuple[float, ...]) -> tuple[Wrench, ...]:
+    return tuple(map(Wrench, numbers[::3], numbers[1::3], numbers[2::3]))
+
+
 @dataclass(frozen=True)
 class SampleLayout(Generic[SampleOf]):
     """What the samples of a role hold, in the order of a row: single numbers, threes, named numbers.
@@ -208,12 +212,11 @@ class SampleLayout(Generic[SampleOf]):
 
     def sample(self, step: int, time_s: float, row: Sequence[float], *more: Any) -> SampleOf:
         """Return a row (a list) as a sample; ``more`` are its events, or its loads."""
-        single, end, lists, ordered = self._cuts
-        columns = [tuple(row[place:end:3]) for place in range(single, single + 3)]
-        carried = [tuple(map(Wrench, *columns))] if self.bodies == "pins" else columns
-        scalars = [int(row[0]), *row[1:single]] if self._whole else row[:single]
-        named = [Named(names, tuple(row[part])) for names, part in lists]
-        made: SampleOf = self.kind(*ordered((step, time_s, self._names[0], *carried, *scalars, *named)), *more)
+        picked, makes = self._cuts
+        parts = [*picked(tuple(row))]
+        for place, make in makes:
+            parts[place] = make(parts[place])
+        made: SampleOf = self.kind(step, time_s, self._names[0], *parts, *more)
         return made
 
     def of_row(self, step: int, time_s: float, row: Array, *more: Any) -> SampleOf:
@@ -227,19 +230,21 @@ class SampleLayout(Generic[SampleOf]):
         return tuple(getattr(self, name) for name in (self.bodies, *self.lists))
 
     @cached_property
-    def _whole(self) -> bool:
-        return isinstance(next(iter(self.scalars.values())), int)
-
-    @cached_property
-    def _cuts(self) -> tuple[int, int, list[tuple[tuple[str, ...], slice]], Any]:
-        """Where single numbers and threes end, the names and numbers of each list, and the order of a sample."""
-        begin = len(self.scalars) + 3 * len(self._names[0])
+    def _cuts(self) -> tuple[Any, list[tuple[int, Any]]]:
+        """What picks the fields of a sample from a row (a tuple), and those that are made of what was picked."""
+        single = len(self.scalars)
+        begin = single + 3 * len(self._names[0])
         ends = [*accumulate(map(len, self._names[1:]), initial=begin)]
-        lists = [(names, slice(*ends[i : i + 2])) for i, names in enumerate(self._names[1:])]
-        carried = ("wrenches",) if self.bodies == "pins" else BODILY
-        fields = ("step", "time_s", self.bodies, *carried, *self.scalars, *self.lists)
-        order = itemgetter(*[fields.index(field) for field in self.kind._fields if field in fields])
-        return len(self.scalars), begin, lists, order
+        places: dict[str, int | slice] = {name: place for place, name in enumerate(self.scalars)}
+        places |= {name: slice(*ends[place : place + 2]) for place, name in enumerate(self.lists)}
+        places |= {name: slice(single + place, begin, 3) for place, name in enumerate(BODILY)}
+        places["wrenches"] = slice(single, begin)
+        makes: dict[str, Any] = {name: int for name, value in self.scalars.items() if isinstance(value, int)}
+        makes |= {name: partial(Named, names) for name, names in zip(self.lists, self._names[1:], strict=True)}
+        makes["wrenches"] = _wrenches
+        fields = [name for name in self.kind._fields[NUMBERED:] if name in places]
+        picked = itemgetter(*[places[name] for name in fields])
+        return picked, [(place, makes[name]) for place, name in enumerate(fields) if name in makes]
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from mech_twin.engine.sample_vectors import (
     SampleOf,
     row_of,
 )
-from mech_twin.messages.joint_state_cdr import HEAD, STAMP, STAMP_AT, AnyStep, received_message, row_layout, stamp_of
+from mech_twin.messages.joint_state_cdr import HEAD, STAMP, AnyStep, received_message, row_layout, stamp_of
 from mech_twin.messages.step_message import STEP, MessageError, Row, numbers_of, step_and_time
 from mech_twin.messages.step_parts import parts_of, rows_of
 
@@ -37,19 +37,17 @@ Names = tuple[str, ...]
 
 
 class WriteForm(NamedTuple):
-    """A message to be filled: its bytes, where numbers begin, and where those of a row, and of step and more, go."""
+    """Bytes from the stamp up to the numbers, the columns (all 0), and where a row, and step and more, go in them."""
 
-    message: bytes
-    begin: int
+    block: bytes
+    columns: Array
     of_row: NDArray[np.int64]
     read: NDArray[np.int64] | slice
     more: NDArray[np.int64]
 
-    def begun(self, time_s: float) -> tuple[bytearray, Array]:
-        """Return the bytes of a message at a time, and their numbers, to be filled."""
-        message = bytearray(self.message)
-        STAMP.pack_into(message, STAMP_AT, *stamp_of(time_s))
-        return message, np.frombuffer(message, np.float64, offset=self.begin)
+    def written(self, time_s: float, columns: Array) -> bytes:
+        """Return the bytes of a message at a time with these columns."""
+        return b"".join((HEAD, STAMP.pack(*stamp_of(time_s)), self.block, columns.tobytes()))
 
 
 @lru_cache(maxsize=1024)
@@ -59,14 +57,14 @@ def _write_form(layout: Any, of: tuple[Names, ...], more: Names, joints_only: bo
     marked = dict.fromkeys(entry.row for entry in entries if entry.row.startswith(MARK))
     names = tuple(own) if joints_only else (*own, STEP, *marked, *more)
     rows, column = row_layout(names), len(names) + 1  # the number of rows stands between two columns
-    message = bytearray(rows.start + rows.columns.size)
-    message[: len(HEAD)], message[rows.start - len(rows.block) : rows.start] = HEAD, rows.block
-    rows.columns.pack_into(message, rows.start, len(names), *[0.0] * len(names), *[len(names), *[0.0] * len(names)] * 2)
+    zeros = [0.0] * len(names)
+    numbers = rows.columns.pack(len(names), *zeros, len(names), *zeros, len(names), *zeros)
+    begin = rows.position_at - rows.start
     at = {name: place for place, name in enumerate(names)}
     read = [place for place, entry in enumerate(entries) if entry.row in at]
     return WriteForm(
-        bytes(message),
-        rows.position_at,
+        rows.block + numbers[:begin],
+        np.frombuffer(numbers, np.float64, offset=begin),
         np.array([at[entries[place].row] + column * entries[place].place for place in read], np.int64),
         slice(None) if len(read) == len(entries) else np.array(read, np.int64),
         np.array([at[name] + column * place for name in (STEP, *more) if name in at for place in range(3)], np.int64),
@@ -138,17 +136,17 @@ class StepCodec(Generic[SampleOf]):
         """Return the bytes of a sample as a step message, with the rows the publishing node adds; padding is 0."""
         more = (*rows_of(sample), *marks)
         form = _write_form(self.layout, self.layout.of(sample), tuple([row[0] for row in more]), False)
-        message, numbers = form.begun(sample.time_s)
-        numbers[form.of_row] = row_of(sample)
-        numbers[form.more] = (*sample[:2], 0.0, *[number for row in more for number in row[1:]])
-        return bytes(message)
+        columns = form.columns.copy()
+        columns[form.of_row] = row_of(sample)
+        columns[form.more] = (*sample[:2], 0.0, *[number for row in more for number in row[1:]])
+        return form.written(sample.time_s, columns)
 
     def shown(self, sample: Any) -> bytes:
         """Return the bytes of a plain joint state: the joints of a sample, or its efforts, and no more."""
         form = _write_form(self.layout, self.layout.of(sample), (), True)
-        message, numbers = form.begun(sample.time_s)
-        numbers[form.of_row] = row_of(sample)[form.read]
-        return bytes(message)
+        columns = form.columns.copy()
+        columns[form.of_row] = row_of(sample)[form.read]
+        return form.written(sample.time_s, columns)
 
     def to_message(self, sample: Any) -> JointState:
         """Return a sample as a message of the middleware."""
