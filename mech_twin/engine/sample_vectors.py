@@ -137,7 +137,7 @@ class EventLayout:
 BODILY = ("position", "velocity", "effort")  # what a joint has three of, and the columns of a message
 EFFORT = 2
 MARK = "~"  # before the rows of a message that are no joints and no efforts of their own
-MOST_REMEMBERED = 64
+MOST_REMEMBERED = 1024  # a recorder that writes in batches reads them again
 NUMBERED = 3  # fields of a sample before its numbers: step, time, names
 
 
