@@ -307,7 +307,14 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
             search.at_root[2 * i] = 1.0
     if answer != SOLVED:
         return CONTRADICTS
-    return change_regimes(system, t, y, room.past, regimes, at, log, count)
+    count = change_regimes(system, t, y, room.past, regimes, at, log, count)
+    for i in range(m):  # a law that the machine lets come in at rest, or hold
+        slides = regimes[i] == LOW or regimes[i] == HIGH
+        if room.past[i] == OPEN and slides and at.restitution[i] < 0.0 and at.velocity[i] == 0.0:
+            search.at_root[2 * i] = 1.0
+        elif regimes[i] == HOLD:
+            search.at_root[2 * i] = 0.0
+    return count
 
 
 @borrowing_kernel

@@ -4,54 +4,20 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
-import numpy as np
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.coupling_limits import POSITIONS, fastest_rad_per_s
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
-from mech_twin.machines.mb10_breaker.turn_curves import turn_masses, turn_rocker_rates
+from mech_twin.machines.mb10_breaker.turn_curves import turn_rocker_rates
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
 from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
 
 if TYPE_CHECKING:
     from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 
-LONGEST_SUBSTEP_S = 5e-4
-SWING_IN_SUBSTEP_RAD = 0.1  # of the fastest free swing: truncation below rounding
-VARIED_IN_SUBSTEP = (
-    0.04  # of the mass the crank turns: next to a change point it varies fast, and so do its derivatives
-)
 GEAR_GRIP = 1e-12  # of the rated torque: least friction of a crank that its gear may hold
 NO_WAVES = wave_grid(WaveTool(), 0.0)  # of a rigid tool: not looked at
-ANGLES = 90  # at which the fastest swing is looked for
-
-
-def fastest_swing_rad_per_s(b: Breaker) -> float:
-    """Return an upper bound of the rates at which body and crank swing by springs and gravity, 1/s.
-
-    Each coordinate's stiffness over the least inertia it can have while the other one gives way, over a turn of the
-    crank; a body that is held has no swing.
-    """
-    m = turn_masses(b, ANGLES)
-    spring = 0.0 if b.held else b.spring_rate_n_per_m * b.spring_arm_m**2
-    det = m.m11 * m.m22 - m.m12 * m.m12
-    crank, body = (m.m11, math.inf) if b.held else (det / m.m22, det / m.m11)
-    tilting = np.abs(np.roll(m.g_q, -1) - m.g_q) * ANGLES / (2.0 * math.pi)
-    fastest = float((tilting / crank + (spring + np.abs(m.g_phi) + np.abs(m.g_q)) / body).max())
-    return math.sqrt(max(0.0, fastest))
-
-
-@lru_cache(maxsize=64)
-def longest_substep_s(b: Breaker, drive_rad_per_s: float) -> float:
-    """Return the longest substep (s): a small part of the fastest swing, and of a turn's change of M11."""
-    damping = b.body_damping_nms_per_rad / b.body_inertia_kg_m2
-    swing = max(fastest_swing_rad_per_s(b), damping, 1e-9)
-    m = turn_masses(b, POSITIONS)
-    varying = max(float(np.abs(m.m11_q / m.m11).max()) * fastest_rad_per_s(b, drive_rad_per_s), 1e-9)
-    return min(LONGEST_SUBSTEP_S, SWING_IN_SUBSTEP_RAD / swing, VARIED_IN_SUBSTEP / varying)
 
 
 def extremes(bar: FourBar) -> tuple[float, float]:
@@ -101,7 +67,7 @@ def breaker(p: BreakerParameters) -> Breaker:
     k = p.body.spring_arm_m * math.sqrt(p.body.spring_rate_n_per_m / p.body.inertia_kg_m2)
     waves = p.tool.model == "wave"
     wave = wave_grid(p.tool.wave, p.tool.wall_force_n) if waves else NO_WAVES
-    found = Breaker(
+    return Breaker(
         bar=bar,
         crank=Link(
             link.crank_mass_kg, link.crank_inertia_kg_m2, link.crank_centroid_along_m, link.crank_centroid_across_m
@@ -151,4 +117,3 @@ def breaker(p: BreakerParameters) -> Breaker:
         waves=waves,
         wave=wave,
     )
-    return found._replace(longest_substep_s=longest_substep_s(found, p.synchronous_crank_rad_per_s))

@@ -17,7 +17,7 @@ r"""Crank and body of the breaker, solved together: masses, forces, acceleration
     M12 u' + M22 p' + M12,q u^2 + M22,q u p           = -Q (frame drive) - c (l phi + a) l - d p + T_phi + R + G_phi
 
 with u = q', p = phi', Q the torque on the crank behind the gear, v its bearing's viscous friction, G gravity,
-T_q = -c_q sign u and T_phi = -c_phi sign p Coulomb friction, which at rest is whatever holds (`bearing_friction`).
+T_q = -c_q sign u and T_phi = -c_phi sign p Coulomb friction, which at rest is whatever holds (`joint_laws`).
 An absolute angular velocity is counter-clockwise: crank u - p, link i  g_i u - p, body -p.
 """
 
@@ -75,7 +75,6 @@ class Breaker(NamedTuple):
     body_coulomb_nm: float
     waves: bool  # the blow is a wave in the tool
     wave: WaveGrid
-    longest_substep_s: float = 5e-4
 
 
 class Senses(NamedTuple):

@@ -1,69 +1,145 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of the breaker's log of events: state and torques on both sides of an event."""
+"""Rows of the breaker's events as the linkage tells them: state and torques on both sides."""
 
 from __future__ import annotations
 
-from typing import Any
-
-from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import (
-    FLIGHT,
-)
-from mech_twin.machines.mb10_breaker.motion import (
-    Motion,
-    going_on,
-    senses_now,
-    torques_now,
-)
+from mech_twin.engine.compiled_steps import fill_event
+from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Array, Indices
+from mech_twin.engine.sample_vectors import EVENT_WIDTH, SIDES
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, spring_moment
+from mech_twin.machines.mb10_breaker.joint_laws import Torques, on_collar, on_wall, senses
 from mech_twin.machines.mb10_breaker.state import (
+    BODY,
+    BODY_RATE,
+    BODY_SENSE,
+    BODY_STOPPED,
+    COLLAR_LAW,
+    CRANK,
+    CRANK_LAW,
+    CRANK_RATE,
+    CRANK_SENSE,
+    CRANK_STOPPED,
+    CYCLE,
+    GEAR_LAW,
+    GEAR_REVERSED,
+    GEAR_STARTED,
+    GEAR_STOPPED,
+    LIFT_OFF,
     PUSHING,
+    RELEASED,
+    SETTLED,
+    STALL_TOLD,
+    STALLED,
+    TOOL,
+    TOOL_LAW,
+    TOOL_RATE,
+    TOUCHDOWN,
+    WALL_LAW,
+    EventSide,
 )
 
-
-@kernel
-def log_pre(motion: Motion, row: Any, time: float, state: Any) -> None:
-    """Write crank, body, tool and the torques on them before an event in its row."""
-    row.pre_crank_rad, row.pre_crank_rad_per_s = state.crank_rad, state.crank_rad_per_s
-    row.pre_body_rad, row.pre_body_rad_per_s = state.body_rad, state.body_rad_per_s
-    row.pre_tool_m, row.pre_tool_m_per_s = state.tool_m, state.tool_m_per_s
-    now = torques_now(motion, time, state)
-    row.pre_drive_torque_nm, row.pre_tool_force_n = now.drive_nm, now.tool_force_n
-    row.pre_crank_friction_nm, row.pre_body_friction_nm = now.crank_nm, now.body_nm
+CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot", "gear")
+COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT, GEAR_CONTACT = range(5)
+SIDE_WIDTH = 3 * len(EventSide._fields)
 
 
-@kernel
-def log_post(motion: Motion, row: Any, time: float, state: Any, memory: Any, regime: int) -> None:
-    """Write crank, body, tool and the torques on them after an event in its row, the bearings as they go on from it."""
-    row.post_crank_rad, row.post_crank_rad_per_s = state.crank_rad, state.crank_rad_per_s
-    row.post_body_rad, row.post_body_rad_per_s = state.body_rad, state.body_rad_per_s
-    row.post_tool_m, row.post_tool_m_per_s = state.tool_m, state.tool_m_per_s
-    now = torques_now(set_off(motion, time, state, memory, regime), time, state)
-    row.post_drive_torque_nm, row.post_tool_force_n = now.drive_nm, now.tool_force_n
-    row.post_crank_friction_nm, row.post_body_friction_nm = now.crank_nm, now.body_nm
+@inline_kernel
+def contact_of(kind: int) -> int:
+    """Return what an event of this kind takes place at."""
+    if kind >= GEAR_STOPPED:
+        return GEAR_CONTACT
+    if kind >= CRANK_STOPPED:
+        return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
+    return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
 
 
-@kernel
-def set_off(motion: Motion, time: float, state: Any, memory: Any, regime: int) -> Motion:
-    """Keep in which senses crank and body go on from a state, and return the motion that then is."""
-    rests, tool = regime != FLIGHT, int(memory.tool_regime)
-    going = going_on(motion, time, state, senses_now(motion, time, state, rests, tool), rests, tool, True)
-    memory.crank_sense, memory.body_sense = going.senses.crank, going.senses.body
-    return going
+@borrowing_kernel
+def fill_side(b: Breaker, y: Array, now: Torques, row: Array, place: int) -> None:
+    """Put the coordinates on one side of an event where they belong in its row, in the order of `state.EventSide`."""
+    q, u, phi, p = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE]
+    row[place], row[place + 1], row[place + 2] = q, u, now.drive_nm
+    row[place + 3], row[place + 4], row[place + 5] = phi, p, -spring_moment(b, phi)
+    row[place + 6], row[place + 7], row[place + 8] = y[TOOL], y[TOOL_RATE], now.tool_force_n
+    row[place + 9], row[place + 10], row[place + 11] = q, u, now.crank_nm
+    row[place + 12], row[place + 13], row[place + 14] = phi, p, now.body_nm
 
 
-@kernel
-def begin_row(motion: Motion, state: Any, memory: Any, kind: int, time: float, row: Any) -> None:
-    """Write an event's row but for what the event changes."""
-    row.time_s, row.kind, row.cycle = time, kind, memory.cycle
-    row.before_m_per_s = row.after_m_per_s = row.impulse_ns = 0.0
-    log_pre(motion, row, time, state)
+@borrowing_kernel
+def begin_row(
+    b: Breaker, time_s: float, kind: int, cycle: float, y: Array, before: Torques, log: Array, count: int
+) -> None:
+    """Write an event's row but for what comes after it."""
+    fill_event(log, count, time_s, kind, contact_of(kind), 0.0, 0.0, 0.0, cycle)
+    log[count, SIDES] = 1.0
+    fill_side(b, y, before, log[count], EVENT_WIDTH)
 
 
-@kernel
-def log_knot(motion: Motion, state: Any, memory: Any, regime: int, time: float, log: Any, count: int) -> int:
-    """Log a state within the pushing of the tool, between which the moment on a free body is a line."""
-    if regime != FLIGHT or count + 8 > len(log):
-        return count
-    begin_row(motion, state, memory, PUSHING, time, log[count])
-    log_post(motion, log[count], time, state, memory, regime)
+@borrowing_kernel
+def end_row(b: Breaker, y: Array, after: Torques, log: Array, row: int) -> None:
+    """Write in an event's row what comes after it."""
+    fill_side(b, y, after, log[row], EVENT_WIDTH + SIDE_WIDTH)
+
+
+@borrowing_kernel
+def log_row(
+    b: Breaker, time_s: float, kind: int, cycle: float, y: Array, before: Torques, after: Torques, log: Array,
+    count: int,
+) -> int:  # fmt: skip
+    """Write an event that changes no state; return the number of events."""
+    begin_row(b, time_s, kind, cycle, y, before, log, count)
+    end_row(b, y, after, log, count)
     return count + 1
+
+
+@inline_kernel
+def change(before: float, after: float, stopped: int) -> int:
+    """Return the kind of event in which a joint at rest changes its sense, ``stopped`` being the first of its three."""
+    return stopped if after == 0.0 else stopped + 1 if before == 0.0 else stopped + 2
+
+
+@borrowing_kernel
+def log_contacts(
+    b: Breaker, memory: Array, time_s: float, y: Array, past: Indices, regimes: Indices, was: Torques, now: Torques,
+    log: Array, count: int,
+) -> int:  # fmt: skip
+    """Tell what has come or gone without an impact: the collar, the striker, the wall as it gives way or holds."""
+    cycle, collar, tool = memory[CYCLE], regimes[COLLAR_LAW], regimes[TOOL_LAW]
+    if past[COLLAR_LAW] != collar:
+        count = log_row(b, time_s, SETTLED if collar == HOLD else LIFT_OFF, cycle, y, was, now, log, count)
+    if past[TOOL_LAW] == HOLD != tool:
+        count = log_row(b, time_s, RELEASED, cycle, y, was, now, log, count)
+    elif tool == HOLD and past[WALL_LAW] + past[TOOL_LAW] != regimes[WALL_LAW] + tool and not on_collar(b, regimes):
+        count = log_row(b, time_s, PUSHING, cycle, y, was, now, log, count)
+    return count
+
+
+@borrowing_kernel
+def log_bearings(
+    b: Breaker, memory: Array, time_s: float, slides: bool, y: Array, past: Indices, regimes: Indices, was: Torques,
+    now: Torques, log: Array, count: int,
+) -> int:  # fmt: skip
+    """Tell of a crank that stops on the tool, of joints at rest that change their sense, and of the gear.
+
+    ``slides``: no impact has set them going.
+    """
+    cycle, u, rests = memory[CYCLE], y[CRANK_RATE], on_collar(b, regimes)
+    stops = rests and on_wall(regimes)
+    stops = stops or (regimes[TOOL_LAW] == HOLD and u == 0.0 and past[CRANK_LAW] == LOW != regimes[CRANK_LAW])
+    if stops and memory[STALL_TOLD] == 0.0:
+        memory[STALL_TOLD] = 1.0
+        count = log_row(b, time_s, STALLED, cycle, y, was, now, log, count)
+    crank, body = senses(b, y, regimes)
+    if u == 0.0 and b.crank_coulomb_nm > 0.0 and crank != memory[CRANK_SENSE]:
+        kind = change(memory[CRANK_SENSE], crank, CRANK_STOPPED)
+        count = log_row(b, time_s, kind, cycle, y, was, now, log, count)
+    flies, turns = not rests and not on_collar(b, past), y[BODY_RATE] == 0.0 or on_wall(regimes)
+    if flies and turns and b.body_coulomb_nm > 0.0 and body != memory[BODY_SENSE]:
+        count = log_row(b, time_s, change(memory[BODY_SENSE], body, BODY_STOPPED), cycle, y, was, now, log, count)
+    memory[CRANK_SENSE], memory[BODY_SENSE] = crank, body
+    alone = b.frame_drive == 0.0 and b.crank_coulomb_nm == 0.0
+    before, after = (past[CRANK_LAW], regimes[CRANK_LAW]) if alone else (past[GEAR_LAW], regimes[GEAR_LAW])
+    if slides and flies and before != after and OPEN not in (before, after) and not on_wall(regimes):
+        kind = GEAR_STOPPED if after == HOLD else GEAR_STARTED if before == HOLD else GEAR_REVERSED
+        count = log_row(b, time_s, kind, cycle, y, was, now, log, count)
+    return count

@@ -8,16 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import linkage_step, log_event, motor_step, step_of
+from mech_twin.engine.compiled_steps import linkage_step, motor_step, step_of
+from mech_twin.engine.hybrid.loop import LOG_FULL
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     COMMAND,
-    EVENT_WIDTH,
     LINKAGE_JOINTS,
     MOTOR_COMMAND,
     MOTOR_JOINTS,
     REGIME,
-    SIDES,
     Array,
 )
 from mech_twin.kernels.kernel import kernel
@@ -30,28 +29,11 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     energies,
     spring_moment,
 )
-from mech_twin.machines.mb10_breaker.state import (
-    BODY_STOPPED,
-    CRANK_STOPPED,
-    EVENT,
-    GEAR_STOPPED,
-    LIFT_OFF,
-    MEMORY,
-    SETTLED,
-    STATES,
-    TOUCHDOWN,
-    BreakerMemory,
-    Side,
-    named,
-    post_side,
-    pre_side,
-)
+from mech_twin.machines.mb10_breaker.state import LAWS, MEMORY, STATES, BreakerMemory, named
 from mech_twin.machines.mb10_breaker.step import advance_step, take_body
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 
 JOINTS = ("crank", "coupler", "rocker", "body")
-CONTACTS = ("collar", "tool", "crank_bearing", "body_pivot", "gear")
-COLLAR_CONTACT, TOOL_CONTACT, BEARING_CONTACT, PIVOT_CONTACT, GEAR_CONTACT = range(5)
 # places in a row
 CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
 MEMORY_AT = LINKAGE_JOINTS + 12
@@ -59,7 +41,7 @@ RESIDUALS_AT = MEMORY_AT + len(BreakerMemory._fields)
 
 
 class LedBreaker(NamedTuple):
-    """Constants of the linkage role: breaker, coupling step (s), order of the torque's extrapolation, rows of its log.
+    """Constants of the linkage role: breaker, coupling step (s), order of the torque's extrapolation, its functions.
 
     ``body_at_rest`` is the number by which the body's own samples call its rest.
     """
@@ -67,8 +49,8 @@ class LedBreaker(NamedTuple):
     breaker: Breaker
     step_s: float
     order: int
-    log_rows: int
     body_at_rest: int
+    entry: int | None  # of its motion in this process
 
 
 class GearedMotor(NamedTuple):
@@ -144,51 +126,6 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, 0.0, out)
 
 
-@kernel
-def contact_of(kind: int) -> int:
-    """Return what an event of this kind takes place at."""
-    if kind >= GEAR_STOPPED:
-        return GEAR_CONTACT
-    if kind >= CRANK_STOPPED:
-        return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
-    return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
-
-
-@kernel
-def fill_coordinate(sides: Array, place: int, position: float, velocity: float, effort: float) -> int:
-    """Put one coordinate where it belongs in a row of events; return where the next one does."""
-    sides[place], sides[place + 1], sides[place + 2] = position, velocity, effort
-    return place + 3
-
-
-@kernel
-def fill_side(b: Breaker, side: Side, sides: Array, place: int) -> int:
-    """Put the coordinates on one side of an event, in the order of `state.EventSide`; return where the others begin."""
-    q, u, phi, p = side.crank_rad, side.crank_rad_per_s, side.body_rad, side.body_rad_per_s
-    place = fill_coordinate(sides, place, q, u, side.drive_torque_nm)
-    place = fill_coordinate(sides, place, phi, p, -spring_moment(b, phi))
-    place = fill_coordinate(sides, place, side.tool_m, side.tool_m_per_s, side.tool_force_n)
-    place = fill_coordinate(sides, place, q, u, side.crank_friction_nm)
-    return fill_coordinate(sides, place, phi, p, side.body_friction_nm)
-
-
-@kernel
-def tell_events(b: Breaker, start_s: float, rows: Any, count: int, log: Array) -> Array:
-    """Write the rows of a step into the table of events, times from the start of the run."""
-    for i in range(count):
-        row = rows[i]
-        kind = int(row.kind)
-        contact = contact_of(kind)
-        log = log_event(
-            log, i, start_s + row.time_s, kind, contact, row.before_m_per_s, row.after_m_per_s, row.impulse_ns,
-            row.cycle,
-        )  # fmt: skip
-        log[i, SIDES] = 1.0
-        post = fill_side(b, pre_side(row), log[i], EVENT_WIDTH)
-        fill_side(b, post_side(row), log[i], post)
-    return log
-
-
 @step_of(linkage_step, LedBreaker)
 def breaker_step(
     model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
@@ -197,8 +134,7 @@ def breaker_step(
     b, y, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
     state = named(y)
     out[:] = linkage
-    record = out[MEMORY_AT:RESIDUALS_AT].view(MEMORY)
-    memory = record[0]
+    memory = memory_of(out)
     state.crank_rad, state.crank_rad_per_s = linkage[CRANK_AT], linkage[CRANK_AT + 1]
     state.body_rad, state.body_rad_per_s = linkage[BODY_AT], linkage[BODY_AT + 1]
     state.tool_m, state.tool_m_per_s = memory.tool_travel_m, memory.tool_speed_m_per_s
@@ -206,9 +142,17 @@ def breaker_step(
     phi, p, rests = state.body_rad, state.body_rad_per_s, regime != FLIGHT
     if len(body) > 0 and not b.held:
         phi, p, rests = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME]) == model.body_at_rest
-    regime = take_body(b, state, record, regime, phi, p, rests)
-    rows = np.empty(model.log_rows, dtype=EVENT)
-    regime, count, drive = advance_step(b, y, record, regime, motor[MOTOR_JOINTS + 2], model.step_s, model.order, rows)
-    log = tell_events(b, step * model.step_s, rows, count, log)
+    kept = out[MEMORY_AT:RESIDUALS_AT]
+    regime = take_body(b, y, kept.view(MEMORY), regime, phi, p, rests)
+    start, begun, first, count, drive = y.copy(), kept.copy(), regime, LOG_FULL, 0.0
+    while count == LOG_FULL:
+        y[:], kept[:] = start, begun
+        regime, count, drive = advance_step(
+            model.entry, b, y, kept, first, motor[MOTOR_JOINTS + 2], step * model.step_s, model.step_s, model.order, log
+        )
+        if count == LOG_FULL:
+            log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))
+    if count < 0:
+        return log, count
     fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, model.step_s, out)
     return log, count

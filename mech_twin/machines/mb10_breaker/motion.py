@@ -1,297 +1,400 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker between two events as a system of the engine: equation of motion, method, signals of its events."""
+"""What the breaker declares to the one loop: crank, body and tool under six laws, and the events users are told of.
+
+Laws: the body on its collar, the wall that the tool goes into, the striker on the tool, and bearings and gear
+(`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, knots of the moment on a
+flying body (`driven_body` takes it as a line between them), and the motor's torque passing zero.
+A blow of a tool in which waves run is an event of its own: `wave_blow` gives the velocities after it.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mech_twin.engine.events import UNKNOWN, signals_of
-from mech_twin.engine.integration import Workspace, rates_of
-from mech_twin.engine.tableaus import COOPER_VERNER_8
-from mech_twin.kernels.kernel import inline_kernel, kernel
-from mech_twin.machines.mb10_breaker.accelerations import (
-    Accelerations,
-    contact_accelerations,
-    rates_of_state,
-    standing_gear,
+from mech_twin.engine.hybrid.impacts import CLOSED_M
+from mech_twin.engine.hybrid.laws import (
+    HOLD,
+    LOW,
+    OPEN,
+    Array,
+    Equations,
+    Indices,
+    accumulate,
+    begin_impact,
+    begin_piece,
+    change_regimes,
+    declares,
+    end_piece,
+    evaluate,
+    fill_signals,
+    note_impact,
+    pass_signal,
 )
-from mech_twin.machines.mb10_breaker.bearing_friction import (
-    HOLDS_BEYOND,
-    BearingTorques,
-    Instant,
-    bearing_torques,
-    rubs,
-    senses_at,
-    sign,
+from mech_twin.engine.hybrid.motion import find_accelerations
+from mech_twin.engine.sample_vectors import IMPULSE, KIND, POST_VELOCITY, PRE_VELOCITY
+from mech_twin.kernels.kernel import embedded_kernel, inline_kernel
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses, spring_moment, striker
+from mech_twin.machines.mb10_breaker.event_rows import begin_row, end_row, log_bearings, log_contacts, log_row
+from mech_twin.machines.mb10_breaker.joint_laws import (
+    Torques,
+    crank_shares,
+    effect_of_impact,
+    join_laws,
+    on_collar,
+    on_wall,
+    project_contact,
+    reseat_tool,
+    striking,
+    to_dead_centre,
+    told_torques,
 )
-from mech_twin.machines.mb10_breaker.dynamics import BLOCKED, Breaker, Senses, crank_torque, masses_at, striker
-from mech_twin.machines.mb10_breaker.state import STATES, BreakerState, pack_state, unpacked_state
-from mech_twin.parts.gear import gear_torque
+from mech_twin.machines.mb10_breaker.state import (
+    ANGULAR_IMPULSE,
+    BLOW,
+    BLOW_LOSS,
+    BODY,
+    BODY_RATE,
+    BODY_REVERSED,
+    BODY_SENSE,
+    CATCH_UP,
+    COLLAR_LAW,
+    COLLAR_LOSS,
+    CRANK,
+    CRANK_LAW,
+    CRANK_RATE,
+    CRANK_SENSE,
+    CYCLE,
+    DAMPING_LOSS,
+    DRIVE_WORK,
+    GEAR_LAW,
+    IMPACT_IMPULSE,
+    LAWS,
+    MISSED,
+    OFF_COLLAR,
+    PASS_DONE,
+    PIVOT_LAW,
+    PUSH_BEGINS,
+    PUSHING,
+    SETTLED,
+    STALL_TOLD,
+    STALLED,
+    TOOL,
+    TOOL_LAW,
+    TOOL_RATE,
+    TOUCHDOWN,
+    WALL_LAW,
+    WALL_WORK,
+)
+from mech_twin.machines.mb10_breaker.wave_blow import struck_tool
+from mech_twin.parts.four_bar import coefficients, position
+from mech_twin.parts.gear import gear_split, gear_torque
 
-# signals, each falling through zero at its event: striker from tool, body from collar, collar's moment, way to the
-# rocker's next dead centre, speed of the tool, force of the striker on it, what more the wall can hold, crank speed;
-# of crank and body their speeds in the sense in which they slide, and what more their friction can hold at rest;
-# speed of the gear (of either sign), and what more its loss can hold while its shaft stands
-GAP, LIFT, COLLAR, DEAD_CENTRE, TOOL_MOTION, THRUST, WALL, CRANK_MOTION = range(8)
-CRANK_TURN, CRANK_GRIP, BODY_TURN, BODY_GRIP, GEAR_TURNS, GEAR_GRIP = range(8, 14)
-SINGLE_STEP_RAD = 0.04  # longest turn of the crank in one substep: truncation below 1e-13
-# while the tool is pushed: a stiff wall stops the crank within less, and the moment on a free body is a line between
-# knots of this distance
-PUSHING_SUBSTEP_S = 1e-4
-MISSED_BETWEEN_KNOTS_RAD_PER_S = 1e-5  # of the body's rate, by the line
-BODY_RATE = BreakerState._fields.index("body_rad_per_s")
-MIDDLE, LAST = 8, 10  # stages of the method in the middle and at the end of its step
-ADHESION_N = 1e-9  # a striker that touches the tool without force has not left it
+# own signals
+DEAD_CENTRE, CRANK_STOPS, KNOT_TIME, KNOT_MISS, TORQUE_TURNS, BODY_TURNS = range(6)
+OWN_SIGNALS = 6
+# kept from piece to piece: of an instant the moment on the body, the crank's torque without the gear's loss and that,
+# the slope of the striker's travel; the crank's next dead centre; the knot before and the next; the sense of the
+# motor's torque; what is struck, and that before it the body was at rest, or the striker on the tool; torques before
+# it; jumps of the rotor's speed, and weighted with the time left; whether the striker goes forward as the crank does
+MOMENT, BASE, LOSS, SLOPE, DEAD_RAD, KNOT_S, KNOT_RATE, KNOT_ACCELERATION, KNOT_KNOWN, NEXT_KNOT_S = range(10)
+TORQUE_SENSE, STRUCK, RESTED, REBOUNDS, DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE = range(10, 18)
+JUMPS, JUMPS_LEFT, TOGETHER, OWN_IMPACT, SIDE = range(18, 23)
+KEPT = 23
+NOTHING, COLLAR_STRUCK, TOOL_STRUCK = range(3)
+SLOWEST_REBOUND_M_PER_S = 1e-6  # what would part striker and tool, or a pushing body and collar, slower stays
+GAP_M = 2e-15  # twice a gap that rounding hides: what strikes again within it stays, too
+AT_EXTREME = 1e-9  # of the striker's arm: travel of its face over the crank's turn, next to an extreme
+TOUCH_M_PER_S = 1e-12
+SETTLED_IN_STEP = 1e-6  # of a step: what is left of the bounces of a body that turns back by friction, to be told
+KNOT_APART_S = 1e-4  # longest way between two knots of the moment on a flying body, while the striker pushes
+MISSED_BETWEEN_KNOTS_RAD_PER_S = 1e-5  # of the body's rate, by the line between them
 
 
-class Motion(NamedTuple):
-    """The breaker under a motor torque that is a line in the time since the start of the coupling step."""
+class BreakerMotion(NamedTuple):
+    """The system: constants; the motor's torque, a line in time; on the crank what makes good the step before.
+
+    ``memory`` is that of the linkage row, ``kept`` is kept from piece to piece, ``at`` the instant of the loop's room.
+    """
 
     breaker: Breaker
     torque_nm: float
     slope_nm_per_s: float
-    compensation_nm: float  # on the crank: makes good what the extrapolation of the step before missed
-    rests: bool
-    tool: int
-    dead_centre_rad: float  # crank angle of the rocker's next extreme
-    senses: Senses
-    gear_sense: float  # sign of the gear's speed, in which its loss stays through the piece; 0: that of each instant
-    gear_stands: bool  # its shaft stands while the body flies, held by its loss
+    compensation_nm: float
+    begin_s: float
+    step_s: float
+    memory: Array
+    kept: Array
+    at: Equations
+
+
+@declares(evaluate, BreakerMotion)
+def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill in masses, forces, and the laws of collar, wall, striker, bearings and gear."""
+    b, kept, q, phi, u, p = motion.breaker, motion.kept, y[CRANK], y[BODY], y[CRANK_RATE], y[BODY_RATE]
+    joints = position(b.bar, q)
+    by = coefficients(joints)
+    m = masses(b, joints, by, phi)
+    slope, bend = b.striker_arm_m * by.g3, b.striker_arm_m * by.g3_1
+    rests, pressed = on_collar(b, regimes), on_wall(regimes)
+    motor = motion.torque_nm + motion.slope_nm_per_s * t
+    passed = gear_split(b.ratio, b.efficiency, motor)
+    drive, loss = passed.mean_nm + motion.compensation_nm, passed.friction_nm
+    if rests and pressed:
+        drive, loss = gear_torque(b.ratio, b.efficiency, motor, 0.0) + motion.compensation_nm, 0.0
+    kept[BASE], kept[LOSS], kept[SLOPE] = drive, loss, kept[SIDE] * abs(slope)
+    at.mass[0, 0], at.mass[1, 1], at.mass[2, 2] = m.m11, m.m22, b.tool_mass_kg
+    at.force[0] = drive - b.crank_viscous_nms_per_rad * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
+    at.directions[COLLAR_LAW, 1], at.directions[WALL_LAW, 2], at.directions[TOOL_LAW, 2] = 1.0, 1.0, 1.0
+    at.directions[TOOL_LAW, 0], at.bias[TOOL_LAW] = -slope, -bend * u * u
+    at.high[COLLAR_LAW] = at.high[TOOL_LAW] = at.gap[TOOL_LAW] = math.inf  # the gap is a signal below
+    at.restitution[COLLAR_LAW], at.restitution[TOOL_LAW] = b.collar_restitution, b.tool_restitution
+    pressed_nm, flies = spring_moment(b, phi), regimes[COLLAR_LAW] == OPEN
+    at.low[COLLAR_LAW] = 0.0 if flies else -b.body_coulomb_nm - pressed_nm  # the springs' moment is the collar's
+    least = b.crank_coulomb_nm / max(abs(slope), 1e-12) if rests and pressed else 0.0
+    at.low[WALL_LAW], at.high[WALL_LAW], at.low[TOOL_LAW] = -b.wall_force_n - least, least, -least
+    shares = crank_shares(b, loss, kept[SLOPE], regimes)
+    if b.held:
+        at.directions[CRANK_LAW, 0] = 1.0
+    else:
+        at.mass[0, 1] = at.mass[1, 0] = m.m12
+        kept[MOMENT] = m.g_phi - b.frame_drive * drive - b.body_damping_nms_per_rad * p
+        kept[MOMENT] -= pressed_nm if flies else 0.0
+        at.force[1] = kept[MOMENT] - m.m12_q * u * u - m.m22_q * u * p
+        at.directions[TOOL_LAW, 1] = b.tool_radius_m
+        at.gap[COLLAR_LAW] = phi
+        one = shares.whole == 0.0
+        at.directions[CRANK_LAW, 0] = 1.0 if one else (shares.bearing + shares.gear) / shares.whole
+        at.directions[CRANK_LAW, 1] = 0.0 if one else (shares.pivot - b.frame_drive * shares.gear) / shares.whole
+        at.directions[PIVOT_LAW, 1], at.directions[GEAR_LAW, 0], at.directions[GEAR_LAW, 1] = 1.0, 1.0, -b.frame_drive
+    at.low[CRANK_LAW], at.high[CRANK_LAW] = -shares.whole, shares.whole
+    at.low[PIVOT_LAW], at.high[PIVOT_LAW] = -b.body_coulomb_nm, b.body_coulomb_nm
+    at.low[GEAR_LAW], at.high[GEAR_LAW] = -loss, loss
 
 
 @inline_kernel
-def drive_torque(system: Motion, t: float, u: float, p: float) -> float:
-    """Return the torque on the crank behind the gear (N m); a shaft that stands is taken to turn as the crank will."""
-    b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t
-    if system.gear_sense != 0.0:
-        return gear_torque(b.ratio, b.efficiency, motor, system.gear_sense) + system.compensation_nm
-    if b.crank_coulomb_nm > 0.0 and u - b.frame_drive * p == 0.0:
-        return gear_torque(b.ratio, b.efficiency, motor, system.senses.crank) + system.compensation_nm
-    return crank_torque(b, motor, u, p) + system.compensation_nm
+def torques_of(motion: BreakerMotion, regimes: Indices, at: Equations) -> Torques:
+    """Return what drive, bearings and striker do at the instant that was just evaluated."""
+    kept = motion.kept
+    return told_torques(motion.breaker, kept[BASE], kept[LOSS], kept[SLOPE], regimes, at.multiplier, at.low)
 
 
-@kernel
-def instant(system: Motion, t: float, state: Any) -> Instant:
-    """Return an instant of the motion as the bearings see it."""
-    b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t
-    u, p = state.crank_rad_per_s, state.body_rad_per_s
-    drive, gap = crank_torque(b, motor, u, p) + system.compensation_nm, 0.0
-    if b.crank_coulomb_nm > 0.0 and u == 0.0 and b.frame_drive * p == 0.0:
-        gap = abs(b.ratio * motor) * (1.0 / b.efficiency - b.efficiency)
-    low, high = (gap, 0.0) if motor < 0.0 else (0.0, gap)
-    return Instant(state.crank_rad, u, state.body_rad, p, drive, low, high, system.rests, system.tool)
+@embedded_kernel
+def torques_at(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> Torques:
+    """Return what drive, bearings and striker do in a state."""
+    find_accelerations(motion, t, y, regimes, at)
+    return torques_of(motion, regimes, at)
 
 
-@kernel
-def torques_now(system: Motion, t: float, state: Any) -> BearingTorques:
-    """Return drive, friction and the striker's force on the tool in a state."""
-    b = system.breaker
-    m, at = masses_at(b, state.crank_rad, state.body_rad), instant(system, t, state)
-    drive = at.drive_nm
-    if system.gear_stands:
-        drive, _ = standing_gear(b, m, at.q, at.u, at.phi, at.p, at.tool, system.senses)
-    elif system.gear_sense * gear_speed(b, state) < 0.0 or (at.gear_low_nm == at.gear_high_nm and not at.rests):
-        drive = drive_torque(system, t, at.u, at.p)  # as in the piece that ends or begins where the gear's speed is 0
-    at = Instant(at.q, at.u, at.phi, at.p, drive, at.gear_low_nm, at.gear_high_nm, at.rests, at.tool)
-    return bearing_torques(b, m, at, system.senses)
+@declares(accumulate, BreakerMotion)
+def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill in the power of drive, of damping with friction, and of the wall, and the moment on everything."""
+    b, u, p, now = motion.breaker, y[CRANK_RATE], y[BODY_RATE], torques_of(motion, regimes, at)
+    moment = motion.kept[MOMENT]
+    for law in range(LAWS):
+        moment += at.directions[law, 1] * at.multiplier[law]
+    out[DRIVE_WORK] = now.drive_nm * (u - b.frame_drive * p)
+    out[DAMPING_LOSS] = b.body_damping_nms_per_rad * p * p + b.crank_viscous_nms_per_rad * u * u
+    out[DAMPING_LOSS] -= now.crank_nm * u + now.body_nm * p
+    out[ANGULAR_IMPULSE], out[WALL_WORK] = moment, -at.multiplier[WALL_LAW] * y[TOOL_RATE]
 
 
-@kernel
-def senses_now(system: Motion, t: float, state: Any, rests: bool, tool: int) -> Senses:
-    """Return in which senses crank and body go on from a state, body and tool in these regimes."""
-    if not rubs(system.breaker):
-        return Senses(1.0, 1.0)
-    now = instant(system, t, state)
-    return senses_at(
-        system.breaker,
-        Instant(now.q, now.u, now.phi, now.p, now.drive_nm, now.gear_low_nm, now.gear_high_nm, rests, tool),
-    )
+@inline_kernel
+def has_knots(motion: BreakerMotion, regimes: Indices) -> bool:
+    """Return whether the moment on the body is told at knots: the striker pushes, the body flies."""
+    return bool(regimes[TOOL_LAW] == HOLD and not on_collar(motion.breaker, regimes))
 
 
-@kernel
-def may_stand(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
-    """Return whether the gear's loss may hold its shaft, which stands: u = p (drive on the frame) or u = 0.
-
-    The body flies; with friction in its bearing a crank that stands in the body is `bearing_friction`'s.
-    """
-    free = not rests and tool != BLOCKED and (b.frame_drive > 0.0 or b.crank_coulomb_nm == 0.0)
-    return free and b.efficiency < 1.0 and gear_speed(b, state) == 0.0
-
-
-@kernel
-def standing_senses(b: Breaker, state: Any, tool: int, senses: Senses) -> Senses:
-    """Return the senses of crank and body with the gear's shaft standing; of the crank 0 where there are none.
-
-    ``senses`` are those of what moves; from rest both set off together, in the sense that is borne out.
-    """
-    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
-    if p != 0.0 or senses.crank == 0.0 or senses.body == 0.0 or not rubs(b):
-        return senses
-    m = masses_at(b, q, phi)
-    for along in (1.0, -1.0):
-        tried = Senses(along if b.crank_coulomb_nm > 0.0 else 1.0, along if b.body_coulomb_nm > 0.0 else 1.0)
-        if along * standing_gear(b, m, q, u, phi, p, tool, tried)[1] > 0.0:
-            return tried
-    return Senses(0.0, 0.0)
-
-
-@kernel
-def gear_hold(system: Motion, t: float, state: Any, tool: int, senses: Senses) -> tuple[float, float, float]:
-    """Return the crank torque (N m) with which the gear's shaft goes on standing, and the bounds its loss sets it."""
-    b, motor = system.breaker, system.torque_nm + system.slope_nm_per_s * t
-    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
-    needed, _ = standing_gear(b, masses_at(b, q, phi), q, u, phi, p, tool, senses)
-    forward, backward = gear_torque(b.ratio, b.efficiency, motor, 1.0), gear_torque(b.ratio, b.efficiency, motor, -1.0)
-    return needed, forward + system.compensation_nm, backward + system.compensation_nm
+@declares(fill_signals, BreakerMotion)
+def signal_events(
+    motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
+) -> None:
+    """Fill in what is left to dead centre, stop and knot, and the motor's torque in its sense."""
+    kept, begin = motion.kept, 2 * LAWS
+    for i in range(OWN_SIGNALS):
+        values[begin + i], rates[begin + i] = math.inf, 0.0
+    if regimes[TOOL_LAW] == OPEN:
+        lift = 0.0 if motion.breaker.held else motion.breaker.tool_radius_m * y[BODY]
+        values[2 * TOOL_LAW] = lift + y[TOOL] - striker(motion.breaker, y[CRANK])[0]
+    values[begin + DEAD_CENTRE], rates[begin + DEAD_CENTRE] = kept[DEAD_RAD] - y[CRANK], -y[CRANK_RATE]
+    free = regimes[TOOL_LAW] == HOLD and regimes[CRANK_LAW] == OPEN and motion.memory[STALL_TOLD] == 0.0
+    if free and y[CRANK_RATE] > 0.0:
+        values[begin + CRANK_STOPS], rates[begin + CRANK_STOPS] = y[CRANK_RATE], at.acceleration[0]
+    if has_knots(motion, regimes):
+        if kept[KNOT_KNOWN] == 0.0:
+            kept[KNOT_ACCELERATION], kept[KNOT_KNOWN] = at.acceleration[1], 1.0
+        values[begin + KNOT_TIME], rates[begin + KNOT_TIME] = kept[NEXT_KNOT_S] - t, -1.0
+        line = 0.5 * (t - kept[KNOT_S]) * (kept[KNOT_ACCELERATION] + at.acceleration[1])
+        missed = abs(y[BODY_RATE] - kept[KNOT_RATE] - line)
+        values[begin + KNOT_MISS], rates[begin + KNOT_MISS] = MISSED_BETWEEN_KNOTS_RAD_PER_S - missed, math.nan
+    if on_wall(regimes) and motion.breaker.body_coulomb_nm > 0.0 and not on_collar(motion.breaker, regimes):
+        turning = -at.bias[TOOL_LAW] / y[CRANK_RATE] if y[CRANK_RATE] != 0.0 else 0.0
+        values[begin + BODY_TURNS] = -kept[SIDE] * at.directions[TOOL_LAW, 0]
+        rates[begin + BODY_TURNS] = kept[SIDE] * turning
+    if motion.slope_nm_per_s != 0.0 and motion.breaker.efficiency < 1.0:
+        values[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * (motion.torque_nm + motion.slope_nm_per_s * t)
+        rates[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * motion.slope_nm_per_s
 
 
-@kernel
-def going_on(system: Motion, t: float, state: Any, senses: Senses, rests: bool, tool: int, lands: bool) -> Motion:
-    """Return the motion as it goes on from a state with body, tool and bearings in these regimes.
-
-    ``lands``: the gear keeps its sense through the piece, which ends where that turns.  A shaft that stands is held
-    where that takes less than its loss can (by more than rounding), else it sets off in the sense that this asks for.
-    """
-    speed, stands = gear_speed(system.breaker, state), False
-    sense = sign(speed) if lands else 0.0
-    if lands and may_stand(system.breaker, state, rests, tool):
-        still = standing_senses(system.breaker, state, tool, senses)
-        if still.crank != 0.0:
-            needed, low, high = gear_hold(system, t, state, tool, still)
-            least = HOLDS_BEYOND * (abs(needed) + abs(low) + abs(high))
-            stands, sense = min(needed - low, high - needed) > least, 1.0 if needed - low < high - needed else -1.0
-            senses = still if stands else senses
-    return Motion(
-        system.breaker,
-        system.torque_nm,
-        system.slope_nm_per_s,
-        system.compensation_nm,
-        rests,
-        tool,
-        system.dead_centre_rad,
-        senses,
-        sense,
-        stands,
-    )
+@declares(begin_piece, BreakerMotion)
+def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> None:
+    """Keep the next dead centre, and where the next knot of the moment on the body is due: at equal times."""
+    kept = motion.kept
+    kept[DEAD_RAD] = y[CRANK] + to_dead_centre(motion.breaker, y[CRANK])
+    slope = striker(motion.breaker, y[CRANK])[1]
+    if abs(slope) > AT_EXTREME * motion.breaker.striker_arm_m:
+        kept[SIDE] = math.copysign(1.0, slope)
+    if has_knots(motion, regimes):
+        left = motion.step_s - t
+        pieces = max(math.ceil(left / KNOT_APART_S - 1e-9), 1.0)
+        kept[KNOT_S], kept[KNOT_RATE], kept[KNOT_KNOWN] = t, y[BODY_RATE], 0.0
+        kept[NEXT_KNOT_S] = t + left / pieces if pieces > 1.0 else math.inf
 
 
-@kernel
-def torque_of_standing_gear(system: Motion, state: Any) -> float:
-    """Return the torque on the crank (N m) with which the gear's shaft goes on standing."""
-    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
-    return standing_gear(system.breaker, masses_at(system.breaker, q, phi), q, u, phi, p, system.tool, system.senses)[0]
+@declares(end_piece, BreakerMotion)
+def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
+    """Take out of what holds what rounding left in it."""
+    b = motion.breaker
+    if regimes[CRANK_LAW] == HOLD or (on_collar(b, regimes) and on_wall(regimes)):
+        y[CRANK_RATE] = 0.0
+    if regimes[GEAR_LAW] == HOLD:
+        y[CRANK_RATE] = b.frame_drive * y[BODY_RATE]
+    if regimes[TOOL_LAW] == HOLD:
+        project_contact(b, y, regimes)
 
 
-@rates_of(Motion, COOPER_VERNER_8)
-def motion_rates(system: Motion, t: float, y: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """Fill the derivatives of the state."""
-    state = unpacked_state(y)
-    drive = drive_torque(system, t, state.crank_rad_per_s, state.body_rad_per_s)
-    if system.gear_stands:
-        drive = torque_of_standing_gear(system, state)
-    pack_state(rates_of_state(system.breaker, state, drive, system.rests, system.tool, system.senses), out)
+@declares(pass_signal, BreakerMotion)
+def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
+    """Reseat the tool where the rocker begins its pass, tell of a pass without a blow, of a stop, of a knot."""
+    b, memory, kept = motion.breaker, motion.memory, motion.kept
+    kind = PUSHING
+    if which == TORQUE_TURNS:
+        kept[TORQUE_SENSE] = -kept[TORQUE_SENSE]
+        return count
+    if which == BODY_TURNS:  # with the rocker, at its extreme
+        was = torques_at(motion, t, y, regimes, motion.at)
+        kept[SIDE], memory[BODY_SENSE] = -kept[SIDE], -memory[BODY_SENSE]
+        now = torques_at(motion, t, y, regimes, motion.at)
+        return log_row(b, motion.begin_s + t, BODY_REVERSED, memory[CYCLE], y, was, now, log, count)
+    if which == DEAD_CENTRE:
+        memory[STALL_TOLD], kind = 0.0, MISSED
+        if not striking(b, y[CRANK]):  # for the next pass the tool is taken back to its seat
+            reseat_tool(b, y, regimes, memory)
+            return count
+        if memory[PASS_DONE] != 0.0:
+            return count
+    elif which == CRANK_STOPS:
+        memory[STALL_TOLD], kind = 1.0, STALLED
+    now = torques_at(motion, t, y, regimes, motion.at)
+    count = log_row(b, motion.begin_s + t, kind, memory[CYCLE], y, now, now, log, count)
+    if kind == MISSED:
+        memory[PASS_DONE], memory[CYCLE] = 1.0, memory[CYCLE] + 1.0
+    return count
 
 
-@kernel
-def forces_now(system: Motion, t: float, state: Any) -> Accelerations:
-    """Return accelerations, collar moment and force on the tool in a state."""
-    q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
-    b, drive = system.breaker, drive_torque(system, t, u, p)
-    if system.gear_stands:
-        drive = torque_of_standing_gear(system, state)
-    m = masses_at(b, q, phi)
-    return contact_accelerations(b, m, q, u, phi, p, drive, system.rests, system.tool, system.senses)
+@declares(begin_impact, BreakerMotion)
+def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Keep what there is before an impact; slow ones are plastic, and what strikes with the collar strikes after it."""
+    b, kept = motion.breaker, motion.kept
+    now = torques_of(motion, regimes, at)
+    parting = -b.tool_restitution * at.velocity[TOOL_LAW]
+    regimes[WALL_LAW] = HOLD if regimes[WALL_LAW] == OPEN else regimes[WALL_LAW]
+    kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE] = now
+    kept[RESTED], kept[STRUCK], kept[REBOUNDS] = 1.0 if on_collar(b, regimes) else 0.0, TOOL_STRUCK, 1.0
+    if regimes[COLLAR_LAW] == OPEN and at.gap[COLLAR_LAW] <= CLOSED_M and at.velocity[COLLAR_LAW] < 0.0:
+        kept[STRUCK], at.gap[TOOL_LAW] = COLLAR_STRUCK, math.inf
+        e, fall = b.collar_restitution, -at.law_acceleration[COLLAR_LAW]
+        if b.body_coulomb_nm > 0.0 and -2.0 * e * y[BODY_RATE] <= SETTLED_IN_STEP * motion.step_s * fall * (1.0 - e):
+            at.restitution[COLLAR_LAW] = 0.0
+        if regimes[TOOL_LAW] == HOLD:
+            regimes[TOOL_LAW] = OPEN
+            if -e * b.tool_radius_m * y[BODY_RATE] <= SLOWEST_REBOUND_M_PER_S:
+                at.restitution[COLLAR_LAW] = 0.0
+    elif -at.velocity[TOOL_LAW] < TOUCH_M_PER_S and at.law_acceleration[TOOL_LAW] > 0.0:
+        kept[STRUCK], at.gap[TOOL_LAW] = NOTHING, math.inf  # a touch within rounding that already opens
+    elif parting <= SLOWEST_REBOUND_M_PER_S or parting * parting <= -GAP_M * at.law_acceleration[TOOL_LAW]:
+        at.restitution[TOOL_LAW] = kept[REBOUNDS] = 0.0
 
 
-@signals_of(Motion)
-def motion_signals(system: Motion, index: int, t: float, y: NDArray[np.float64]) -> tuple[float, float]:
-    """Return value and derivative of a signal."""
-    b, state = system.breaker, unpacked_state(y)
-    if index == GAP:
-        return tool_gap(b, state)
-    if index == LIFT:
-        return float(state.body_rad), float(state.body_rad_per_s)
-    if index == DEAD_CENTRE:
-        return float(system.dead_centre_rad - state.crank_rad), -float(state.crank_rad_per_s)
-    if index in (CRANK_GRIP, BODY_GRIP, GEAR_TURNS, GEAR_GRIP):
-        return grip_signal(system, index, t, state), UNKNOWN
-    return force_signals(system, index, t, state)
+@declares(note_impact, BreakerMotion)
+def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
+    """Book an impact, and begin its row."""
+    b, kept, memory, begin_s = motion.breaker, motion.kept, motion.memory, motion.begin_s
+    if kept[STRUCK] == NOTHING:
+        return count
+    if kept[RESTED] == 1.0 and at.multiplier[COLLAR_LAW] > 0.0:
+        y[BODY_RATE] = 0.0
+    was = Torques(kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE])
+    loss, turned, closing, closes = effect_of_impact(at, before, y)
+    if kept[STRUCK] == COLLAR_STRUCK:
+        y[BODY] = 0.0
+        begin_row(b, begin_s + t, TOUCHDOWN, memory[CYCLE], before, was, log, count)
+        log[count, PRE_VELOCITY] = b.tool_radius_m * before[BODY_RATE]
+        log[count, POST_VELOCITY] = b.tool_radius_m * y[BODY_RATE]
+        log[count, IMPULSE] = at.multiplier[COLLAR_LAW] / b.tool_radius_m
+        memory[COLLAR_LOSS], memory[IMPACT_IMPULSE] = memory[COLLAR_LOSS] + loss, memory[IMPACT_IMPULSE] + turned
+    else:
+        first, rested, struck = memory[PASS_DONE] == 0.0, kept[RESTED] == 1.0, at.multiplier[TOOL_LAW]
+        if first and not rested:  # the body is off its collar: the tool is not pressed on the wall
+            count = log_row(b, begin_s + t, OFF_COLLAR, memory[CYCLE], before, was, was, log, count)
+        begin_row(b, begin_s + t, BLOW if first else CATCH_UP, memory[CYCLE], before, was, log, count)
+        wave, slow = b.waves and kept[REBOUNDS] == 1.0, 0.0 < b.tool_radius_m * y[BODY_RATE] <= SLOWEST_REBOUND_M_PER_S
+        kept[OWN_IMPACT] = 0.0
+        if wave or (rested and kept[REBOUNDS] == 0.0 and slow):
+            hit = struck_tool(b, before, rested, wave)
+            y[CRANK_RATE], y[BODY_RATE], y[TOOL_RATE] = hit.u, hit.p, hit.tool_speed
+            y[TOOL] = before[TOOL] + hit.tool_travel
+            loss, struck, closes, turned = hit.loss, hit.impulse, hit.closing, hit.collar_nms
+            turned += b.tool_radius_m * hit.impulse
+            kept[OWN_IMPACT], kept[TOGETHER] = 1.0, 1.0 if hit.together else 0.0
+        log[count, PRE_VELOCITY], log[count, POST_VELOCITY], log[count, IMPULSE] = closing, closes, struck
+        memory[BLOW_LOSS], memory[IMPACT_IMPULSE] = memory[BLOW_LOSS] + loss, memory[IMPACT_IMPULSE] + turned
+        memory[PASS_DONE], memory[CYCLE] = 1.0, memory[CYCLE] + (1.0 if first else 0.0)
+    jump = abs(y[CRANK_RATE] - before[CRANK_RATE] - b.frame_drive * (y[BODY_RATE] - before[BODY_RATE]))
+    kept[JUMPS], kept[JUMPS_LEFT] = kept[JUMPS] + jump, kept[JUMPS_LEFT] + jump * (motion.step_s - t)
+    return count + 1
 
 
-@kernel
-def grip_signal(system: Motion, index: int, t: float, state: Any) -> float:
-    """Return what more friction can hold at rest, or the speed of the gear."""
-    if index == GEAR_TURNS:
-        return gear_speed(system.breaker, state)
-    if index == GEAR_GRIP:
-        needed, low, high = gear_hold(system, t, state, system.tool, system.senses)
-        return min(needed - low, high - needed)
-    held = torques_now(system, t, state)
-    return held.crank_margin_nm if index == CRANK_GRIP else held.body_margin_nm
+@embedded_kernel
+def follow_impact(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Fill the regimes after an impact on the tool that is an event of its own."""
+    b, kept = motion.breaker, motion.kept
+    regimes[COLLAR_LAW] = HOLD if kept[RESTED] == 1.0 and y[BODY_RATE] <= 0.0 and not b.held else OPEN
+    regimes[WALL_LAW] = LOW if y[TOOL_RATE] > 0.0 else HOLD
+    regimes[TOOL_LAW] = HOLD if kept[TOGETHER] == 1.0 else OPEN
+    regimes[CRANK_LAW] = regimes[PIVOT_LAW] = regimes[GEAR_LAW] = OPEN
+    join_laws(b, y, regimes, motion.memory[CRANK_SENSE], motion.memory[BODY_SENSE])
+    if kept[TOGETHER] == 1.0 and torques_at(motion, t, y, regimes, at).tool_force_n <= 0.0:
+        regimes[TOOL_LAW] = OPEN
 
 
-@kernel
-def tool_gap(b: Breaker, state: Any) -> tuple[float, float]:
-    """Return how far the striker is from the tool (m), and how fast they part (m/s)."""
-    travel, slope, _ = striker(b, state.crank_rad)
-    gap = b.tool_radius_m * state.body_rad + state.tool_m - travel
-    return gap, b.tool_radius_m * state.body_rad_per_s + state.tool_m_per_s - slope * state.crank_rad_per_s
-
-
-@kernel
-def gear_speed(b: Breaker, state: Any) -> float:
-    """Return the speed of the crank against what carries the gear (rad/s): with its sign the gear's loss jumps."""
-    return float(state.crank_rad_per_s - b.frame_drive * state.body_rad_per_s)
-
-
-@kernel
-def force_signals(system: Motion, index: int, t: float, state: Any) -> tuple[float, float]:
-    """Return value and derivative of the signals that need the forces."""
-    now, wall = forces_now(system, t, state), system.breaker.wall_force_n
-    value, rate = now.collar_nm, UNKNOWN
-    if index == COLLAR and rubs(system.breaker):
-        value = torques_now(system, t, state).body_margin_nm
-    if index == TOOL_MOTION:
-        value, rate = float(state.tool_m_per_s), (now.tool_force_n - wall) / system.breaker.tool_mass_kg
-    elif index == CRANK_MOTION:
-        value, rate = float(state.crank_rad_per_s), now.crank
-    elif index == CRANK_TURN:
-        value, rate = system.senses.crank * float(state.crank_rad_per_s), system.senses.crank * now.crank
-    elif index == BODY_TURN:
-        value, rate = system.senses.body * float(state.body_rad_per_s), system.senses.body * now.body
-    elif index == THRUST:
-        value = now.tool_force_n + ADHESION_N
-    elif index == WALL:
-        value = wall - now.tool_force_n
-    return value, rate
-
-
-@kernel
-def substep(u: float, remaining: float, longest_s: float) -> float:
-    """Return the length of the next substep (s): equal pieces of what remains, short in time and in crank angle."""
-    longest = min(longest_s, SINGLE_STEP_RAD / (abs(u) + 1e-9))
-    return remaining / max(math.ceil(remaining / longest - 1e-9), 1)
-
-
-@kernel
-def between_knots(span: float, work: Workspace) -> float:
-    """Return the length (s) of a piece that ends in a knot, from the step of ``span`` just taken: it or a shorter one.
-
-    Between knots the moment on the body is a line.  Of p' at both ends and in the middle what the line misses of the
-    body's rate is h (p'_0 - 2 p'_1/2 + p'_1)/3, which falls as h^3; a wall that stops a light crank bends it much.
-    """
-    first, middle, last = work.rates[0, BODY_RATE], work.rates[MIDDLE, BODY_RATE], work.rates[LAST, BODY_RATE]
-    missed = span * abs(first - 2.0 * middle + last) / 3.0
-    if missed <= MISSED_BETWEEN_KNOTS_RAD_PER_S:
-        return span
-    return float(span * (MISSED_BETWEEN_KNOTS_RAD_PER_S / missed) ** (1.0 / 3.0))
-
-
-@kernel
-def workspace_of_motion() -> Workspace:
-    """Return room for the steps of one coupling step."""
-    return Workspace(np.empty((len(COOPER_VERNER_8.nodes), STATES)), np.empty(STATES), np.empty(STATES))
+@declares(change_regimes, BreakerMotion)
+def change_motion(
+    motion: BreakerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
+) -> int:
+    """Let the laws of bearings and gear come in or be joined, and tell what has changed."""
+    b, kept, memory, struck = motion.breaker, motion.kept, motion.memory, motion.kept[STRUCK]
+    kept[STRUCK] = NOTHING
+    was = Torques(kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE])
+    if struck == NOTHING:
+        was = torques_at(motion, t, y, past, at)
+    elif struck == TOOL_STRUCK and kept[OWN_IMPACT] == 1.0:
+        follow_impact(motion, t, y, regimes, at)
+    crank, body = memory[CRANK_SENSE], memory[BODY_SENSE]
+    if struck == NOTHING and past[COLLAR_LAW] == HOLD:
+        body = 1.0  # it leaves its collar
+    if on_collar(b, past) and on_wall(past):  # what stood sets off the way it was pressed
+        crank = 1.0 if regimes[TOOL_LAW] == HOLD else -1.0 if b.crank_coulomb_nm > 0.0 else 0.0
+    join_laws(b, y, regimes, crank, body)
+    if regimes[COLLAR_LAW] == HOLD:
+        y[BODY] = y[BODY_RATE] = 0.0
+    now = torques_at(motion, t, y, regimes, at)
+    if struck != NOTHING:
+        end_row(b, y, now, log, count - 1)
+        if struck == COLLAR_STRUCK and regimes[COLLAR_LAW] == HOLD:
+            log[count - 1, KIND] = SETTLED
+        elif struck == TOOL_STRUCK and regimes[TOOL_LAW] == HOLD and log[count - 1, KIND] == CATCH_UP:
+            log[count - 1, KIND] = PUSH_BEGINS
+    else:
+        count = log_contacts(b, memory, motion.begin_s + t, y, past, regimes, was, now, log, count)
+    return log_bearings(b, memory, motion.begin_s + t, struck == NOTHING, y, past, regimes, was, now, log, count)

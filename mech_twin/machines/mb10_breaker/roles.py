@@ -14,10 +14,10 @@ from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
 from mech_twin.machines.drives import KlossDrive, KlossMotor
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, Breaker
+from mech_twin.machines.mb10_breaker.event_rows import CONTACTS
 from mech_twin.machines.mb10_breaker.force_row import LoadedBreaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, pin_forces
 from mech_twin.machines.mb10_breaker.linkage_row import (
-    CONTACTS,
     JOINTS,
     MEMORY_AT,
     RESIDUALS_AT,
@@ -26,7 +26,8 @@ from mech_twin.machines.mb10_breaker.linkage_row import (
     fill_row,
     start_row,
 )
-from mech_twin.machines.mb10_breaker.state import EVENT_ROWS, KINDS, BreakerMemory, BreakerState, EventSide
+from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide
+from mech_twin.machines.mb10_breaker.step import FAILURES, breaker_entry
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
@@ -79,6 +80,7 @@ class BreakerLinkage(CompiledLinkage):
     joints = JOINTS
     coordinates = EventSide._fields
     regimes = ("rest", "flight", "held")
+    failures = FAILURES
     layout = LinkageLayout(JOINTS, BreakerMemory._fields, RESIDUALS, EVENTS)
 
     def __init__(
@@ -107,7 +109,7 @@ class BreakerLinkage(CompiledLinkage):
     @cached_property
     def model(self) -> LedBreaker:
         """Constants of the kernel."""
-        return LedBreaker(self._b, float(self.step_s), self._order, EVENT_ROWS, REST)
+        return LedBreaker(self._b, float(self.step_s), self._order, REST, breaker_entry(self._b))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's state by name: what is integrated, what a linkage sample carries beside, a row of the log of events."""
+"""The breaker's state by name: what is integrated, what a linkage sample carries beside, the kinds of its events."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.records import record_of
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import kernel
 from mech_twin.samples import Coordinate
-
-EVENT_ROWS = 512  # of one coupling step; one more is an error in one line
 
 # kinds of events, by the order of their names
 BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, OFF_COLLAR, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
@@ -42,14 +40,22 @@ KINDS = (
 )
 
 
+# coordinates and velocities of the motion, and of its laws the places in the regimes
+CRANK, BODY, TOOL, CRANK_RATE, BODY_RATE, TOOL_RATE = range(6)
+DRIVE_WORK, DAMPING_LOSS, ANGULAR_IMPULSE, WALL_WORK = range(6, 10)
+FREEDOMS = 3
+COLLAR_LAW, WALL_LAW, TOOL_LAW, CRANK_LAW, PIVOT_LAW, GEAR_LAW = range(6)
+LAWS = 6
+
+
 class BreakerState(NamedTuple):
     """What is integrated: crank, body and tool, and beside them works and an impulse from the start of the step."""
 
     crank_rad: float  # against the body
-    crank_rad_per_s: float
     body_rad: float
-    body_rad_per_s: float
     tool_m: float  # into the wall
+    crank_rad_per_s: float
+    body_rad_per_s: float
     tool_m_per_s: float
     drive_work_j: float
     damping_loss_j: float
@@ -112,95 +118,24 @@ class EventSide(NamedTuple):
     body_pivot: Coordinate
 
 
-class Side(NamedTuple):
-    """Crank, body, torque on the crank, tool, force of the striker on it, friction, on one side of an event."""
-
-    crank_rad: float
-    crank_rad_per_s: float
-    body_rad: float
-    body_rad_per_s: float
-    drive_torque_nm: float
-    tool_m: float
-    tool_m_per_s: float
-    tool_force_n: float
-    crank_friction_nm: float
-    body_friction_nm: float
-
-
 # records, not plain structures: their fields are attributes in plain Python too
 STATE = record_of(BreakerState)
 STATES = len(BreakerState._fields)
 MEMORY = record_of(BreakerMemory)
-EVENT_FIELDS = (
-    "time_s",  # into the step
-    "kind",
-    "before_m_per_s",
-    "after_m_per_s",
-    "impulse_ns",
-    "cycle",
-    *(f"{side}_{name}" for side in ("pre", "post") for name in Side._fields),
-)
-EVENT = np.dtype((np.record, [(name, np.float64) for name in EVENT_FIELDS]))
-
-
-@inline_kernel
-def unpacked_state(y: NDArray[np.float64]) -> BreakerState:
-    """Return the numbers of a state (10,) by name."""
-    return BreakerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7], y[8], y[9])
-
-
-@kernel
-def pre_side(row: Any) -> Side:
-    """Return the state before an event."""
-    return Side(
-        row.pre_crank_rad,
-        row.pre_crank_rad_per_s,
-        row.pre_body_rad,
-        row.pre_body_rad_per_s,
-        row.pre_drive_torque_nm,
-        row.pre_tool_m,
-        row.pre_tool_m_per_s,
-        row.pre_tool_force_n,
-        row.pre_crank_friction_nm,
-        row.pre_body_friction_nm,
+# places in the memory
+(
+    PASS_DONE, CYCLE, STALL_TOLD, BLOW_LOSS, COLLAR_LOSS, RESEATING_LOSS, IMPACT_IMPULSE, FEED, CRANK_SENSE, BODY_SENSE,
+    TOOL_REGIME,
+) = (
+    BreakerMemory._fields.index(name)
+    for name in (
+        "pass_done", "cycle", "stalled", "blow_loss_j", "collar_loss_j", "reseating_loss_j", "impact_impulse_nms",
+        "feed_per_blow_m", "crank_sense", "body_sense", "tool_regime",
     )
-
-
-@kernel
-def post_side(row: Any) -> Side:
-    """Return the state after an event."""
-    return Side(
-        row.post_crank_rad,
-        row.post_crank_rad_per_s,
-        row.post_body_rad,
-        row.post_body_rad_per_s,
-        row.post_drive_torque_nm,
-        row.post_tool_m,
-        row.post_tool_m_per_s,
-        row.post_tool_force_n,
-        row.post_crank_friction_nm,
-        row.post_body_friction_nm,
-    )
-
-
-@inline_kernel
-def pack_state(state: BreakerState, y: NDArray[np.float64]) -> None:
-    """Put a state, or its rates, into an array (10,)."""
-    for i in range(STATES):
-        y[i] = state[i]
+)  # fmt: skip
 
 
 @kernel
 def named(y: NDArray[np.float64]) -> Any:
     """Return the numbers of a state (10,) by name: a record that shares them (see `engine.records`)."""
     return y.view(STATE)[0]
-
-
-def packed(memory: BreakerMemory) -> NDArray[np.void]:
-    """Return the memory as the kernels take it: one record, changed in place."""
-    return np.array([tuple(memory)], dtype=MEMORY)
-
-
-def unpacked(record: NDArray[np.void]) -> BreakerMemory:
-    """Return the memory a kernel has left."""
-    return BreakerMemory(*record[0].item())

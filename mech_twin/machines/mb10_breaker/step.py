@@ -18,19 +18,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.errors import MotionError
-from mech_twin.engine.events import FALLING, NONE, Step, first_event
-from mech_twin.engine.integration import Workspace, start_step, take_step
-from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.mb10_breaker.bearing_events import (
-    apply_bearing_event,
-    is_bearing_event,
-    log_bearings,
-    starting,
-    watch_bearings,
+from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Indices
+from mech_twin.engine.hybrid.loop import (
+    LOG_FULL,
+    MOST_PIECES,
+    TOO_LONG,
+    TOO_MANY,
+    advance,
+    room_for,
+    room_in,
+    room_sizes,
 )
-from mech_twin.machines.mb10_breaker.bearing_friction import BearingTorques, rubs
-from mech_twin.machines.mb10_breaker.contact import apply_event
+from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     FLIGHT,
@@ -38,44 +39,45 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     MOVING,
     PUSHED,
     REST,
+    STANDING,
     TURN,
     Breaker,
-    Senses,
     crank_torque,
     energies,
+    striker,
 )
-from mech_twin.machines.mb10_breaker.event_rows import log_knot
-from mech_twin.machines.mb10_breaker.gear_events import log_gear, project_gear, until_torque_turns, watch_gear
+from mech_twin.machines.mb10_breaker.joint_laws import Torques, join_laws, project_contact, senses
 from mech_twin.machines.mb10_breaker.motion import (
-    COLLAR,
-    CRANK_MOTION,
-    DEAD_CENTRE,
-    GAP,
-    GEAR_GRIP,
-    GEAR_TURNS,
-    LIFT,
-    PUSHING_SUBSTEP_S,
-    THRUST,
-    TOOL_MOTION,
-    WALL,
-    Motion,
-    between_knots,
-    going_on,
-    may_stand,
-    substep,
-    tool_gap,
-    torques_now,
-    workspace_of_motion,
+    JUMPS,
+    JUMPS_LEFT,
+    KEPT,
+    OWN_SIGNALS,
+    SIDE,
+    TORQUE_SENSE,
+    BreakerMotion,
+    torques_at,
 )
-from mech_twin.machines.mb10_breaker.state import STATES, named
-from mech_twin.machines.mb10_breaker.tool_contact import project_contact
+from mech_twin.machines.mb10_breaker.state import (
+    COLLAR_LAW,
+    CRANK_RATE,
+    FREEDOMS,
+    LAWS,
+    MEMORY,
+    STATES,
+    TOOL_LAW,
+    TOOL_REGIME,
+    WALL_LAW,
+    BreakerMemory,
+    named,
+)
 
 Array = NDArray[np.float64]
-PARTED = 1e-9  # m and m/s
-IN_TOOL_M = 1e-10  # what rounding leaves of a gap that is closed
-MOST_HALVINGS = 40
-SUBSTEP_BUDGET = 20000  # of one coupling step
-MOST_REVERSALS = 16  # of the gear in one coupling step that are landed on; a gear on the edge of sticking has no end
+ERROR = 1e-13  # of a step, over the size of what it integrates
+FAILURES = (
+    f"mb10_breaker: more than {MOST_PIECES} pieces of motion in one step; shorten coupling.step_s",
+    "mb10_breaker: no step of the motion is short enough; shorten coupling.step_s",
+    "mb10_breaker: contacts contradict each other; shorten coupling.step_s",
+)
 
 
 @kernel
@@ -92,18 +94,32 @@ def total_momentum(b: Breaker, state: Any) -> float:
 
 
 @kernel
-def take_body(b: Breaker, state: Any, record: Any, regime: int, phi: float, p: float, rests: bool) -> int:
+def gear_stands(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
+    """Return whether the gear's loss holds its shaft, u = p (drive on the frame) or u = 0, while the body flies."""
+    free = not rests and tool != BLOCKED and (b.frame_drive > 0.0 or b.crank_coulomb_nm == 0.0)
+    return free and b.efficiency < 1.0 and state.crank_rad_per_s - b.frame_drive * state.body_rad_per_s == 0.0
+
+
+@kernel
+def take_body(b: Breaker, y: Array, record: Any, regime: int, phi: float, p: float, rests: bool) -> int:
     """Put the body's own angle and rate in the state, book what that changes, and return the regime."""
-    memory, before = record[0], total_energy(b, state)
+    memory, state = record[0], named(y)
+    before = total_energy(b, state)
     memory.parameter_work_j += before - memory.energy_j
     if regime == HELD:
         return regime
-    momentum, carried = total_momentum(b, state), b.frame_drive > 0.0 and may_stand(b, state, regime != FLIGHT, REST)
+    momentum, carried = (
+        total_momentum(b, state),
+        b.frame_drive > 0.0 and gear_stands(b, state, regime != FLIGHT, STANDING),
+    )
     state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
     state.body_rad_per_s = 0.0 if rests else p
     if carried and not rests:
         state.crank_rad_per_s = p  # the gear's shaft stood, and goes on standing
-    project_contact(b, state, int(memory.tool_regime), rests)
+    regimes = np.zeros(LAWS, dtype=np.int64)
+    fill_regimes(REST if rests else FLIGHT, int(memory.tool_regime), regimes)
+    if regimes[TOOL_LAW] == HOLD:
+        project_contact(b, y, regimes)
     memory.coupling_defect_j += total_energy(b, state) - before
     memory.coupling_defect_nms += total_momentum(b, state) - momentum
     return REST if rests else FLIGHT
@@ -124,7 +140,9 @@ def torque_line(
 
 
 @kernel
-def remember_torque_line(motion: Motion, state: Any, memory: Any, step_s: float, left: float, weighed: float) -> None:
+def remember_torque_line(
+    motion: BreakerMotion, state: Any, memory: Any, step_s: float, left: float, weighed: float
+) -> None:
     """Keep what the next step needs to make good what this extrapolation misses."""
     b = motion.breaker
     final = motion.torque_nm + motion.slope_nm_per_s * step_s
@@ -132,59 +150,6 @@ def remember_torque_line(motion: Motion, state: Any, memory: Any, step_s: float,
     memory.line_crank_torque_nm = crank_torque(b, final, state.crank_rad_per_s, state.body_rad_per_s)
     memory.torque_lag_s = left / weighed if weighed > 0.0 else 0.5 * step_s
     memory.torque_history = 0.0 if weighed > 0.0 else 1.0
-
-
-@kernel
-def to_dead_centre(b: Breaker, q: float) -> float:
-    """Return how far the crank has to turn to the rocker's next extreme, above 0 (rad)."""
-    striking, retreating = (b.striking_crank_rad - q) % TURN, (b.retreating_crank_rad - q) % TURN
-    striking = striking if striking > 1e-12 else TURN
-    retreating = retreating if retreating > 1e-12 else TURN
-    return min(striking, retreating)
-
-
-@kernel
-def leaves_tool(motion: Motion, state: Any, last: int) -> bool:
-    """Return whether the event that began this substep let the striker part from the tool, which rounding may hide."""
-    gap, opening = tool_gap(motion.breaker, state)
-    turned_back = last == TOOL_MOTION and abs(gap) < PARTED and abs(opening) < PARTED
-    return last == THRUST or turned_back
-
-
-@kernel
-def watched(motion: Motion, state: Any, end: Any, regime: int, last: int, watches: NDArray[np.int64]) -> int:
-    """Fill the rows of ``watches`` with what can happen within a substep; return their number.
-
-    ``last`` is the signal whose event began this substep, `NONE` without: it may start at its root.
-    """
-    count, tool = 0, motion.tool
-    watches[:, 1] = FALLING
-    watches[:, 2] = 0
-    if tool in (PUSHED, BLOCKED):
-        watches[0, 0], watches[1, 0], count = THRUST, CRANK_MOTION, 2
-        if state.crank_rad_per_s <= 0.0:
-            count = 1
-        if tool == BLOCKED:
-            watches[count, 0] = WALL
-            count += 1
-    elif not leaves_tool(motion, state, last):
-        watches[0, 0], count = GAP, 1
-        watches[0, 2] = 1 if last == GAP else 0
-    if tool in (MOVING, PUSHED) and (state.tool_m_per_s > 0.0 or last != WALL):
-        watches[count, 0] = TOOL_MOTION
-        watches[count, 2] = 1 if state.tool_m_per_s == 0.0 else 0
-        count += 1
-    if end.crank_rad >= motion.dead_centre_rad:
-        watches[count, 0] = DEAD_CENTRE
-        count += 1
-    if regime == FLIGHT:
-        watches[count, 0] = LIFT
-        watches[count, 2] = 1 if state.body_rad == 0.0 else 0
-        count += 1
-    elif regime == REST:
-        watches[count, 0] = COLLAR
-        count += 1
-    return watch_bearings(motion, state, last, watches, count) if rubs(motion.breaker) else count
 
 
 class Before(NamedTuple):
@@ -199,7 +164,7 @@ class Before(NamedTuple):
 
 
 @kernel
-def begin_step(b: Breaker, state: Any, memory: Any, now: BearingTorques) -> Before:
+def begin_step(b: Breaker, state: Any, memory: Any, now: Torques) -> Before:
     """Remember the state the step begins with, and set the sums its events add to to zero: they keep their digits."""
     memory.begin_crank_rad, memory.begin_crank_rad_per_s = state.crank_rad, state.crank_rad_per_s
     memory.begin_body_rad, memory.begin_body_rad_per_s = state.body_rad, state.body_rad_per_s
@@ -242,143 +207,82 @@ def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
     state.crank_rad -= full * TURN
 
 
-@kernel
-def next_piece(motion: Motion, time: float, state: Any, memory: Any, regime: int, lands: bool) -> Motion:
-    """Return the motion as it goes on from a state, in the regimes kept in the memory.
-
-    ``lands``: the gear keeps its sense through the piece, which ends where that turns, and may stand.
-    """
-    senses = Senses(memory.crank_sense, memory.body_sense)
-    going = going_on(motion, time, state, senses, regime != FLIGHT, int(memory.tool_regime), lands)
-    memory.crank_sense, memory.body_sense = going.senses.crank, going.senses.body
-    return Motion(
-        going.breaker,
-        going.torque_nm,
-        going.slope_nm_per_s,
-        going.compensation_nm,
-        going.rests,
-        going.tool,
-        state.crank_rad + to_dead_centre(motion.breaker, state.crank_rad),
-        going.senses,
-        going.gear_sense,
-        going.gear_stands,
-    )
+@borrowing_kernel
+def fill_regimes(regime: int, tool: int, regimes: Indices) -> None:
+    """Fill the regimes of collar, wall and striker from those that are told."""
+    regimes[COLLAR_LAW] = HOLD if regime == REST else OPEN
+    regimes[WALL_LAW] = LOW if tool in (MOVING, PUSHED) else HOLD
+    regimes[TOOL_LAW] = HOLD if tool in (PUSHED, BLOCKED) else OPEN
 
 
-@kernel
-def has_knots(motion: Motion) -> bool:
-    """Return whether the moment on the body is told at the ends of each piece: the striker pushes, the body flies."""
-    return motion.tool in (PUSHED, BLOCKED) and not motion.rests
+@borrowing_kernel
+def told_tool(regimes: Indices) -> int:
+    """Return what the tool does."""
+    if regimes[TOOL_LAW] == HOLD:
+        return BLOCKED if regimes[WALL_LAW] == HOLD else PUSHED
+    return MOVING if regimes[WALL_LAW] == LOW else STANDING
 
 
-@kernel
-def take_piece(motion: Motion, time: float, y: Array, step_s: float, work: Workspace) -> float:
-    """Take the next substep from ``y``, leave its end in ``work`` and return its length (s)."""
-    knots, u = has_knots(motion), named(y).crank_rad_per_s
-    longest = min(motion.breaker.longest_substep_s, PUSHING_SUBSTEP_S if knots or motion.tool == PUSHED else 1.0)
-    span = until_torque_turns(motion, time, u, substep(u, step_s - time, longest))
-    start_step(motion, time, y, work)
-    take_step(motion, time, y, span, work)
-    if knots and between_knots(span, work) < span:
-        span = between_knots(span, work)
-        take_step(motion, time, y, span, work)
-    return span
+def breaker_entry(b: Breaker) -> int | None:
+    """Return the address of the compiled functions of a breaker."""
+    memory, kept = np.zeros(len(BreakerMemory._fields)), np.zeros(KEPT)
+    at = room_for(FREEDOMS, LAWS, OWN_SIGNALS, STATES).at
+    return entry_of(BreakerMotion(b, 0.0, 0.0, 0.0, 0.0, 0.0, memory, kept, at))
 
 
-@kernel
-def while_apart(motion: Motion, time: float, y: Array, span: float, work: Workspace) -> float:
-    """Return the length (s) of a piece after which the striker is not in the tool, and leave its end in ``work``.
-
-    A piece that begins at the gap's root may not see that it closes again.  Halved until it ends with an open gap, it
-    leaves the closing to the next piece; where none does, the gap is closed within rounding, and the piece stays.
-    """
-    if motion.tool in (PUSHED, BLOCKED) or tool_gap(motion.breaker, named(work.end))[0] >= -IN_TOOL_M:
-        return span
-    shorter = span
-    for _ in range(MOST_HALVINGS):
-        shorter *= 0.5
-        take_step(motion, time, y, shorter, work)
-        if tool_gap(motion.breaker, named(work.end))[0] > 0.0:
-            return shorter
-    take_step(motion, time, y, span, work)
-    return span
-
-
-@kernel
-def lead_to_event(step: Step, watches: NDArray[np.int64], count: int, end: Array) -> tuple[int, float]:
-    """Lead the state through a piece, to its ``end`` or to the first event in it; return the signal and the time."""
-    motion, work = step.system, step.work
-    which, span = first_event(step, watches, count, end)
-    signal = NONE
-    if which == NONE:
-        work.end[:] = end
-    else:
-        signal = watches[which, 0]
-        if span == 0.0:
-            return signal, span
-        take_step(motion, step.start_s, step.state, span, work)
-    apart = span if signal == GAP else while_apart(motion, step.start_s, step.state, span, work)
-    step.state[:] = work.end
-    return (signal if apart == span else NONE), apart
+@borrowing_kernel
+def fill_tolerance(b: Breaker, y: Array, tolerance: Array) -> None:
+    """Fill what one step of the integration may miss."""
+    u = 1.0 + abs(y[CRANK_RATE])
+    for i in range(STATES):
+        tolerance[i] = ERROR * (1.0 + b.crank.inertia_kg_m2 * u * u) if i >= 2 * FREEDOMS else ERROR
+    for i in range(FREEDOMS, 2 * FREEDOMS):
+        tolerance[i] = ERROR * (1.0 + abs(y[i]))
 
 
 @kernel
 def advance_step(
-    b: Breaker, y: Array, record: Any, regime: int, torque: float, step_s: float, order: int, log: Any
-) -> tuple[int, int, float]:
+    entry: int | None, b: Breaker, y: Array, row: Array, regime: int, torque: float, begin_s: float, step_s: float,
+    order: int, log: Array,
+) -> tuple[int, int, float]:  # fmt: skip
     """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
     Parameters
     ----------
+    entry : int
+        Of `breaker_entry`.
     y : (10,) array
         As `state.BreakerState` names it; changed in place.
-    record : (1,) array of `state.MEMORY`
-        Changed in place.
-    torque : float
-        Motor torque at the start of the step (N m).
-    log : (EVENT_ROWS,) array of `state.EVENT`
-        Receives one row per event.
+    row : array
+        The memory, as `state.BreakerMemory` names it; changed in place.
+    torque, begin_s : float
+        Motor torque at the start of the step (N m), and that time (s).
+    log : array
+        Receives one row per event; where it may be too short the number is `LOG_FULL`.
     """
-    memory, state = record[0], named(y)
-    stands = may_stand(b, state, regime != FLIGHT, int(memory.tool_regime))
-    slope, missed = torque_line(b, state, memory, torque, step_s, order, stands)
+    memory, state, tool = row.view(MEMORY)[0], named(y), int(row[TOOL_REGIME])
+    slope, missed = torque_line(b, state, memory, torque, step_s, order, gear_stands(b, state, regime != FLIGHT, tool))
     memory.compensation_torque_nm = missed
-    work, end, watches = workspace_of_motion(), np.empty(STATES), np.empty((10, 3), dtype=np.int64)
-    first = starting(b, state, memory, regime != FLIGHT, int(memory.tool_regime))
-    motion = Motion(b, torque, slope, missed, regime != FLIGHT, int(memory.tool_regime), 0.0, first, 0.0, False)
-    motion = going_on(motion, 0.0, state, first, motion.rests, motion.tool, True)
-    before = begin_step(b, state, memory, torques_now(motion, 0.0, state))
-    count, time, left, weighed, last, turns, reversals = 0, 0.0, 0.0, 0.0, NONE, 0, 0
-    while step_s - time > 1e-16:
-        turns += 1
-        if turns > SUBSTEP_BUDGET:
-            raise MotionError("mb10_breaker: more than 20000 pieces of motion in one step; shorten coupling.step_s")
-        motion = next_piece(motion, time, state, memory, regime, reversals < MOST_REVERSALS)
-        span = take_piece(motion, time, y, step_s, work)
-        end[:] = work.end
-        number = watched(motion, state, named(end), regime, last, watches)
-        if reversals < MOST_REVERSALS:
-            number = watch_gear(motion, state, named(end), watches, number)
-        last, passed = lead_to_event(Step(motion, time, y, span, work), watches, number, end)
-        time += passed
-        project_gear(motion, state)
-        project_contact(b, state, motion.tool, motion.rests)
-        if last == NONE:
-            count = log_knot(motion, state, memory, regime, time, log, count) if has_knots(motion) else count
-            continue
-        if last in (GEAR_TURNS, GEAR_GRIP):
-            reversals += 1
-            count = log_gear(motion, state, memory, regime, last, time, log, count)
-            continue
-        apply_bearing_event(motion, state, last, regime != FLIGHT)
-        u, p = state.crank_rad_per_s, state.body_rad_per_s
-        if not is_bearing_event(last):
-            regime, count = apply_event(motion, state, memory, regime, last, time, log, count)
-        count = log_bearings(motion, state, memory, regime, time, log, count)
-        jump = abs(state.crank_rad_per_s - u - b.frame_drive * (state.body_rad_per_s - p))
-        left, weighed = left + jump * (step_s - time), weighed + jump
-    now = torques_now(next_piece(motion, step_s, state, memory, regime, True), step_s, state)
+    size, places = room_sizes(FREEDOMS, LAWS, OWN_SIGNALS, STATES)
+    numbers, marks = np.zeros(KEPT + size), np.zeros(LAWS + places, dtype=np.int64)
+    room = room_in(numbers[KEPT:], marks[LAWS:], FREEDOMS, LAWS, OWN_SIGNALS, STATES, DORMAND_PRINCE_8)
+    kept, regimes = numbers[:KEPT], marks[:LAWS]
+    fill_regimes(regime, tool, regimes)
+    join_laws(b, y, regimes, memory.crank_sense, memory.body_sense)
+    memory.crank_sense, memory.body_sense = senses(b, y, regimes)
+    fill_tolerance(b, y, room.tolerance)
+    kept[SIDE] = math.copysign(1.0, striker(b, state.crank_rad)[1])
+    kept[TORQUE_SENSE] = 1.0 if torque > 0.0 or (torque == 0.0 and slope > 0.0) else -1.0
+    motion = BreakerMotion(b, torque, slope, missed, begin_s, step_s, row, kept, room.at)
+    before = begin_step(b, state, memory, torques_at(motion, 0.0, y, regimes, room.at))
+    system = declared(entry, motion, room.at)
+    count = advance(system, 0.0, step_s, y, regimes, room, log, 0)
+    if count < 0:
+        return regime, count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3), 0.0
+    now = torques_at(motion, step_s, y, regimes, room.at)
+    memory.tool_regime = told_tool(regimes)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
-    remember_torque_line(motion, state, memory, step_s, left, weighed)
+    memory.crank_sense, memory.body_sense = senses(b, y, regimes)
+    remember_torque_line(motion, state, memory, step_s, kept[JUMPS_LEFT], kept[JUMPS])
     close_balances(b, state, memory, before)
-    return regime, count, now.drive_nm
+    return HELD if b.held else REST if regimes[COLLAR_LAW] == HOLD else FLIGHT, count, now.drive_nm

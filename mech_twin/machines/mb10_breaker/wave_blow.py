@@ -14,9 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, striker
-from mech_twin.machines.mb10_breaker.impacts import Blow, impact_direction
+from mech_twin.machines.mb10_breaker.impacts import Blow, impact_direction, strike
+from mech_twin.machines.mb10_breaker.state import BODY, BODY_RATE, CRANK, CRANK_RATE, TOOL_RATE
 from mech_twin.parts.rod_waves.struck_tool import rod_blow
 
 
@@ -77,3 +79,15 @@ def strike_as_wave(
         after, left, plastic = after + rest / b.tool_mass_kg, 0.0, True
     gained = 0.5 * b.tool_mass_kg * (after - tool_speed) * (after + tool_speed)
     return Blow(u, p, impulse, gained, loss - gained, collar, after, travel, left, plastic)
+
+
+@kernel
+def struck_tool(b: Breaker, y: Array, rests: bool, wave: bool) -> Blow:
+    """Return an impact on the tool that is an event of its own: of a wave, or of a body that stays on its collar.
+
+    A plastic one would throw that body off so slowly that body and striker met collar and tool by turns, ever slower.
+    """
+    q, u, phi, p, w = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], y[TOOL_RATE]
+    if wave:
+        return strike_as_wave(b, q, u, phi, p, w, rests, rests or w > 0.0)
+    return strike(b, q, u, phi, p, w, True, 0.0, True)

@@ -10,12 +10,13 @@ from machines.mb10_breaker.test_reference import drawn
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
-from mech_twin.machines.mb10_breaker import build, roles
+from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits, longest_step_s
 from mech_twin.machines.mb10_breaker.parameters import LONGEST_TURN_RAD, shaft_time_s
 from mech_twin.machines.mb10_breaker.pressed_body import flight
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
+from mech_twin.machines.mb10_breaker.step import FAILURES
 from mech_twin.parameters.load import machine, machine_parameters
 
 LIGHT = {"linkage.crank_inertia_kg_m2": 0.003}
@@ -107,11 +108,12 @@ def test_extrapolated_torque_is_stable_to_half_the_shaft_s_time():
     assert largest_root(0.499) < 1.0 < largest_root(0.501)
 
 
-def test_full_log_of_events_ends_in_one_line(monkeypatch):
-    monkeypatch.setattr(roles, "EVENT_ROWS", 2)  # less than one event may need
-    with pytest.raises(MotionError, match=r"shorten coupling.step_s") as told:
-        list(frames(machine("mb10_breaker"), 1.0))
-    assert "\n" not in str(told.value)
+def test_step_that_fails_ends_in_one_line():
+    linkage = machine("mb10_breaker").linkage
+    for number in range(len(FAILURES)):
+        told = str(linkage.failure(-1 - number, 0.5, np.empty((0, 0))))
+        assert told.endswith("shorten coupling.step_s, in the step from 0.5 s")
+        assert "\n" not in told
 
 
 def test_endless_search_ends_in_one_line(monkeypatch):
