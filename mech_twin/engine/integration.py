@@ -17,7 +17,6 @@ Row ``s`` (after the last of ``s`` stages) is the rate at the end of the step; f
 
 Sources: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993,
 II.5, II.6, II.10.
-G. J. Cooper, J. H. Verner, Some explicit Runge-Kutta methods of high order, SIAM J. Numer. Anal. 9 (1972) 389.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class Tableau(NamedTuple):
     """An explicit Runge and Kutta method of ``s`` stages.
 
     ``stages`` (S, S) and ``nodes`` (S,) hold the stages, from row ``s`` on those of the dense output; ``weights`` (s,);
-    ``errors`` (m, s + 1): weights of the m = 0, 1 or 2 embedded error estimates; ``interpolant`` (S, p): y at the
+    ``errors`` (m, s + 1): weights of the m = 1 or 2 embedded error estimates; ``interpolant`` (S, p): y at the
     share x of the step is ``y + h sum_i k_i sum_j interpolant[i, j] x^(j + 1)``; ``error_order`` p of the estimate,
     which falls as h^(p + 1).
     """
@@ -196,7 +195,7 @@ def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> floa
                 first += (total / tolerance[i]) ** 2
             else:
                 second += (total / tolerance[i]) ** 2
-    if count == 0 or first == 0.0:
+    if first == 0.0:
         return 0.0
     if count == 1:
         return abs(h) * math.sqrt(first / len(tolerance))
@@ -210,7 +209,7 @@ def controlled_step(
 ) -> tuple[float, float]:
     """Take a step of at most ``wanted`` whose error is within the tolerances; return it and the next to try (s).
 
-    The step is 0 if none above `SHORTEST_S` is good.  A tableau without error estimate takes every step.
+    The step is 0 if none above `SHORTEST_S` is good.
     """
     h, exponent = wanted, -1.0 / (method_of(system).error_order + 1.0)
     while h > SHORTEST_S:
