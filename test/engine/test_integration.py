@@ -52,7 +52,7 @@ def _pull(system, t, y, out):
 
 
 class Tide853(NamedTuple):
-    """The same, by Dormand and Prince, order 8."""
+    """A growth whose rate swings with time, by Dormand and Prince, order 8."""
 
     swing: float
 
