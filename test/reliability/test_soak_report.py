@@ -48,7 +48,7 @@ def compared() -> Comparison:
 def test_a_sound_hour_has_no_fault(compared: Comparison) -> None:
     assert faults(told(lag_s="0.001"), watched("recorder", 0.1, jump_mib=50.0), compared, True) == []
     assert compared.complete
-    assert compared.steps == 2501
+    assert compared.steps == 2201
 
 
 @pytest.mark.parametrize("role", ["recorder", SERVER])
