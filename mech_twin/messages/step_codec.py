@@ -94,7 +94,7 @@ def _read_form(kind: Any, names: Names) -> ReadForm:
         raise MessageError(f"row name '{double}' stands twice")
     at = {name: place for place, name in enumerate(names)}
     plain = tuple(name for name in names if not name.startswith(MARK))
-    bodies, first = plain, f"/{kind.threes[0]}"
+    bodies, first, of_pins = plain, f"/{kind.threes[0]}", set[str]()
     if kind.bodies == "pins":
         bodies = tuple(name.removesuffix(first) for name in plain if name.endswith(first))
         of_pins = {f"{pin}/{what}" for pin in bodies for what in kind.threes}
@@ -114,7 +114,8 @@ def _read_form(kind: Any, names: Names) -> ReadForm:
         elif entry.row in defaults:
             places.append(3 * len(names) + list(defaults).index(entry.row))
         else:
-            raise MessageError(f"row '{entry.row}' is missing")
+            pin = f"; a pin has {', '.join(kind.threes)}" if entry.row in of_pins else ""
+            raise MessageError(f"row '{entry.row}' is missing{pin}")
     pick = itemgetter(*places) if len(places) > 1 else lambda numbers: [numbers[place] for place in places]
     return ReadForm(layout, pick, at.get(STEP), parts_of(kind.kind, names))
 
