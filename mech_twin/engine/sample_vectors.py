@@ -137,7 +137,7 @@ class EventLayout:
 BODILY = ("position", "velocity", "effort")  # what a joint has three of, and the columns of a message
 EFFORT = 2
 MARK = "~"  # before the rows of a message that are no joints and no efforts of their own
-MOST_REMEMBERED = 1024  # a recorder that writes in batches reads them again
+MOST_REMEMBERED = 256  # a recorder that writes in batches reads them again
 NUMBERED = 3  # fields of a sample before its numbers: step, time, names
 
 
@@ -312,18 +312,21 @@ class ForceLayout(SampleLayout[ForceSample]):
 LAYOUTS: dict[type, Any] = {
     LinkageSample: LinkageLayout, MotorSample: MotorLayout, ForceSample: ForceLayout, BodySample: BodyLayout
 }  # fmt: skip
-_rows: dict[int, tuple[Sample, Array]] = {}  # of the newest samples, which are held so that no other takes their place
+# rows of the newest samples, which are held so that no other takes their place
+_newest: dict[int, tuple[Sample, Array]] = {}
+_older: dict[int, tuple[Sample, Array]] = {}
 
 
 def _remember(sample: Any, row: Array) -> None:
-    if len(_rows) >= MOST_REMEMBERED:
-        _rows.clear()
-    _rows[id(sample)] = sample, row
+    global _newest, _older
+    if len(_newest) >= MOST_REMEMBERED:
+        _older, _newest = _newest, {}
+    _newest[id(sample)] = sample, row
 
 
 def row_of(sample: Sample) -> Array:
     """Return a sample as a row, which is not to be changed: several read it."""
-    known = _rows.get(id(sample))
+    known = _newest.get(id(sample)) or _older.get(id(sample))
     if known is None:
         known = sample, LAYOUTS[type(sample)].numbers(sample)
         _remember(*known)
