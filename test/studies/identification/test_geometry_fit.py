@@ -125,7 +125,6 @@ def test_another_assembly_is_a_model_error_and_not_identified(stand: Path) -> No
     [
         (("--free", "crank_mm"), ("--free crank_mm", "a number")),
         (("--free", "slider"), ("--free slider", "a number")),
-        (("--motion", "measured"), ("--free",)),
         (("--free", "crank_m", "--hold-out", "other.csv"), ("--hold-out other.csv", "at least two runs")),
     ],
 )
