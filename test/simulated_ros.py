@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
@@ -156,6 +157,7 @@ class Network:
 
     def end(self, node: Any) -> None:
         """Take a node away without a word; what its process held open, the kernel closes."""
+        node.get_logger().set_level(LoggingSeverity.UNSET)  # the level outlives the node, by its name
         node.close()
         node.leave()
         for made in self._made.pop(node, ()):
