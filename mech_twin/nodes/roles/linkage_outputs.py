@@ -31,6 +31,7 @@ from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting_publisher import CountingPublisher
 from mech_twin.nodes.exchange.hand_over import HandedStep
 from mech_twin.nodes.exchange.host_claims import HostClaims
+from mech_twin.nodes.exchange.living_publishers import UNKNOWN
 from mech_twin.nodes.exchange.peers import clock_publishers
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.samples import BodySample, Drawing, Event, LinkageSample
@@ -96,9 +97,11 @@ class SharedClock:
     def _leave(self, others: set[str]) -> None:
         """Leave the clock to others, who may not be discovered yet where they hold it on this host."""
         holder = self._claim.holder if self._claim else ""
-        found = f"{self._node.resolve_topic_name(CLOCK.name)} is published by {', '.join(sorted(others))}"
+        named = sorted(name for name in others if not name.endswith(UNKNOWN))
+        found = f"{self._node.resolve_topic_name(CLOCK.name)} is published by {', '.join(named) or 'another node'}"
         self.close()
-        self._node.get_logger().info(f"{found if others else holder}; the time of this run is on {self.topics}")
+        said = found if named or not holder else holder
+        self._node.get_logger().info(f"{said}; the time of this run is on {self.topics}")
 
 
 PEERS_THAT_STEP = 2  # motor and force analysis listen to every step
