@@ -9,10 +9,9 @@ from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
 
 from mech_twin.files.input_file import opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
@@ -21,6 +20,9 @@ from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeS
 from mech_twin.measurements.sensors import Reading
 from mech_twin.measurements.units import TIME_UNITS, time_unit_in, unit_in
 from mech_twin.process.dependencies import require_extra
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".parquet")
 PARQUET_MAGIC = b"PAR1"
