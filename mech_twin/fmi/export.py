@@ -314,15 +314,18 @@ def _start(variable: Variable) -> dict[str, str]:
     return {"start": ("true" if variable.start else "false") if variable.kind == "truth" else repr(variable.start)}
 
 
+def _about(variable: Variable) -> dict[str, str]:
+    about = {"name": variable.name, "valueReference": str(variable.reference)}
+    about |= {"description": variable.meaning} if variable.meaning else {}
+    about |= {"causality": variable.causality, "variability": variable.variability}
+    return about | ({"initial": "exact"} if variable.causality == "parameter" else {})
+
+
 def _variables_2(root: Element, variables: tuple[Variable, ...]) -> None:
     element = {"real": "Real", "count": "Integer", "truth": "Boolean"}
     listed = SubElement(root, "ModelVariables")
     for v in variables:
-        about = {"name": v.name, "valueReference": str(v.reference)}
-        about |= {"description": v.meaning} if v.meaning else {}
-        about |= {"causality": v.causality, "variability": v.variability}
-        about |= {"initial": "exact"} if v.causality == "parameter" else {}
-        SubElement(SubElement(listed, "ScalarVariable", about), element[v.kind], _numbers(v) | _start(v))
+        SubElement(SubElement(listed, "ScalarVariable", _about(v)), element[v.kind], _numbers(v) | _start(v))
     structure = SubElement(root, "ModelStructure")
     for group in ("Outputs", "InitialUnknowns"):
         unknowns = SubElement(structure, group)
@@ -340,11 +343,7 @@ def _variables_3(root: Element, variables: tuple[Variable, ...]) -> None:
     element = {"real": "Float64", "count": "Int32", "truth": "Boolean"}
     listed = SubElement(root, "ModelVariables")
     for v in variables:
-        about = {"name": v.name, "valueReference": str(v.reference)}
-        about |= {"description": v.meaning} if v.meaning else {}
-        about |= {"causality": v.causality, "variability": v.variability}
-        about |= {"initial": "exact"} if v.causality == "parameter" else {}
-        SubElement(listed, element[v.kind], about | _numbers(v) | _start(v))
+        SubElement(listed, element[v.kind], _about(v) | _numbers(v) | _start(v))
     structure = SubElement(root, "ModelStructure")
     for group in ("Output", "InitialUnknown"):
         for v in variables:
