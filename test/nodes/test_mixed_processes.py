@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Collection
@@ -92,6 +93,12 @@ class MixedRun(BenchRun):
         process.kill()
         process.wait()
 
+    def stall(self, role: str) -> subprocess.Popen[bytes]:
+        """Give the process of a role no time; return it."""
+        process = self._processes.pop(role)
+        process.send_signal(signal.SIGSTOP)
+        return process
+
     def revive_here(self, role: str) -> None:
         """Bring a role back into this process."""
         self._watch(self.revive(MAKERS[role]))
@@ -147,6 +154,18 @@ def test_each_role_and_the_recorder_may_be_elsewhere(apart: tuple[str, ...], rec
         assert not faults
     if recorder:
         check_recording(tmp_path / "bag")
+
+
+def test_a_recorder_that_stalls_before_its_end_records_what_waits_for_it(tmp_path: Path) -> None:
+    with MixedRun(tmp_path, recorder="elsewhere") as run:
+        run.steps_of("motor", STEPS - 50)
+        recorder = run.stall("recorder")
+        run.steps_of("motor", 50)
+        run.spin_for(0.3)
+        recorder.terminate()
+        recorder.send_signal(signal.SIGCONT)
+        recorder.wait()
+    check_recording(tmp_path / "bag")
 
 
 @pytest.mark.parametrize("role", PART)

@@ -28,6 +28,34 @@ class Report(NamedTuple):
     last_reason: str
 
 
+class SequenceFault(NamedTuple):
+    """A kind of `KINDS`, words for a person, and how many steps it concerns."""
+
+    kind: str
+    reason: str
+    number: int
+
+
+class StepSequence:
+    """The first and the newest step of a topic."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+        self.last: int | None = None
+
+    def take(self, step: int) -> SequenceFault | None:
+        """Take a step into account; return what is wrong with it, if anything is."""
+        last, self.last = self.last, step if self.last is None else max(step, self.last)
+        if last is None:
+            self.first = step
+        if last is None or step == last + 1:
+            return None
+        reason = f"step {step} after {last}"
+        if step > last:
+            return SequenceFault("missing", reason, step - last - 1)
+        return SequenceFault("repeated" if step == last else "late", reason, 1)
+
+
 class TopicStatistics:
     """Counts per topic and kind, in all and since the last report."""
 

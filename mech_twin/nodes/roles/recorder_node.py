@@ -12,7 +12,6 @@ import time
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_srvs.srv import Trigger
@@ -41,6 +40,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.diagnostics import StepSequence
 from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, HeardBytes, Listener
 from mech_twin.nodes.exchange.living_publishers import LivingPublishers
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
@@ -52,35 +52,6 @@ from mech_twin.recording.message_types import decoded
 from mech_twin.recording.recent_messages import RecentMessage, RecentMessages
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
-
-
-class SequenceFault(NamedTuple):
-    """A kind of `topic_statistics.KINDS`, words for a person, and how many steps it concerns."""
-
-    kind: str
-    reason: str
-    number: int
-
-
-class StepSequence:
-    """The first and the newest step of a topic."""
-
-    def __init__(self) -> None:
-        self.first: int | None = None
-        self._last: int | None = None
-
-    def take(self, step: int) -> SequenceFault | None:
-        """Take a step into account; return what is wrong with it, if anything is."""
-        last, self._last = self._last, step if self._last is None else max(step, self._last)
-        if last is None:
-            self.first = step
-        if last is None or step == last + 1:
-            return None
-        reason = f"step {step} after {last}"
-        if step > last:
-            return SequenceFault("missing", reason, step - last - 1)
-        return SequenceFault("repeated" if step == last else "late", reason, 1)
-
 
 LARGEST_NS = 10**9 * NS_PER_S  # later than 30 years of simulated time: somebody's wall clock
 SAME_RUN_NS = 10 * NS_PER_S
@@ -130,6 +101,7 @@ class StepInput:
         self.listener: Listener | None = None
 
 
+UNDER_WAY = 2  # steps that not every role has answered
 COPIED = "copied_source"  # below a topic of steps: messages that bear the number of a node which did not send them
 OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded where somebody publishes them
 
@@ -191,8 +163,18 @@ class RecorderNode(TwinNode):
         return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
 
     def quiet_s(self) -> float:
-        """Return for how long nothing has come to be recorded."""
-        return time.monotonic() - self._last_heard_s
+        """Return for how long nothing has come to be recorded; 0 while a topic lags, whose loss is being repaired."""
+        newest = max((each.sequence.last or 0 for each in self._steps.values()), default=0)
+        lags = (
+            newest - (each.sequence.last or 0) > UNDER_WAY and each.listener is not None and each.listener.publishers()
+            for each in self._steps.values()
+        )
+        return 0.0 if any(lags) else time.monotonic() - self._last_heard_s
+
+    def flush(self) -> None:
+        """Publish what is held back, and listen anew: what waits was sent before the end."""
+        super().flush()
+        self._last_heard_s = time.monotonic()
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the state of the writer, with which step it begins, and what it dropped."""

@@ -194,7 +194,7 @@ def discovery(asked: str, environment: Mapping[str, str] = os.environ) -> tuple[
 
 
 QUIET_S = 0.15
-QUIET_LIMIT_S = 0.6
+QUIET_LIMIT_S = 4.0  # a run that goes on is not waited for; the middleware repairs a loss within 3 s
 EXIT_CODE = 2
 
 
