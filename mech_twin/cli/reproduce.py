@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import busy, print_csv, print_json, print_table, progress, say, say_result
@@ -85,10 +86,10 @@ def show_rows(rows: Sequence[PublishedRow]) -> None:
             for row, words in zip(group, own, strict=True)
         ]
         print_table(f"{source}: {item}", heads, table, None if sys.stdout.isatty() else NARROW)
-        if shared:
-            say_result(f"  all with {', '.join(shared)}")
-        for reason in dict.fromkeys(row.reason for row in group if row.verdict != "reproduced" and row.reason):
-            say_result(f"  {reason}")
+        notes = [f"all with {', '.join(shared)}"] if shared else []
+        notes += dict.fromkeys(row.reason for row in group if row.verdict != "reproduced" and row.reason)
+        for note in notes:
+            say_result(fill(note, NARROW, initial_indent="  ", subsequent_indent="    "))
         say_result("")
     show_counts(rows)
 
