@@ -23,6 +23,8 @@ class OperatingVariable(NamedTuple):
         ``changes(parameters, share)``: configuration keys (dotted) and their values at that share.
     beyond : str
         Name of the fault where it is outside its range.
+    is_commanded : bool
+        Whether a run's command does the same as ``changes``.
     """
 
     name: str
@@ -30,15 +32,25 @@ class OperatingVariable(NamedTuple):
     range: float
     changes: Callable[[Any, float], Mapping[str, Any]]
     beyond: str
+    is_commanded: bool = False
 
 
-def varying_key(name: str, meaning: str, key: str, share: float, beyond: str, *more: str) -> OperatingVariable:
+def varying_key(
+    name: str, meaning: str, key: str, share: float, beyond: str, *more: str, is_commanded: bool = False
+) -> OperatingVariable:
     """Return the variable that changes a key, and those that go along, by a share of the healthy value."""
 
     def changes(parameters: Parameters, size: float) -> dict[str, Any]:
         return {each: float(value_at(parameters, each)) * (1.0 + size) for each in (key, *more)}
 
-    return OperatingVariable(name, meaning, share, changes, beyond)
+    return OperatingVariable(name, meaning, share, changes, beyond, is_commanded)
+
+
+def prescribed_speed(key: str) -> OperatingVariable:
+    """Return the frequency of a supply that prescribes a speed."""
+    return varying_key(
+        "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, "supply_sag", is_commanded=True
+    )
 
 
 FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last: 40 K of copper
@@ -96,5 +108,4 @@ def drive_variables(kind: str) -> tuple[OperatingVariable, ...]:
     """Return the supply of a crank's drive: the speed itself where it is prescribed."""
     if kind == "kloss":
         return motor_variables()
-    key = "drive.speed_rpm"
-    return (varying_key("supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, "supply_sag"),)
+    return (prescribed_speed("drive.speed_rpm"),)

@@ -26,7 +26,7 @@ from mech_twin.capabilities.cycle import (
 )
 from mech_twin.capabilities.cycle_kernels import fitted_slope, fourier_coefficient, weighted_sum
 from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
-from mech_twin.capabilities.operating_point import FREQUENCY_RANGE, OperatingVariable, varying_key
+from mech_twin.capabilities.operating_point import OperatingVariable, prescribed_speed, varying_key
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.winding_drum.dynamics import drive_torque
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
@@ -40,11 +40,12 @@ LEAST_OF_CORE, MOST_OF_CORE = 0.5, 1000.0
 
 
 def features(parameters: WindingDrum) -> CycleFeatures:
-    """Return the features of a turn: density, torque beside the model's, and the package's run-out."""
+    """Return the features of a turn: speed, density, torque beside the model's, and the package's run-out."""
     package = package_constants(parameters, parameters.direction == "winding")
     return CycleFeatures(
         CycleReference(DRUM),
         (
+            CycleFeature("yarn_speed_m_per_s", "m/s", "mean speed of the yarn", (YARN,), _yarn_speed),
             _density(package),
             _torque_left("torque_left_nm", package, 0, "mean torque less that of the model at this radius and density"),
             _torque_left("torque_left_cos_1_nm", package, 1, "the same, cosine of the turn"),
@@ -64,6 +65,11 @@ def _yarn_per_radian(cycle: SampledCycle) -> float:
     if not abs(after - before) <= STEADY * abs(before + after):
         return math.nan
     return fitted_slope(yarn.phase_rad, yarn.values)
+
+
+def _yarn_speed(cycle: SampledCycle) -> float:
+    yarn = cycle.channels[YARN]
+    return fitted_slope(yarn.times_s, yarn.values)
 
 
 def _told_density(package: Package, cycle: SampledCycle) -> tuple[float, Array, Array]:
@@ -129,8 +135,8 @@ def faults(parameters: WindingDrum) -> tuple[MachineFault, ...]:
 
 def operating(parameters: WindingDrum) -> tuple[OperatingVariable, ...]:
     """Return the speed of the yarn, which the supply gives, and the yarn's weight."""
-    speed, density = "yarn_speed_m_per_s", "package_density_kg_per_m3"
+    density = "package_density_kg_per_m3"
     return (
-        varying_key("supply_frequency", "frequency of the supply", speed, FREQUENCY_RANGE, "supply_sag"),
+        prescribed_speed("yarn_speed_m_per_s"),
         varying_key("yarn_weight", "density of the package, by the yarn's moisture", density, 0.1, "density"),
     )

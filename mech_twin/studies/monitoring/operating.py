@@ -34,7 +34,7 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import Candidate, Signature
 
-ARRAYS = ("ranges", "mean", "root", "coefficients", "doubt", "wander", "moved", "transient")
+ARRAYS = ("ranges", "mean", "root", "coefficients", "doubt", "drift", "wander", "moved", "transient")
 DEGREE = 3
 LIMIT = 1.3  # of the ranges: where points are rolled out, and beyond which no u is believed
 OUTSIDE = 1.1  # of a range: what is farther out, is outside
@@ -43,6 +43,7 @@ SEEN = 0.25  # standard deviations of a feature at the end of a range: a variabl
 STEPS = 8  # of Gauss and Newton
 SMOOTHED = 0.05  # weight of the newest cycle in the smoothed operating point
 SIGNIFICANT = 5.0  # of the wander of the baseline's own smoothed point
+LEAST_MOVED = 0.05  # of a range: a cycle in whose last part a variable steps
 MOVES = 1.5  # of the largest movement within the baseline: a larger one is a change of operating point
 
 
@@ -93,6 +94,8 @@ class OperatingSurface:
         Shape (terms, d).
     doubt : ndarray
         Shape (d - q,): by what y may be off at the end of a range.
+    drift : ndarray
+        Shape (d - q,): by what y is off while the variables drift as quickly as they may.
     wander : ndarray
         Shape (q,): standard deviation of the smoothed u in the baseline.
     moved : ndarray
@@ -112,6 +115,7 @@ class OperatingSurface:
     root: Array
     coefficients: Array
     doubt: Array
+    drift: Array
     wander: Array
     moved: Array
     transient: Array
@@ -205,7 +209,8 @@ class OperatingSurface:
 def surface_of_record(record: Mapping[str, Any]) -> OperatingSurface:
     """Return the surface of its record."""
     words: dict[str, Any] = {key: tuple(record[key]) for key in ("names", "variables", "beyond", "pivots")}
-    arrays = {key: np.array(record[key], dtype=np.float64) for key in ARRAYS}
+    nothing = {"drift": [0.0] * (len(record["names"]) - len(record["variables"]))}  # an older setup tells of none
+    arrays = {key: np.array({**nothing, **record}[key], dtype=np.float64) for key in ARRAYS}
     return OperatingSurface(**{**words, **arrays}, hold=int(record["hold"]))
 
 
@@ -317,10 +322,10 @@ def fitted_surface(
     held_out = (responses - design @ coefficients) / (1.0 - leverage)[:, None]
     slope = coefficients[:q].T
     pivots = tuple(int(i) for i in qr((root.diagonal()[:, None] * slope).T, pivoting=True, mode="r")[1][:q])
-    nothing = np.zeros(q)
+    nothing, nothing_left = np.zeros(q), np.zeros(len(names) - q)
     blank = OperatingSurface(
         names, tuple(g.name for g in groups), tuple(g.beyond for g in groups), pivots, ranges, rows.mean(axis=0), root,
-        coefficients, np.zeros(len(names) - q), nothing, nothing, np.zeros((q, len(names) - q)), 1,
+        coefficients, nothing_left, nothing_left, nothing, nothing, np.zeros((q, len(names) - q)), 1,
     )  # fmt: skip
     blank = blank.centred(rows)
     off = np.array([blank.annihilator(u) @ left for u, left in zip(np.clip(points, -1, 1), held_out, strict=True)])
@@ -328,25 +333,30 @@ def fitted_surface(
     return replace(blank, doubt=doubt)
 
 
-def with_transients(surface: OperatingSurface, runs: Sequence[tuple[Array, Array]], noise: Array) -> OperatingSurface:
+def with_transients(
+    surface: OperatingSurface, runs: Sequence[Sequence[tuple[Array, Array]]], noise: Array
+) -> OperatingSurface:
     """Return the surface with what y does while a variable moves, from runs in which one steps.
 
     Parameters
     ----------
     surface : OperatingSurface
         Without.
-    runs : sequence of (ndarray, ndarray)
-        For each variable y (n, d - q) about its settled mean from the step on, and u (n, q).
+    runs : sequence of sequences of (ndarray, ndarray)
+        For each variable, stepped at several phases of a cycle: y (n, d - q) about its settled mean from the step on,
+        and how far u (n, q) has gone since.
     noise : ndarray
         Shape (d - q,): standard deviation of y in these.
     """
     transient, hold = np.zeros((len(surface.variables), len(surface.others))), 2
-    for k, (y, u) in enumerate(runs):
+    for k, (y, u) in ((k, run) for k, each in enumerate(runs) for run in each):
         over = np.maximum(np.abs(y) - 4.0 * noise, 0.0)
         lasting = np.flatnonzero(over.any(axis=1))
         if len(lasting):
             hold = max(hold, int(lasting[-1]) + 2)
-        transient[k] = MOVES * over.max(axis=0) / max(float(np.ptp(u[:, k])), 1e-9)
+        spans = np.maximum.accumulate(np.maximum(u[:, k], 0.0)) - np.minimum.accumulate(np.minimum(u[:, k], 0.0))
+        told = over / np.maximum(spans, LEAST_MOVED)[:, None]
+        transient[k] = np.maximum(transient[k], MOVES * told.max(axis=0))
     return replace(surface, transient=transient, hold=hold)
 
 

@@ -5,16 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from pydantic import ValidationError
 
-from mech_twin.capabilities.cycle import Array
+from mech_twin.capabilities.cycle import TURN, Array
 from mech_twin.capabilities.operating_point import OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.errors import MotionError
-from mech_twin.engine.rollout import roll_out
+from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.operating import (
@@ -31,7 +32,9 @@ from mech_twin.studies.monitoring.signatures import MonitoredMachine, mean_perio
 USED_CYCLES = 60  # at the end of a roll-out, whose mean counts
 SETTLED_CYCLES = 25  # before them
 STEP = 0.4  # of a range, for the transient
-STEP_DRAWS = 4
+STEP_DRAWS, STEP_PHASES = 4, 4
+KNOT_S = 0.2  # between the operating points of a roll-out
+DRIFT_S = 600.0  # a variable goes through its range and back in this time, and no quicker
 
 
 def operating_surface(
@@ -84,7 +87,7 @@ def operating_surface(
         return None if found is None else found - reference
 
     surface = fitted_surface(groups, rolled_out, names, rows, root, unexplained)
-    return _settling(monitored, surface, chosen, duration_s)
+    return _drifting(monitored, _settling(monitored, surface, chosen, duration_s), usable, duration_s)
 
 
 def sister_surface(surface: OperatingSurface, vectors: Sequence[FeatureVector]) -> OperatingSurface:
@@ -122,6 +125,80 @@ def parameters_at(
     return parameters
 
 
+def operated_run(
+    monitored: MonitoredMachine,
+    variables: Sequence[OperatingVariable],
+    at_s: Array,
+    shares: Array,
+    command: Array,
+) -> RollOut:
+    """Return a roll-out through operating points, shares (n, q) of the healthy values from the instants (n,) on.
+
+    Parameters
+    ----------
+    monitored : MonitoredMachine
+        The machine and its sensors.
+    variables : sequence of OperatingVariable
+        All that vary, q.
+    at_s, shares : ndarray
+        Shapes (n,) and (n, q).
+    command : ndarray
+        One number a step, see `roll_out`.
+
+    Raises
+    ------
+    MotionError
+        If the machine does not run so.
+    """
+    step_s, base = monitored.entry.build(monitored.parameters).coupling_step_s, monitored.parameters
+    for variable, share in zip(variables, shares.T, strict=True):
+        if variable.is_commanded:  # a step at every knot would be an acceleration that no yarn and no belt has
+            command = command * (1.0 + np.interp(step_s * np.arange(len(command)), at_s, share))
+            most = float(command.max())  # more than is configured cannot be commanded
+            base, command = varied(base, variable.changes(base, most - 1.0)), command / most
+    built = [k for k, variable in enumerate(variables) if not variable.is_commanded]
+    machines = []
+    for instant, point in zip(at_s if built else at_s[:1], shares[:, built], strict=False):
+        parameters = parameters_at(base, [variables[k] for k in built], point)
+        if parameters is None:
+            raise MotionError(f"operating point {point}: refused")
+        machines.append((float(instant), monitored.entry.build(parameters)))
+    duration_s = (len(command) - 1) * step_s
+    run = roll_out(machines[0][1], duration_s, needed_columns(monitored.sensors), None, command, machines[1:])
+    if run.error is not None:
+        raise run.error
+    return run
+
+
+def _drifting(
+    monitored: MonitoredMachine, surface: OperatingSurface, variables: Sequence[OperatingVariable], duration_s: float
+) -> OperatingSurface:
+    """Return the surface with what a drift of each variable leaves, which no steady operating point tells."""
+    step_s, begin_s = monitored.entry.build(monitored.parameters).coupling_step_s, monitored.declared.run_up_s
+    at_s = np.arange(0.0, duration_s, KNOT_S)
+    middle_s = duration_s - 0.5 * USED_CYCLES * mean_period_s(monitored)
+
+    def left(shares: Array) -> Array:
+        run = operated_run(monitored, variables, at_s, shares, np.ones(round(duration_s / step_s) + 1))
+        rows = []
+        for draw in range(STEP_DRAWS):
+            random = np.random.default_rng(draw)
+            vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, step_s, random, begin_s))
+            rows += [surface.reduced(vector)[0].values for vector in vectors[-USED_CYCLES:]]
+        return np.asarray(np.nanmean(rows, axis=0))
+
+    none = np.zeros((len(at_s), len(variables)))
+    still, drift = left(none), np.zeros(len(surface.others))
+    for k, variable in enumerate(variables):
+        shares = none.copy()
+        shares[:, k] = variable.range * TURN / DRIFT_S * (at_s - middle_s)
+        try:
+            drift = np.hypot(drift, left(shares) - still)
+        except MotionError:  # not steady at this point: nothing is told there either
+            continue
+    return replace(surface, drift=drift)
+
+
 def _features_at(
     monitored: MonitoredMachine, parameters: Parameters | None, duration_s: float, names: tuple[str, ...]
 ) -> Array | None:
@@ -156,14 +233,14 @@ def _settling(
 ) -> OperatingSurface:
     """Return the surface with its transients: each variable stepped in a run of its own."""
     begin_s, healthy = monitored.declared.run_up_s, monitored.entry.build(monitored.parameters)
-    change_s = begin_s + 0.3 * (duration_s - begin_s)
-    runs, noise = [], np.zeros(len(surface.others))
-    for k, variable in enumerate(chosen):
-        share = STEP * float(surface.ranges[k])
-        later = parameters_at(monitored.parameters, [variable], [-share])
+    first_s, period_s = begin_s + 0.3 * (duration_s - begin_s), mean_period_s(monitored)
+    runs: list[list[tuple[Array, Array]]] = [[] for _ in chosen]
+    noise = np.zeros(len(surface.others))
+    for k, phase in product(range(len(chosen)), range(STEP_PHASES)):
+        later = parameters_at(monitored.parameters, [chosen[k]], [-STEP * float(surface.ranges[k])])
         if later is None:
-            runs.append((np.zeros((1, len(noise))), np.zeros((1, len(chosen)))))
             continue
+        change_s = first_s + phase / STEP_PHASES * period_s
         run = roll_out(
             healthy, duration_s, needed_columns(monitored.sensors), None, 1.0,
             [(change_s, monitored.entry.build(later))],
@@ -172,11 +249,14 @@ def _settling(
         for draw in range(STEP_DRAWS):
             random = np.random.default_rng(draw)
             vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, healthy.coupling_step_s, random, begin_s))
+            before = [surface.reduced(vector)[1] for vector in vectors if vector.end_s <= change_s][-1:]
             seen.append([surface.reduced(vector) for vector in vectors if vector.end_s > change_s])
         count = min(map(len, seen))
         y = np.array([[left.values for left, _ in each[:count]] for each in seen]).mean(axis=0)
         u = np.array([[point for _, point in each[:count]] for each in seen]).mean(axis=0)
+        is_judged = np.isfinite(y).all(axis=1) & np.isfinite(u).all(axis=1)
+        y, u = y[is_judged], u[is_judged]
         settled = y[-count // 3 :]
         noise = np.maximum(noise, settled.std(axis=0))
-        runs.append((y - settled.mean(axis=0), u))
-    return with_transients(surface, runs, noise) if runs else replace(surface)
+        runs[k].append((y - settled.mean(axis=0), u - (before[0] if before else u[0])))
+    return with_transients(surface, runs, noise)

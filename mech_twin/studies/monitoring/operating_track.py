@@ -40,7 +40,7 @@ class OperatingTrack:
             self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
             self._smooth = self._smooth + self._weight * (u - self._smooth)
         far = float(np.linalg.norm(self._smooth))
-        return far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
+        return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
 
     def values(self) -> tuple[OperatingValue, ...]:
         """Return where the variables stand."""

@@ -123,6 +123,7 @@ class OperatingRecord(_Record):
     root: Rows
     coefficients: Annotated[list[Row], Field(max_length=MOST_TERMS)]
     doubt: Row
+    drift: Row | None = None
     wander: Row
     moved: Row
     transient: Rows
@@ -139,6 +140,8 @@ class OperatingRecord(_Record):
         _check_rows("root", self.root, d, d)
         _check_rows("coefficients", self.coefficients, len(polynomial_terms(q)), d)
         _check_rows("doubt", [self.doubt], 1, d - q)
+        if self.drift is not None:
+            _check_rows("drift", [self.drift], 1, d - q)
         _check_rows("wander and moved", [self.wander, self.moved], 2, q)
         _check_rows("transient", self.transient, q, d - q)
         slopes = np.array(self.coefficients)[:q][:, self.pivots]

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mech_twin.capabilities.cycle import TURN
 from mech_twin.capabilities.operating_point import motor_changes
 from mech_twin.capabilities.variation import varied
 from mech_twin.measurements.measurement_map import read_map
@@ -27,9 +28,9 @@ from mech_twin.studies.monitoring.operating import (
     polynomial_terms,
     term_values,
 )
-from mech_twin.studies.monitoring.operating_fit import parameters_at
+from mech_twin.studies.monitoring.operating_fit import operated_run, parameters_at
 from mech_twin.studies.monitoring.operating_track import OperatingTrack
-from mech_twin.studies.monitoring.sensing import seen_run
+from mech_twin.studies.monitoring.sensing import seen_roll_out, seen_run
 from mech_twin.studies.monitoring.setup_record import SetupRecord
 from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
@@ -46,7 +47,8 @@ def surface() -> OperatingSurface:
     nothing = np.zeros(D - Q)
     return OperatingSurface(
         tuple("abcde"), ("supply", "load"), ("supply_sag", "overload"), (0, 3), np.array([0.05, 0.1]),
-        np.arange(D) + 1.0, np.eye(D), coefficients, nothing, np.full(Q, 0.01), np.full(Q, 0.1), np.ones((Q, D - Q)), 3,
+        np.arange(D) + 1.0, np.eye(D), coefficients, nothing, nothing, np.full(Q, 0.01), np.full(Q, 0.1),
+        np.ones((Q, D - Q)), 3,
     )  # fmt: skip
 
 
@@ -151,6 +153,24 @@ def test_each_machine_is_healthy_anywhere_in_its_ranges_and_the_variable_is_told
     assert "operating_point" in {found.verdict for found in told[-50:]}
     (value,) = (value for value in told[-1].operating if variable in value.name.split(" or "))
     assert value.share == pytest.approx(share * declared.range, abs=0.35 * declared.range)
+
+
+@pytest.mark.slow
+def test_a_drift_of_the_yarns_speed_acts_on_the_torque_by_no_more_than_the_charts_allow() -> None:
+    machine, setup = commissioned("winding_drum")
+    step_s = machine.entry.build(machine.parameters).coupling_step_s
+    at_s = np.arange(0.0, machine.declared.run_up_s + 40.0, 0.2)
+    steps = round(at_s[-1] / step_s)
+    means = []
+    for swing in (0.0, 0.05):  # a sine of ten minutes, at its steepest
+        shares = np.stack([swing * np.sin(TURN * at_s / 600.0), 0.0 * at_s], axis=1)
+        run = operated_run(machine, machine.operating, at_s, shares, np.ones(steps + 1))
+        seen = seen_roll_out(run, machine.sensors, step_s, np.random.default_rng(4), machine.declared.run_up_s)
+        assert setup.operating is not None
+        means.append(np.nanmean([setup.operating.reduced(v)[0].values for v in machine.vectors(seen)], axis=0))
+    moved, spread = np.abs(means[1] - means[0]), np.sqrt(np.diag(setup.baseline.covariance))
+    assert moved[0] > 0.4 * spread[0]
+    assert (moved < 1.3 * setup.operating.drift + 0.3 * spread).all()
 
 
 def test_a_motor_at_another_supply_has_the_torque_that_the_supply_gives_at_every_speed() -> None:
