@@ -108,7 +108,7 @@ setup(
         "test": [
             "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil",
             "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",
-            "urdf-parser-py", "fmpy", "libcosimpy",
+            "urdf-parser-py", "fmpy", "libcosimpy", "grafana-foundation-sdk",
         ],
         "bench": ["pylinkage", "mujoco[sysid]", "exudyn", "ruptures", "lmfit"],
         "docs": ["mkdocs<2", "mkdocs-material", "mkdocstrings", "mkdocstrings-python"],

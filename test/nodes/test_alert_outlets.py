@@ -11,6 +11,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 from urllib.request import urlopen
 
 import numpy as np
@@ -85,22 +86,45 @@ def test_a_scrape_tells_state_size_interval_and_since_when_and_is_quiet_after_a_
         outlet.close()
 
 
-def test_every_metric_of_the_dashboard_is_one_that_is_served() -> None:
+def lost(given: Any, kept: Any, place: str = "") -> list[str]:
+    """Return what of a document is not in another, by its place."""
+    if isinstance(given, dict) and isinstance(kept, dict):
+        parts = [(key, value, kept.get(key, "nothing")) for key, value in given.items()]
+    elif isinstance(given, list) and isinstance(kept, list) and len(given) == len(kept):
+        parts = list(zip(map(str, range(len(given))), given, kept, strict=True))
+    else:
+        return [] if given == kept else [f"{place}: {given!r}, kept as {kept!r}"]
+    return [each for key, value, other in parts for each in lost(value, other, f"{place}/{key}")]
+
+
+def test_grafana_loads_the_dashboard_whole_and_what_it_asks_for_is_scraped() -> None:
     pytest.importorskip("prometheus_client")
-    board = json.loads((Path(__file__).parents[2] / "config" / "grafana_faults.json").read_text(encoding="utf-8"))
-    asked = {
-        metric
-        for panel in board["panels"]
-        for target in panel["targets"]
-        for metric in re.findall(r"mech_twin_\w+", target["expr"])
-    }
+    from grafana_foundation_sdk.cog.encoder import JSONEncoder
+    from grafana_foundation_sdk.cog.plugins import register_default_plugins
+    from grafana_foundation_sdk.models.dashboard import Dashboard
+    from prometheus_client.parser import text_string_to_metric_families
+
+    text = (Path(__file__).parents[2] / "config" / "grafana_faults.json").read_text(encoding="utf-8")
+    given = json.loads(text)
+    (asked_at_import,) = given.pop("__inputs")  # of the importer, not of the dashboard
+    assert (asked_at_import["type"], asked_at_import["pluginId"]) == ("datasource", "prometheus")
+    register_default_plugins()
+    board = Dashboard.from_json(given)
+    assert lost(given, json.loads(JSONEncoder().encode(board))) == []
     outlet = PrometheusOutlet("127.0.0.1:0")
     try:
-        served = {family.name for family in outlet.collect()}
+        outlet.send(alerts(ACTIVE))
+        with urlopen(f"http://127.0.0.1:{outlet.port}/metrics", timeout=LIMIT_S) as answer:
+            samples = [s for family in text_string_to_metric_families(answer.read().decode()) for s in family.samples]
     finally:
         outlet.close()
+    targets = [target for panel in board.panels for target in panel.targets]
+    asked = {metric for target in targets for metric in re.findall(r"mech_twin_\w+", target.expr)}
     assert len(asked) >= 6
-    assert asked <= served
+    assert asked <= {sample.name for sample in samples}
+    shown = {label for target in targets for label in re.findall(r"{{(\w+)}}", target.legend_format)}
+    assert shown <= {label for sample in samples for label in sample.labels}
+    assert {target.datasource.uid for target in targets} == {f"${{{asked_at_import['name']}}}"}
 
 
 @pytest.fixture
