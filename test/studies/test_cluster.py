@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work over a Dask cluster of two worker processes: one is killed, nothing is lost, nothing counted twice."""
 
+import json
 import os
 import shutil
 import signal
@@ -11,10 +12,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.measurements.measurement_map import Channel
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
@@ -24,6 +26,8 @@ from mech_twin.studies.identification.intervals import linearised
 from mech_twin.studies.identification.least_squares_fit import stage_fit
 from mech_twin.studies.identification.profile_likelihood import profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.monitoring.sensing import seen_run
+from mech_twin.studies.monitoring.signatures import MonitoredMachine
 from mech_twin.studies.named_rollouts import rollout
 from mech_twin.studies.parameter_sweep import journal_of
 
@@ -174,3 +178,40 @@ def test_the_cluster_follows_the_same_profiles_and_ends_the_same_starts_as_one_c
     start = problem.unknowns.start * 1.02
     (far,) = fits_spread(setting, [start], 0.5, scheduler=address)
     assert np.array_equal(far.x, stage_fit(problem, start, 0.5).x)
+
+
+def written_fleet(folder: Path) -> None:
+    """Write two recordings of each of five impact masses; the stop of the last one moves before its second."""
+    noises = {"motor.generator.effort": 20.0, "linkage.mass.position": 1e-3}
+    lines = [{"source": {"column": c}, "is": c, "rate_hz": 1000.0, "sigma": sigma} for c, sigma in noises.items()]
+    sensors = MeasurementMap.model_validate({"machine": "impact_mass", "channels": lines})
+    mass = MonitoredMachine("impact_mass", machine_parameters("impact_mass"), sensors)
+    moved = next(fault for fault in mass.faults if fault.name == "stop_moved")
+    begin_s, healthy = mass.declared.run_up_s, mass.entry.build(mass.parameters)
+    faulty = mass.entry.build(mass.varied(moved.changes(mass.parameters, moved.sizes[-1])))
+    for number in range(5):
+        own = folder / f"mass_{number}"
+        own.mkdir(parents=True)
+        for day, built in enumerate((healthy, faulty if number == 4 else healthy)):
+            random = np.random.default_rng([number, day])
+            seen = seen_run(built, sensors, begin_s + 15.0, random=random, begin_s=begin_s)
+            times_s = seen["linkage.mass.position"][0] - begin_s
+            table = pd.DataFrame({"time_s": times_s, **{column: values for column, (_, values) in seen.items()}})
+            table.to_csv(own / f"day_{day}.csv", index=False)
+
+
+@pytest.mark.timeout(1300)
+def test_the_cluster_tells_the_same_of_a_fleet_as_this_machine(cluster, tmp_path):
+    address, _ = cluster
+    written_fleet(tmp_path / "hall")
+    verb = [sys.executable, "-c", "from mech_twin.cli.main import main; main()", "fleet", "impact_mass"]
+    verb += [str(tmp_path / "hall"), "--skip", "0", "--json"]
+    done = [
+        subprocess.run([*verb, *where], stdout=subprocess.PIPE, text=True, timeout=600.0, check=False)
+        for where in (("--cores", "1"), ("--scheduler", address))
+    ]
+    assert done[0].returncode == done[1].returncode == 1
+    assert done[0].stdout == done[1].stdout
+    (first, *others) = json.loads(done[0].stdout)["machines"]
+    assert (first["name"], first["verdict"]) == ("mass_4", "confirmed")
+    assert not any(each["verdict"] for each in others)
