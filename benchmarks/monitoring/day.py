@@ -31,7 +31,7 @@ from mech_twin.engine.rollout import RollOut
 from mech_twin.files.output_file import written_file
 from mech_twin.studies.monitoring.monitor import Monitor
 from mech_twin.studies.monitoring.operating_fit import KNOT_S, operated_run
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine
 
 PAGE = Path(__file__).parents[2] / "docs" / "proof" / "monitoring.md"
 MARKS = "<!-- day begins -->", "<!-- day ends -->"

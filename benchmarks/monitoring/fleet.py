@@ -32,8 +32,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.engine.rollout import roll_out
 from mech_twin.files.output_file import written_file
 from mech_twin.studies.monitoring.operating_fit import parameters_at
-from mech_twin.studies.monitoring.sensing import needed_columns, seen_roll_out
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, needed_columns, seen_roll_out
 from mech_twin.studies.spreading import available_cores, spread
 
 PAGE = Path(__file__).parents[2] / "docs" / "proof" / "monitoring.md"

@@ -19,12 +19,11 @@ from tables import RESULTS
 
 from mech_twin.capabilities.faults import MachineFault
 from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import feed_channels
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged
-from mech_twin.studies.monitoring.sensing import seen_roll_out
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
-from mech_twin.studies.monitoring.thresholds import chart_limits
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_roll_out
 
 TABLE = RESULTS / "offline_peer.csv"
 COLUMNS = "machine,fault,size,runs,no_alarm,monitor_median,monitor_90,ruptures_median,ruptures_90"

@@ -15,8 +15,7 @@ from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.cycle_features import FeatureVector, feed_channels
-from mech_twin.studies.monitoring.sensing import needed_columns, seen_roll_out
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, needed_columns, seen_roll_out
 
 SENSORS = Path(__file__).parent / "sensors"
 SETTINGS: dict[str, dict[str, Any]] = {

@@ -42,7 +42,7 @@ from mech_twin.studies.monitoring.design import (
 from mech_twin.studies.monitoring.explanation import Explanation, drawn_explanation, explanation, known_fault
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import Alarm, JudgedRun, judged
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine
 
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 

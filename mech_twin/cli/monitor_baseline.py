@@ -42,8 +42,8 @@ from mech_twin.studies.monitoring.origin import (
     sensors_hash,
 )
 from mech_twin.studies.monitoring.report import known_sensors, vectors_of_parts
+from mech_twin.studies.monitoring.sensing import MonitoredMachine
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 SETUP_SUFFIX = ".json"
 

@@ -13,8 +13,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mech_twin.studies.monitoring.charts import ALLOWANCE, advance_cusum, chart_rows, siegmund_run_length
-from mech_twin.studies.monitoring.thresholds import BLOCK_CYCLES, RateCurve
+from mech_twin.studies.monitoring.charts import (
+    ALLOWANCE,
+    BLOCK_CYCLES,
+    advance_cusum,
+    chart_rows,
+    rate_curve,
+    siegmund_run_length,
+)
 
 PUBLISHED = {  # threshold: {shift of the mean in standard deviations: mean run length}
     4.0: {0.0: 168.0, 0.25: 74.2, 0.5: 26.6, 0.75: 13.3, 1.0: 8.38, 1.5: 4.75, 2.0: 3.34, 3.0: 2.19},
@@ -53,6 +59,6 @@ def test_threshold_of_the_chi_square_chart_is_that_of_the_distribution() -> None
     width, run_length = 6, 2000.0
     values = np.random.default_rng(3).standard_normal((400_000, width))
     rows = chart_rows(values, values, ALLOWANCE, 5)
-    curve = RateCurve(np.sort(rows[:, 2].reshape(-1, BLOCK_CYCLES).max(axis=1)))
+    curve = rate_curve(rows[:, 2].reshape(-1, BLOCK_CYCLES).max(axis=1))
     assert curve.level(1.0 / run_length) == pytest.approx(chi2.isf(1.0 / run_length, width), rel=0.02)
     assert curve.level(1.0 / 1e6) == pytest.approx(chi2.isf(1e-6, width), rel=0.06)  # beyond what was drawn

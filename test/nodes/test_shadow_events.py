@@ -32,11 +32,11 @@ from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import Seen, seen_roll_out
-from mech_twin.studies.monitoring.thresholds import chart_limits
 from mech_twin.studies.observer.lock_on import SeenSample
 
 NAME, LIMIT_S, STEP_S, BURST = "impact_mass", 60.0, 1e-3, 50

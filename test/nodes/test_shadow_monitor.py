@@ -35,10 +35,10 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.thresholds import chart_limits
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 NAME, LIMIT_S, EVERY, BURST = "vibration_crank", 60.0, 20, 50

@@ -26,8 +26,7 @@ from mech_twin.studies.identification.intervals import linearised
 from mech_twin.studies.identification.least_squares_fit import stage_fit
 from mech_twin.studies.identification.profile_likelihood import profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.monitoring.sensing import seen_run
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
 from mech_twin.studies.named_rollouts import rollout
 from mech_twin.studies.parameter_sweep import journal_of
 

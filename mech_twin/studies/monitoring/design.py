@@ -19,19 +19,14 @@ import numpy as np
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
-from mech_twin.studies.monitoring.charts import siegmund_run_length
+from mech_twin.studies.monitoring.charts import ChartLimits, chart_limits, siegmund_run_length
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature
+from mech_twin.studies.monitoring.naming import MODEL_SHARE, Signature, left_open
 from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface, sister_surface
-from mech_twin.studies.monitoring.sensing import seen_run
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, mean_period_s, seen_run
 from mech_twin.studies.monitoring.sensor_quality import SensorLimits, sensor_limits
-from mech_twin.studies.monitoring.signatures import (
-    MonitoredMachine,
-    machine_signatures,
-    mean_period_s,
-)
-from mech_twin.studies.monitoring.thresholds import ChartLimits, chart_limits
+from mech_twin.studies.monitoring.signatures import machine_signatures
 
 DESIGN_CYCLES = 300
 PROMPT_CYCLES = 50
@@ -174,8 +169,8 @@ def sensor_design(setup: MonitorSetup) -> SensorDesign:
             other.name for j, other in enumerate(signatures) if j != i and isolability[i, j] <= MODEL_SHARE**2
         )
         sizes, responses = signature.fine
-        delays = np.array([expected_delay(each, setup.baseline, setup.limits) for each in responses])
-        prompt = np.abs(sizes[delays <= PROMPT_CYCLES])
+        pairs = zip(sizes.ravel(), responses.reshape(-1, len(response)), strict=True)
+        prompt = [abs(s) for s, r in pairs if expected_delay(r, setup.baseline, setup.limits) <= PROMPT_CYCLES]
         faults.append(
             FaultDesign(
                 signature.name,
@@ -184,7 +179,7 @@ def sensor_design(setup: MonitorSetup) -> SensorDesign:
                 size,
                 float(np.sqrt(response @ metric @ response)),
                 expected_delay(response, setup.baseline, setup.limits),
-                float(prompt.min()) if len(prompt) else float("nan"),
+                float(min(prompt, default=float("nan"))),
                 alike,
             )
         )
@@ -225,6 +220,5 @@ def _left_open(response: Array, other: Signature, metric: Array) -> float:
     whole = float(response @ metric @ response)
     if whole <= 0.0:
         return 0.0
-    left = response - other.fine[1]
-    share = float(((left @ metric) * left).sum(axis=1).min()) / whole
+    share = float(left_open(response - other.fine[1], metric).min()) / whole
     return share if isfinite(share) else 1.0

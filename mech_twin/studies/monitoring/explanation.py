@@ -14,7 +14,7 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.captions import axis_title
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.naming import Candidate, Signature, fitted_fault
+from mech_twin.studies.monitoring.naming import Candidate, Signature, fitted_faults
 from mech_twin.studies.monitoring.report import Alarm
 
 HALF_95 = 1.96  # standard deviations
@@ -115,8 +115,9 @@ def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fau
     signature = known_fault(setup, fault)
     if alarm.change is None:
         return None
-    found, delta, baseline = fitted_fault(alarm.change, signature), alarm.change.delta, setup.baseline
-    half_95 = HALF_95 * np.sqrt(np.diag(np.linalg.inv(alarm.change.information)))
+    (fit,), delta, baseline = fitted_faults(alarm.change, [signature]), alarm.change.delta, setup.baseline
+    found = fit.candidate
+    half_95 = HALF_95 * np.sqrt(np.diag(alarm.change.covariance))
     rows = zip(
         baseline.names, healthy_features(setup), baseline.sigma, delta, half_95, signature.response(found.size),
         strict=True,

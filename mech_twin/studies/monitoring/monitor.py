@@ -21,7 +21,7 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import Baseline, baseline_of_record
-from mech_twin.studies.monitoring.charts import WINDOW, ChartState, ChartValues
+from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState, ChartValues, limits_of_record
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.findings import FaultEvent, Findings, Verdict, finding_name
@@ -43,7 +43,6 @@ from mech_twin.studies.monitoring.sensor_quality import (
     limits_record,
     sensor_findings,
 )
-from mech_twin.studies.monitoring.thresholds import ChartLimits, limits_of_record
 
 SENSOR = "sensor_"
 CAP = 2.0  # of the threshold: bound of the CUSUMs

@@ -191,8 +191,7 @@ class OperatingSurface:
         maps = [self.annihilator(self.located(self.mean + response)) for response in signature.responses]
         told: dict[str, Any] = {}
         if len(signature.scatter):
-            told |= {"scatter": np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])}
-            told |= {"cycles": signature.cycles}
+            told["scatter"] = np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])
         if len(signature.doubt):
             told["doubt"] = np.array([a @ doubt for doubt, a in zip(signature.doubt, maps, strict=True)])
         return Signature(

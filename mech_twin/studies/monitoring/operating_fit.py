@@ -18,6 +18,7 @@ from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.naming import USED_CYCLES
 from mech_twin.studies.monitoring.operating import (
     OperatingSurface,
     SurfaceVariable,
@@ -26,10 +27,15 @@ from mech_twin.studies.monitoring.operating import (
     with_baseline,
     with_transients,
 )
-from mech_twin.studies.monitoring.sensing import needed_columns, seen_roll_out
-from mech_twin.studies.monitoring.signatures import MonitoredMachine, mean_period_s, noisy_draws, steady_cycles
+from mech_twin.studies.monitoring.sensing import (
+    MonitoredMachine,
+    mean_period_s,
+    needed_columns,
+    noisy_draws,
+    seen_roll_out,
+    steady_cycles,
+)
 
-USED_CYCLES = 60  # at the end of a roll-out, whose mean counts
 SETTLED_CYCLES = 25  # before them
 STEP = 0.4  # of a range, for the transient
 STEP_DRAWS, STEP_PHASES = 4, 4
@@ -206,7 +212,7 @@ def _features_at(
     if parameters is None:
         return None
     try:
-        found = steady_cycles(monitored, noisy_draws(monitored, parameters, 1.0, duration_s), names, USED_CYCLES)
+        found = steady_cycles(monitored, noisy_draws(monitored, parameters, 1.0, duration_s), names)
     except MotionError:
         return None
     return None if found is None else found.mean

@@ -1,21 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A roll-out seen through sensors, as arrays: sampled at their own instants, with noise, steps and losses."""
+"""A machine and a roll-out of it seen through sensors: sampled at their own instants, with noise, steps and losses."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
-from mech_twin.capabilities.cycle import TURN, Array
+from mech_twin.capabilities.cycle import TURN, Array, CycleFeatures
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.faults import MachineFault
+from mech_twin.capabilities.operating_point import OperatingVariable
+from mech_twin.capabilities.variation import varied
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.machines.catalog import Entry
 from mech_twin.measurements.machine_columns import is_angle, is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.sensors import EVENT_FIELDS
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
+from mech_twin.studies.monitoring.naming import USED_CYCLES
 
+DRAWS = 3  # of the sensors' noise
+LONGEST_S = 120.0
 Seen = dict[str, tuple[Array, Array]]  # column: stamps less the known lag (s), values (SI)
 
 
@@ -113,11 +125,6 @@ def without_noise(sensors: MeasurementMap) -> MeasurementMap:
     return sensors.model_copy(update={"channels": tuple(c.model_copy(update=exact) for c in sensors.channels)})
 
 
-def shifted(fault: SensorFault, share: float) -> SensorFault:
-    """Return the fault at a share of its size."""
-    return replace(fault, bias=share * fault.bias, gain=share * fault.gain, lag_s=share * fault.lag_s)
-
-
 def _instants(
     channel: Channel, begin_s: float, end_s: float, step_s: float, random: np.random.Generator | None
 ) -> Array:
@@ -152,3 +159,125 @@ def _seen_events(
     times_s = told.time_s[of_kind]
     chosen = (times_s >= begin_s) & np.isfinite(values)
     return times_s[chosen], _shown(values[chosen], channel, random)
+
+
+@dataclass(frozen=True)
+class MonitoredMachine:
+    """A machine with the sensors it is watched by.
+
+    Attributes
+    ----------
+    name : str
+        Of the catalogue.
+    parameters : Parameters
+        The healthy configuration.
+    sensors : MeasurementMap
+        The channels, each zero, gain and lag a number.
+    """
+
+    name: str
+    parameters: Parameters
+    sensors: MeasurementMap
+
+    @property
+    def entry(self) -> Entry:
+        """The machine in the catalogue."""
+        return catalogue_entry(self.name)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """What the sensors measure."""
+        return tuple(dict.fromkeys(channel.quantity for channel in self.sensors.channels))
+
+    @property
+    def declared(self) -> CycleFeatures:
+        """What the machine tells of a cycle.
+
+        Raises
+        ------
+        StudyError
+            The machine declares no features.
+        """
+        ask = self.entry.capabilities.features
+        if ask is None:
+            raise StudyError(f"{self.name} declares no features of a cycle; expected a machine that does")
+        return ask(self.parameters)
+
+    @property
+    def faults(self) -> tuple[MachineFault, ...]:
+        """What can go wrong with it."""
+        ask = self.entry.capabilities.faults
+        return () if ask is None else ask(self.parameters)
+
+    @property
+    def operating(self) -> tuple[OperatingVariable, ...]:
+        """What may differ from day to day while it is healthy."""
+        ask = self.entry.capabilities.operating
+        return () if ask is None else ask(self.parameters)
+
+    def feed(self) -> FeatureFeed:
+        """Return a fresh feed for one run."""
+        return FeatureFeed(self.declared, self.columns)
+
+    def vectors(self, seen: Seen) -> list[FeatureVector]:
+        """Return the features of every cycle of a run."""
+        return feed_channels(self.feed(), seen)
+
+    def varied(self, changes: Mapping[str, Any]) -> Parameters:
+        """Return the healthy configuration with keys changed."""
+        return varied(self.parameters, changes)
+
+
+def mean_period_s(monitored: MonitoredMachine) -> float:
+    """Return the duration of a cycle in steady running, from a short roll-out.
+
+    Raises
+    ------
+    StudyError
+        The simulated machine does not cycle.
+    """
+    exact = MonitoredMachine(monitored.name, monitored.parameters, without_noise(monitored.sensors))
+    begin_s = exact.declared.run_up_s
+    for duration_s in (begin_s + 3.0, begin_s + 20.0, begin_s + LONGEST_S):
+        machine = exact.entry.build(exact.parameters)
+        vectors = exact.vectors(seen_run(machine, exact.sensors, duration_s, begin_s=begin_s))
+        if len(vectors) > 2:
+            return float(np.mean([vector.end_s - vector.begin_s for vector in vectors]))
+    raise StudyError(f"{monitored.name}: less than three cycles in {LONGEST_S:g} s of its own run")
+
+
+class SteadyCycles(NamedTuple):
+    """The features of a machine in steady running: their mean (d,), and covariance (d, d) from cycle to cycle."""
+
+    mean: Array
+    covariance: Array
+
+
+def noisy_draws(monitored: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> list[Seen]:
+    """Return a run seen a few times, each time through other noise, the same for all parameters."""
+    machine, begin_s = monitored.entry.build(parameters), monitored.declared.run_up_s
+    run = roll_out(machine, duration_s, needed_columns(monitored.sensors), None, command)
+    if run.error is not None:
+        raise run.error
+    step_s = machine.coupling_step_s
+    return [
+        seen_roll_out(run, monitored.sensors, step_s, np.random.default_rng(draw), begin_s) for draw in range(DRAWS)
+    ]
+
+
+def steady_cycles(monitored: MonitoredMachine, draws: Iterable[Seen], names: tuple[str, ...]) -> SteadyCycles | None:
+    """Return the features of the last cycles, by what the healthy machine declares; None without a cycle.
+
+    The covariance is that about the mean of each draw.
+    """
+    runs = [np.array([vector.values for vector in vectors[-USED_CYCLES:]]) for vectors in map(monitored.vectors, draws)]
+    if not all(map(len, runs)):
+        return None
+    all_names = [feature.name for feature in monitored.feed().features]
+    places = [all_names.index(name) for name in names]
+    rows = [run[:, places] for run in runs]
+    mean = np.concatenate(rows).mean(axis=0)
+    if not np.isfinite(mean).all():
+        return None
+    left = np.concatenate([row - row.mean(axis=0) for row in rows])
+    return SteadyCycles(mean, left.T @ left / max(len(left) - len(rows), 1))

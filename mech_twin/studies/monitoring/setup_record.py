@@ -81,7 +81,6 @@ class SignatureRecord(_Record):
     sizes: Annotated[list[Number], Field(min_length=2, max_length=MOST_SIZES)]
     responses: Rows
     scatter: Annotated[list[Rows], Field(max_length=MOST_SIZES)] | None = None
-    cycles: Annotated[list[Annotated[float, Field(gt=0.0, le=LARGEST)]], Field(max_length=MOST_SIZES)] | None = None
     doubt: Rows | None = None
 
     @model_validator(mode="after")
@@ -89,10 +88,8 @@ class SignatureRecord(_Record):
         sizes = len(self.sizes)
         if not (np.diff(self.sizes) > 0.0).all() or 0.0 not in self.sizes:
             raise ValueError("sizes: expected ascending ones, with 0")
-        if (self.scatter is None) != (self.cycles is None):
-            raise ValueError("scatter and cycles go together")
-        if self.scatter is not None and self.cycles is not None and not len(self.scatter) == len(self.cycles) == sizes:
-            raise ValueError(f"scatter and cycles: expected {sizes}, one of each size")
+        if self.scatter is not None and len(self.scatter) != sizes:
+            raise ValueError(f"scatter: expected {sizes}, one of each size")
         return self
 
     def check_features(self, features: int) -> None:

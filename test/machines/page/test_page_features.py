@@ -13,8 +13,7 @@ from mech_twin.machines.page.features import faults, features
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine
 from mech_twin.results.opened_runs import columns_of
-from mech_twin.studies.monitoring.sensing import seen_run
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
 
 ROD = "contacts.blow.rod"
 SENSORS = """

@@ -16,10 +16,9 @@ from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
-from mech_twin.studies.monitoring.charts import ALLOWANCE, WINDOW, advance_cusum, chart_rows
+from mech_twin.studies.monitoring.charts import ALLOWANCE, WINDOW, advance_cusum, chart_limits, chart_rows
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, setup_of_record
-from mech_twin.studies.monitoring.thresholds import chart_limits
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
 COEFFICIENTS = np.array([[0.6, 0.3, 0.0], [-0.2, 0.1, 0.0]])

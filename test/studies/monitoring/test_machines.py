@@ -22,8 +22,13 @@ from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor
 from mech_twin.studies.monitoring.report import judged
-from mech_twin.studies.monitoring.sensing import SensorFault, seen_run, with_sensor_fault, without_noise
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import (
+    MonitoredMachine,
+    SensorFault,
+    seen_run,
+    with_sensor_fault,
+    without_noise,
+)
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 MONITORED = [name for name in CATALOGUE if (SENSORS / f"{name}.yaml").exists()]

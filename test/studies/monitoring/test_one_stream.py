@@ -17,14 +17,13 @@ from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import columns_of, opened_run
 from mech_twin.studies.live_monitor import LiveMonitor
 from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.design import simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged, vectors_of_parts
-from mech_twin.studies.monitoring.sensing import Seen, needed_columns, seen_roll_out
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, Seen, needed_columns, seen_roll_out
 from mech_twin.studies.monitoring.sensor_quality import sensor_limits
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
-from mech_twin.studies.monitoring.thresholds import chart_limits
 from mech_twin.studies.observer.lock_on import SeenSample
 
 NAME, RUN_S, FAULT_S = "vibration_crank", 20.0, 4.0

@@ -30,9 +30,8 @@ from mech_twin.studies.monitoring.operating import (
 )
 from mech_twin.studies.monitoring.operating_fit import operated_run, parameters_at
 from mech_twin.studies.monitoring.operating_track import OperatingTrack
-from mech_twin.studies.monitoring.sensing import seen_roll_out, seen_run
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_roll_out, seen_run
 from mech_twin.studies.monitoring.setup_record import SetupRecord
-from mech_twin.studies.monitoring.signatures import MonitoredMachine
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 Q, D = 2, 5

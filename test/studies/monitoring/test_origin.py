@@ -15,6 +15,7 @@ from studies.monitoring.test_machines import monitored
 
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.origin import (
     BaselineRun,
@@ -24,7 +25,6 @@ from mech_twin.studies.monitoring.origin import (
     sensors_hash,
 )
 from mech_twin.studies.monitoring.setup_record import SetupRecord
-from mech_twin.studies.monitoring.thresholds import chart_limits
 
 DAYS = 3
 NOTHING = np.empty((0, 2))

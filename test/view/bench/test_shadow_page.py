@@ -18,9 +18,9 @@ from playwright.sync_api import expect
 from mech_twin.engine.rollout import roll_out
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, feed_channels
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.thresholds import chart_limits
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
