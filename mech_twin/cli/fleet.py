@@ -129,7 +129,7 @@ def _show(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
         say(f"written to {asked.page}")
     if asked.as_json:
         print_json({"machine": asked.machine, "limit": fleet.limit, "confirming": fleet.confirming,
-                    "common": dict(fleet.common), "machines": [_record(sister) for sister in fleet.sisters],
+                    "common": fleet.common, "machines": [_record(sister) for sister in fleet.sisters],
                     "refused": dict(refused)})  # fmt: skip
         return
     if asked.everything or shown:
@@ -151,12 +151,12 @@ def _row(rank: int, sister: Sister) -> tuple[Any, ...]:
 
 
 def _record(sister: Sister) -> Mapping[str, Any]:
-    member, size = sister.member, sister.member.candidate
+    member = sister.member
     return {
         "name": member.name, "cycles": member.cycles, "finding": member.finding,
-        "candidate": None if size is None else size._asdict(), "recording": member.recording,
+        "candidate": member.candidate, "recording": member.recording,
         "onset_s": member.onset_s, "apart": sister.apart, "feature": sister.feature, "verdict": sister.verdict,
-        "shift": dict(member.shift),
+        "shift": member.shift,
     }  # fmt: skip
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -310,10 +309,8 @@ def _show_plan(
         raise CommandError(f"{map_file}: expected the channels of {sensors_file}, in their order")
     plan = sensor_plan(question, sensors, duration_s, opened)
     if as_json:
-        helps = [asdict(each) for each in plan.helps]
-        keys = [asdict(key) for key in plan.keys]
-        combined = [asdict(each) for each in plan.combinations]
-        print_json({"machine": question.machine, "parameters": keys, "combinations": combined, "helps": helps})
+        found = {"parameters": plan.keys, "combinations": plan.combinations, "helps": plan.helps}
+        print_json({"machine": question.machine, **found})
         return
     rows = [(k.key, k.estimate, 0.5 * (k.high_95 - k.low_95), k.verdict) for k in plan.keys]
     print_table(f"{question.machine}: {duration_s:g} s", ("key", "value", "+- (95 %)", "verdict"), rows)

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -99,18 +97,10 @@ def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryDa
 
 def _show_lengths(asked: IdentifyRequest, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
     if asked.as_json:
-        document: dict[str, Any] = {
-            "machine": asked.machine,
-            "parameters": [asdict(each) for each in report.keys],
-            "channels": [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()],
-            "lags_s": list(report.lags_s),
-            "assembly": asdict(report.assembly),
-            "held_out": None
-            if held_out is None
-            else {"run": str(held_out), "scores": [asdict(s) for s in report.held_out]},
-            "seconds": seconds,
-        }
-        print_json(document)
+        channels = [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()]
+        scored = None if held_out is None else {"run": held_out, "scores": report.held_out}
+        head = {"machine": asked.machine, "parameters": report.keys, "channels": channels, "lags_s": report.lags_s}
+        print_json({**head, "assembly": report.assembly, "held_out": scored, "seconds": seconds})
         return
     show_keys(f"{asked.machine}: lengths from measured positions", report.keys)
     say(_assembly_words(report.assembly))
@@ -216,7 +206,7 @@ def _show_bounces(
     ]
     if asked.as_json:
         names = ("run", "column", "restitution", "standard_deviation", "bounces", "flaws")
-        record = {"machine": asked.machine, "parameters": [asdict(key)], "used": [str(path) for path in used]}
+        record = {"machine": asked.machine, "parameters": [key], "used": used}
         print_json({**record, "runs": [dict(zip(names, row, strict=True)) for row in rows], "seconds": seconds})
         return
     print_table("bounces", ("run", "column", KEY, "s.d.", "bounces", "missed or false"), rows)

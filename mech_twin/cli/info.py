@@ -164,7 +164,7 @@ def info_record(info: BagInfo) -> dict[str, Any]:
     """Return the summary of a bag as a JSON object."""
     head = _configuration_head(info.configuration)
     return {
-        "bag": str(info.path),
+        "bag": info.path,
         "machine": head.get("machine"),
         "version": head.get("version"),
         "finished": info.finished,
@@ -185,7 +185,7 @@ def info_record(info: BagInfo) -> dict[str, Any]:
             for split in info.splits
         ],
         "configuration": info.configuration,
-        "problems": list(info.problems),
+        "problems": info.problems,
     }
 
 
@@ -203,17 +203,7 @@ def recover_bag(asked: RecoverVerb) -> None:
     from mech_twin.recording.recovery import recover
 
     report = recover(asked.bag, asked.out, force=asked.force)
-    if not asked.as_json:
+    if asked.as_json:
+        print_json(report)
+    else:
         say_result("\n".join(report.lines()))
-        return
-    print_json(
-        {
-            "bag": str(report.bag),
-            "out": str(report.out),
-            "messages": dict(sorted(report.messages.items())),
-            "messages_of_lost_topics": report.unassigned,
-            "bytes_read": report.bytes_read,
-            "bytes_skipped": report.bytes_skipped,
-            "damages": report.damages,
-        }
-    )

@@ -246,12 +246,12 @@ def export_unit(asked: FmuVerb) -> None:
         print_json(
             {
                 "machine": unit_name(built),
-                "file": str(file),
+                "file": file,
                 "fmi": fmi,
                 "platforms": [platform.folders[fmi - 2] for platform in platforms],
                 "inputs": [v.name for v in written.variables if v.causality == "input"],
                 "outputs": [v.name for v in written.variables if v.causality == "output"],
-                "parameters": list(written.parameters),
+                "parameters": written.parameters,
             }
         )
         return

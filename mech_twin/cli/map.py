@@ -48,9 +48,9 @@ def propose_map(asked: MapVerb) -> None:
     found = proposal(measurements, built_machine(machine, asked.config))
     _write(found.text, out, asked.force, quiet=asked.as_json)
     if asked.as_json:
-        record: dict[str, Any] = {"measurement": str(measurements[0]), "machine": machine, "map": found.text}
+        record: dict[str, Any] = {"measurement": measurements[0], "machine": machine, "map": found.text}
         channels = [quality_record(found.known, qualities) for qualities in found.qualities.values()]
-        runs = [{"measurement": str(p), "channels": c} for p, c in zip(measurements, channels, strict=True)]
+        runs = [{"measurement": p, "channels": c} for p, c in zip(measurements, channels, strict=True)]
         print_json({**record, "problems": found.problems, "channels": channels[0], "runs": runs})
         return
     for path, qualities in found.qualities.items():
@@ -209,7 +209,7 @@ def examine_by_file(path: Path, map_file: Path, config: Path | None, *, as_json:
     if sum(quality.samples for quality in qualities) <= CHECKED_SAMPLES:
         problems = _contradictions(path, given, built_machine(given.machine, config))
     if as_json:
-        document = {"measurement": str(path), "machine": given.machine}
+        document = {"measurement": path, "machine": given.machine}
         print_json({**document, "channels": quality_record(given, qualities), "problems": problems})
     else:
         show_quality(path, given, qualities)

@@ -67,7 +67,7 @@ def analyse_measured(asked: ReplayVerb, map_file: Path) -> None:
     with progress(samples, len(read.motion.times_s), "analysing") as counted:
         found = measured_forces(iter(counted), read.run, read.turn.crank)
     document = {
-        "measurement": str(measurement),
+        "measurement": measurement,
         "machine": read.machine.name,
         "samples": found.samples,
         "crank_zero_rad": read.motion.zero_rad,

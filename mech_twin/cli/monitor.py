@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -224,9 +223,7 @@ def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[Cy
             name: dict(zip(names, row, strict=True))
             for name, row in zip(names, design.isolability.tolist(), strict=True)
         }
-        faults = [{**fault._asdict(), "delay_cycles": _finite(fault.delay_cycles)} for fault in design.faults]
-        faults = [{**fault, "smallest": _finite(fault["smallest"])} for fault in faults]
-        print_json({**_setup_record(setup, units), "faults": faults, "isolability": matrix})
+        print_json({**_setup_record(setup, units), "faults": design.faults, "isolability": matrix})
         return
     _say_setup(setup)
     heads = ("fault", "size", "unit", "sigma a cycle", "delay, cycles", "found in 50", "looks like")
@@ -278,22 +275,16 @@ def _setup_record(setup: MonitorSetup, units: Mapping[str, str]) -> dict[str, An
 
 
 def _run_record(run: Judged) -> dict[str, Any]:
-    alarms = [{**alarm.record(), "ended_s": _finite(alarm.ended_s)} for alarm in run.found.alarms]
-    faults = [life._asdict() | {"shelved_until_s": _finite(life.shelved_until_s)} for life in run.found.faults]
     return {
         "run": run.run,
         "cycles": run.found.cycles,
         "skipped": run.found.skipped,
-        "alarms": alarms,
-        "faults": faults,
-        "events": [event._asdict() for event in run.found.events],
-        "operating_point": [value._asdict() for value in run.found.operating],
+        "alarms": [alarm.record() for alarm in run.found.alarms],
+        "faults": run.found.faults,
+        "events": run.found.events,
+        "operating_point": run.found.operating,
         **({"explained": [each.record() for each in run.why]} if run.why else {}),
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None
 
 
 def _percent(share: float) -> str:

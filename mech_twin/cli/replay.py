@@ -171,13 +171,11 @@ def _write(
     if as_json:
         more = {
             "resumed_at_steps": verdict.taken_up,
-            "unused_samples": dict(samples.unused),
+            "unused_samples": samples.unused,
             "contradicted_from_step": doubted,
             "first_difference": first,
         }
-        print_json(
-            {"bag": str(bag), "recorded_with": list(history.versions), "version": __version__, **numbers, **more}
-        )
+        print_json({"bag": bag, "recorded_with": history.versions, "version": __version__, **numbers, **more})
         return
     numbers["identical"] = "not certain" if uncertain else verdict.identical
     rows = [(WORDS[name], value, UNITS.get(name, "")) for name, value in numbers.items()]

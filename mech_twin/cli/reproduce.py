@@ -52,7 +52,7 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
             "all_gated_hold": hold,
             "verdicts": counts,
             "rows": [row.record() for row in rows],
-            "figures": [str(file) for file in files],
+            "figures": files,
         }
         print_json(document)
     else:

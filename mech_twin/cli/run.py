@@ -158,7 +158,7 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
             "config": configuration_tree(parameters),
             "summary": numbers,
             "events": [event_record(event) for event in outcome.metrics.events],
-            "recording": None if directory is None else str(directory),
+            "recording": directory,
             "messages_sent": outcome.sent,
             "messages_recorded": messages_in(directory),
         }

@@ -187,9 +187,8 @@ def _map_of(request: ShadowVerb, parameters: Parameters) -> MeasurementMap | Non
 
 def _report(request: ShadowVerb, outcome: ShadowOutcome) -> None:
     if request.as_json:
-        boxes = [str(bag) for bag in outcome.black_boxes]
         found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
-        print_json({**found, "black_boxes": boxes})
+        print_json({**found, "black_boxes": outcome.black_boxes})
         return
     for bag in outcome.black_boxes:
         say(f"black box: {bag}")

@@ -58,7 +58,7 @@ def answer_size(asked: SizeVerb) -> None:
         document = {name: getattr(answer, name) for name in ("objective", "tolerance", "sizes", "metrics", "binding")}
         document["constraints"] = [{name: getattr(each, name) for name in shown} for each in answer.constraints]
         head = {"machine": answer.machine, "config": configuration_tree(answer.parameters)}
-        tail = {"trade_off": answer.trade_off, "configuration": str(out), **shorter_record(answer.in_shorter_steps)}
+        tail = {"trade_off": answer.trade_off, "configuration": out, **shorter_record(answer.in_shorter_steps)}
         print_json({**head, **document, **tail})
         return
     metrics = in_common_digits(answer.metrics, answer.in_shorter_steps)
@@ -123,7 +123,7 @@ def answer_search(asked: SearchVerb) -> None:
             for design in found
         ]  # fmt: skip
         head = {"machine": asked.machine, "objectives": list(first.objectives), "seed": asked.seed}
-        print_json({**head, "designs": front, "configuration": str(out)})
+        print_json({**head, "designs": front, "configuration": out})
         return
     near = dict(sorted(first.margins.items(), key=lambda item: item[1]))
     if by_runs:
@@ -195,7 +195,7 @@ def answer_designs(asked: DesignsVerb) -> None:
     report_designs(Studied(asked, parameters), found, best)
     numbers = {"designs": found.designs, "feasible": len(found.feasible), "feasible_share": found.share}
     if asked.as_json:
-        print_json({"machine": asked.machine, **numbers, "best": best, "table": None if out is None else str(out)})
+        print_json({"machine": asked.machine, **numbers, "best": best, "table": out})
         return
     print_numbers("designs", {**numbers, **{f"best {name}": row[name] for name, row in best.items()}})
     say(f"{found.designs / taken:.0f} designs a second" + (f"; wrote {out}" if out else ""))
@@ -218,7 +218,7 @@ def answer_synthesise(asked: SynthesiseVerb) -> None:
     studied.report("one-impact cycle", found.asked, lambda: parts)
     if asked.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
-        print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": str(out)})
+        print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": out})
         return
     print_table("one-impact cycle", heads, rows)
     say(f"wrote {out}")

@@ -117,7 +117,7 @@ def answer_regimes(asked: RegimesVerb) -> None:
         ],
     )
     if shape == "json":
-        print_json({"machine": machine, "key": key, "regimes": found.records, "picture": str(out)})
+        print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
         return
     if shape == "csv":
         print_csv(found.columns, found.rows)

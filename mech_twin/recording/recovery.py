@@ -44,7 +44,7 @@ class RecoveryReport:
     ----------
     messages : Counter
         Recovered messages by topic, including the latched messages repeated in later splits.
-    unassigned : int
+    messages_of_lost_topics : int
         Intact messages whose channel record is lost.
     bytes_read, bytes_skipped : int
         Size of the files, and how many bytes were not part of an intact record.
@@ -55,18 +55,19 @@ class RecoveryReport:
     bag: Path
     out: Path
     messages: Counter[str] = field(default_factory=Counter)
-    unassigned: int = 0
+    messages_of_lost_topics: int = 0
     bytes_read: int = 0
     bytes_skipped: int = 0
     damages: list[str] = field(default_factory=list)
 
     def lines(self) -> list[str]:
         """Return the report as text lines."""
-        rows = [f"{topic}: {count} messages" for topic, count in sorted(self.messages.items())]
+        rows = [f"{topic}: {count} messages" for topic, count in self.messages.items()]
         return [
             f"{self.out}: salvaged {self.messages.total()} messages of {len(self.messages)} topics from {self.bag}",
             *rows,
-            f"skipped {self.bytes_skipped} of {self.bytes_read} bytes, {self.unassigned} messages of lost topics",
+            f"skipped {self.bytes_skipped} of {self.bytes_read} bytes, "
+            f"{self.messages_of_lost_topics} messages of lost topics",
             *self.damages,
         ]
 
@@ -102,6 +103,7 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
         target.parent.mkdir(DIRECTORY_MODE, parents=True, exist_ok=True)
         partial.mkdir(DIRECTORY_MODE)
         _rebuild(files, partial, report)
+        report.messages = Counter(dict(sorted(report.messages.items())))
         remove_recording(target)
         partial.rename(target)
     except OSError as error:
@@ -222,7 +224,7 @@ def _intact_messages(index: FileIndex, report: RecoveryReport) -> Iterator[tuple
         for record in _records(index, extent, report):
             channel = index.channels.get(record.channel_id)
             if channel is None:
-                report.unassigned += 1
+                report.messages_of_lost_topics += 1
                 continue
             try:
                 yield channel, record._replace(raw=plain_message(record.raw))

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import partial
@@ -52,7 +51,7 @@ from mech_twin.results.printed_documents import (
     SensorSetReport,
     ShadowReport,
 )
-from mech_twin.samples import Coordinate, Event
+from mech_twin.samples import Event
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
 from mech_twin.studies.identification.saved_identification import SavedIdentification
@@ -90,7 +89,7 @@ def _filled(kind: Any, value: Any, absent: float = nan) -> Any:
         kinds = inside if len(inside) == len(value) and ... not in inside else repeat(inside[0])
         return [_filled(each, one) for each, one in zip(kinds, value, strict=False)]
     if isinstance(value, Mapping) and inside:
-        return {key: _filled(inside[1], one) for key, one in value.items()}
+        return {key: _filled(inside[-1], one) for key, one in value.items()}
     if not isinstance(value, Mapping) or not (is_dataclass(kind) or hasattr(kind, "_fields")):
         return value
     hints, defaults = get_type_hints(kind), getattr(kind, "_field_defaults", {})
@@ -162,15 +161,10 @@ def _run(document: Document) -> Run:
         parameters,
         numbers,
         Columns(name, "time_s", samples, units),
-        tuple(map(_event, document["events"])),
+        read_as(tuple[Event, ...], document["events"]),
         {key: Residual(**residual) for key, residual in document["residuals"].items()},
         tuple(built.remarks(numbers)),
     )
-
-
-def _event(record: Document) -> Event:
-    sides = {side: tuple(Coordinate(*row) for row in record.get(side, ())) for side in ("pre", "post")}
-    return Event(**{**record, **sides})
 
 
 def _analysis(document: Document) -> Analysis:
@@ -180,12 +174,10 @@ def _analysis(document: Document) -> Analysis:
 
 
 def _sizes(document: Document) -> SizingResult:
-    constraints = (
-        Constraint(each["name"], each["value"], each["limit"], each["side"]) for each in document["constraints"]
-    )
+    constraints = read_as(tuple[Constraint, ...], document["constraints"])
     return SizingResult(
         document["machine"], document["objective"], document["sizes"], _parameters(document), document["metrics"],
-        tuple(constraints), document["binding"], tuple(document["trade_off"]), document["tolerance"],
+        constraints, document["binding"], tuple(document["trade_off"]), document["tolerance"],
     )  # fmt: skip
 
 
@@ -207,8 +199,7 @@ def _design(machine: str, named: set[str], row: dict[str, Any]) -> Design:
 
 
 def _published(document: Document) -> tuple[PublishedRow, ...]:
-    rows = ({key: value for key, value in row.items() if key != "holds"} for row in document["rows"])
-    return tuple(PublishedRow(**row) for row in rows)
+    return read_as(tuple[PublishedRow, ...], document["rows"])
 
 
 def _comparison(document: Document) -> RunComparison:
@@ -232,10 +223,7 @@ def _identified(document: Document) -> SavedIdentification:
 def _salvaged(document: Document) -> RecoveryReport:
     from mech_twin.recording.recovery import RecoveryReport
 
-    return RecoveryReport(
-        Path(document["bag"]), Path(document["out"]), Counter(document["messages"]),
-        document["messages_of_lost_topics"], document["bytes_read"], document["bytes_skipped"], document["damages"],
-    )  # fmt: skip
+    return read_as(RecoveryReport, document)
 
 
 def _fleet(document: Document) -> Fleet:

@@ -61,7 +61,7 @@ def recovered(data: bytes, tmp_path: Path) -> tuple[RecoveryReport, list[tuple[s
 def test_a_sound_bag_comes_back_whole(sound: Sound, tmp_path: Path) -> None:
     report = recover(sound.bag, tmp_path / "out")
     assert report.messages == Counter(counts(60))
-    assert (report.bytes_skipped, report.unassigned, report.damages) == (0, 0, [])
+    assert (report.bytes_skipped, report.messages_of_lost_topics, report.damages) == (0, 0, [])
     info = bag_info(tmp_path / "out")
     assert info.configuration == CONFIGURATION
     assert info.counters == bag_info(sound.bag).counters
@@ -120,7 +120,7 @@ def test_the_first_chunk_lost_loses_no_topic(sound: Sound, tmp_path: Path) -> No
     data[first.chunk_start_offset : first.chunk_start_offset + first.chunk_length] = bytes(first.chunk_length)
     end = sound.chunks[-1].chunk_start_offset + sound.chunks[-1].chunk_length
     report, messages = recovered(bytes(data[:end]), tmp_path)  # no summary either
-    assert report.unassigned == 0
+    assert report.messages_of_lost_topics == 0
     assert {topic for topic, _, _ in messages} == {JOINTS, FORCES, NOTES}
     assert messages == sound.messages[-len(messages) :]
     assert report.bytes_skipped >= first.chunk_length

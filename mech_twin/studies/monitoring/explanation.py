@@ -85,8 +85,7 @@ class Explanation(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """Return the explanation as JSON values."""
-        features = [each.record() for each in self.features]
-        return {**self._asdict(), "fault": self.fault._asdict(), "features": features}
+        return {**self._asdict(), "features": [each.record() for each in self.features]}
 
 
 def known_fault(setup: MonitorSetup, fault: str) -> Signature:

@@ -54,8 +54,7 @@ class Alarm(NamedTuple):
 
     def record(self) -> dict[str, Any]:
         """Return the alarm as JSON values."""
-        told = {key: value for key, value in self._asdict().items() if key != "change"}
-        return {**told, "candidates": [candidate._asdict() for candidate in self.candidates]}
+        return {key: value for key, value in self._asdict().items() if key != "change"}
 
 
 class JudgedRun(NamedTuple):
