@@ -68,14 +68,17 @@ class Sensitivity:
         """Return the same with the directions seen that lie among these keys, if derivatives can be trusted."""
         if self.contradicted:
             return self
-        among = np.array([set(np.flatnonzero(np.abs(d) > PART).tolist()) <= set(chosen) for d in self.unseen.T], bool)
+        among = np.array([part <= set(chosen) for part in self.parts()], bool)
         return replace(self, unseen=self.unseen[:, ~among], distinguished=True)
+
+    def parts(self) -> list[set[int]]:
+        """Return the keys of each unseen direction."""
+        return [set(np.flatnonzero(np.abs(direction) > PART).tolist()) for direction in self.unseen.T]
 
     def groups(self) -> list[list[int]]:
         """Return the keys that unseen directions tie together, group by group."""
         groups: list[set[int]] = []
-        for direction in self.unseen.T:
-            part = set(np.flatnonzero(np.abs(direction) > PART).tolist())
+        for part in self.parts():
             touching = [group for group in groups if group & part]
             groups = [group for group in groups if not group & part] + [part.union(*touching)]
         return [sorted(group) for group in groups]
@@ -141,8 +144,7 @@ def base_keys(found: Sensitivity, among: Sequence[int]) -> list[int]:
         column = column / size
         basis = np.column_stack([basis, column])
         rest = {i: other - column * float(column @ other) for i, other in rest.items()}
-    for direction in found.unseen.T:
-        part = set(np.flatnonzero(np.abs(direction) > PART).tolist())
+    for part in found.parts():
         if part and part <= set(kept):  # else one of them stays as configured already, and the direction with it
             kept.remove(min(part, key=lambda i: float(np.linalg.norm(found.jacobian[:, i]))))
     return sorted(kept)
@@ -283,22 +285,15 @@ def _of(form: str, values: Array, weights: Array) -> float:
 
 
 def _formula(form: str, names: Sequence[str], weights: Array, values: Array) -> str:
-    if form == SUM:
-        rest = [
-            f"{'-' if w < 0.0 else '+'} {_factor(abs(w))}{name}" for name, w in zip(names[1:], weights[1:], strict=True)
-        ]
-    else:
-        sizes = [name if value > 0.0 else f"|{name}|" for name, value in zip(names[1:], values[1:], strict=True)]
-        rest = [_power(name, w) for name, w in zip(sizes, weights[1:], strict=True)]
-    return " ".join([names[0], *rest])
-
-
-def _factor(weight: float) -> str:
-    return "" if weight == 1.0 else f"{weight:.3g} "
-
-
-def _power(name: str, exponent: float) -> str:
-    return name if exponent == 1.0 else f"{name}^{exponent:.3g}"
+    words = [names[0]]
+    for name, weight, value in zip(names[1:], weights[1:], values[1:], strict=True):
+        if form == SUM:
+            factor = "" if abs(weight) == 1.0 else f"{abs(weight):.3g} "
+            words.append(f"{'-' if weight < 0.0 else '+'} {factor}{name}")
+        else:
+            power = "" if weight == 1.0 else f"^{weight:.3g}"
+            words.append((name if value > 0.0 else f"|{name}|") + power)
+    return " ".join(words)
 
 
 def near_fraction(exponent: float) -> float:

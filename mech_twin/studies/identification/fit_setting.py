@@ -16,7 +16,7 @@ from mech_twin.studies.identification.model_runs import ModelRuns
 from mech_twin.studies.identification.profile_likelihood import (
     KeyProfile,
     Profile,
-    key_profile,
+    Walk,
     profile_of_keys,
     profiled_keys,
 )
@@ -71,7 +71,7 @@ def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, sche
 
 
 def _followed(setting: FitSetting, x: Array, comparison: Weighting, found: Linearised, place: int) -> KeyProfile:
-    return key_profile(Fitted(setting.problem(), x, comparison, 0.0), found, place)
+    return Walk(Fitted(setting.problem(), x, comparison, 0.0), found).key_profile(place)
 
 
 def _alone(setting: FitSetting) -> FitSetting:

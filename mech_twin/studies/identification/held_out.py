@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a configuration foretells what it was not fitted to: fit of each channel, events, whiteness of the rest."""
+"""How well a configuration predicts what it was not fitted to: fit of each channel, events, whiteness of the rest."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def scored(
     known_from : sequence of FitRun
         Stretches from which zeros, gains, lags and beginnings are found, with the configuration as it is.
     held : sequence of FitRun
-        Stretches that are foretold, one of each run.
+        Stretches that are predicted, one of each run.
     longest_begin_s : float
         As in `ModelRuns`.
     """

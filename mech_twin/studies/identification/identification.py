@@ -90,7 +90,7 @@ class Identification:
 
     @property
     def better(self) -> bool:
-        """Whether a key was found, and what was held out is foretold better than before, and than by a constant."""
+        """Whether a key was found, and what was held out is predicted better than before, and than by a constant."""
         if not any(key.verdict in WRITTEN for key in self.keys):
             return False
         if self.held_out is None or self.before is None:

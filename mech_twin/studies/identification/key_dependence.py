@@ -2,7 +2,7 @@
 """How the keys of a fit follow keys that are fixed: what fits as well, found by fits and not by derivatives.
 
 Of keys that repeat each other's effect some stay as configured.  Here each of them is moved by up to half of itself,
-alone and all together, and the others are fitted anew.  Where the misfit rises by more than derivatives foretell the
+alone and all together, and the others are fitted anew.  Where the misfit rises by more than derivatives predict the
 runs speak against the move; it is then made shorter, and nothing is said of what lies beyond.
 """
 
@@ -21,7 +21,7 @@ from mech_twin.studies.identification.profile_likelihood import Mask, Walk
 MOST_FIXED = 3  # keys of a family: all corners of their ranges are fitted
 SHARES = (0.5, 1.0)  # of the way to the end of a range
 SHORTER = (1.0, 0.5, 0.25)  # of a range whose end is not reached
-MORE_RISE = 2.0  # times the root of the rise that derivatives foretell
+MORE_RISE = 2.0  # times the root of the rise that derivatives predict
 SLOPES = 4  # times that derivatives are taken at a point
 FARTHEST = (-2.0, 2.0)  # logarithms by which a key may follow
 
@@ -47,19 +47,13 @@ def family(walk: Walk, fixed: Sequence[int], fitted: Mask, bounds: Array) -> Arr
     """
     if not 0 < len(fixed) <= MOST_FIXED or np.any(walk.x[list(fixed)] == 0.0):
         return None
-    steps = _Steps(walk, list(fixed), fitted)
+    steps, values = _Steps(walk, list(fixed), fitted), walk.x[list(fixed)]
     for share in SHORTER:
-        points = steps.over(_ends(walk.x, fixed, bounds, share))
+        away = share * FIXED_OFF * np.abs(values)
+        points = steps.over(np.clip([values - away, values + away], bounds[0, list(fixed)], bounds[1, list(fixed)]))
         if points is not None:
             return np.array([walk.x, *points])
     return None
-
-
-def _ends(x: Array, fixed: Sequence[int], bounds: Array, share: float) -> Array:
-    """Return the ends of the ranges of fixed keys, shape (2, keys)."""
-    values = x[list(fixed)]
-    away = share * FIXED_OFF * np.abs(values)
-    return np.clip([values - away, values + away], bounds[0, list(fixed)], bounds[1, list(fixed)])
 
 
 class _Steps:
@@ -67,9 +61,15 @@ class _Steps:
 
     def __init__(self, walk: Walk, fixed: list[int], fitted: Mask) -> None:
         self.walk, self.fixed, self.fitted = walk, fixed, fitted
+        own, moved = walk.jacobian[:, fitted], walk.jacobian[:, fixed]
+        self.slopes = -inverse_information(own) @ (own.T @ moved)  # of the fitted unknowns by the fixed keys
+        self.left = moved + own @ self.slopes  # of the rows by the fixed keys, the others following
 
     def over(self, ends: Array) -> list[Array] | None:
-        """Return the fits on the way to either end of each range, and in all corners; None where one is missed."""
+        """Return the fits on the way to either end of each range, and in all corners; None where one is missed.
+
+        ``ends`` has the shape (2, keys).
+        """
         found: list[Array] = []
         aside: list[list[Array]] = [[] for _ in self.fixed]
         for place, side in product(range(len(self.fixed)), range(2)):
@@ -109,7 +109,7 @@ class _Steps:
 
     def _fit(self, way: Sequence[Array], values: Array) -> Array | None:
         """Return what fits best with the fixed keys at values, from fits on the way there; None if it does not fit."""
-        x, most = min(self._foretold(way, values), key=self.walk.cost), self._most(values)
+        x, most = min(self._predicted(way, values), key=self.walk.cost), self._most(values)
         left = self._rise(x)  # nothing where the keys repeat each other exactly
         for _ in range(SLOPES):
             if self.walk.settled(left) and self._rise(x) <= most:
@@ -117,15 +117,15 @@ class _Steps:
             x, left, _ = self.walk.descended(x, self.fitted, self.walk.slopes(x))
         return x if self._rise(x) <= most else None
 
-    def _foretold(self, way: Sequence[Array], values: Array) -> Iterator[Array]:
+    def _predicted(self, way: Sequence[Array], values: Array) -> Iterator[Array]:
         """Yield where the other unknowns may be: by derivatives, or as on the way; straight on, or by powers."""
         here, now = way[0], way[-1]
         moved, size = values - here[self.fixed], np.where(here == 0.0, 1.0, here)
-        slopes = _following(self.walk.jacobian, self.fixed, self.fitted)
-        powers = slopes * here[self.fixed] / size[self.fitted, None]
+        powers = self.slopes * here[self.fixed] / size[self.fitted, None]
         rise = np.log(values / here[self.fixed])
-        found = [here[self.fitted] + slopes @ moved]
-        found += [here[self.fitted] * np.exp(np.clip(each @ rise, *FARTHEST)) for each in (powers, _near(powers))]
+        near = np.vectorize(near_fraction, otypes=[float])(powers)
+        found = [here[self.fitted] + self.slopes @ moved]
+        found += [here[self.fitted] * np.exp(np.clip(each @ rise, *FARTHEST)) for each in (powers, near)]
         if len(way) > 1:
             share = float(moved @ moved) / float(moved @ (now - here)[self.fixed])
             found.append((here + share * (now - here))[self.fitted])
@@ -142,17 +142,5 @@ class _Steps:
 
     def _most(self, values: Array) -> float:
         """Return the rise above which the runs speak against the fixed keys' values."""
-        moved = values - self.walk.x[self.fixed]
-        slopes = _following(self.walk.jacobian, self.fixed, self.fitted)
-        rows = self.walk.jacobian[:, self.fixed] @ moved + self.walk.jacobian[:, self.fitted] @ (slopes @ moved)
+        rows = self.left @ (values - self.walk.x[self.fixed])
         return (float(np.sqrt(self.walk.threshold)) + MORE_RISE * float(np.linalg.norm(rows))) ** 2
-
-
-def _following(jacobian: Array, fixed: list[int], fitted: Mask) -> Array:
-    """Return the derivatives of the fitted unknowns by the fixed keys, shape (fitted, fixed)."""
-    own = jacobian[:, fitted]
-    return np.asarray(-inverse_information(own) @ (own.T @ jacobian[:, fixed]))
-
-
-def _near(exponents: Array) -> Array:
-    return np.asarray(np.vectorize(near_fraction, otypes=[float])(exponents))

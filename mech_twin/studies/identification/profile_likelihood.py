@@ -77,7 +77,7 @@ def profiled(fitted: Fitted, found: Linearised, progress: Progress = quiet) -> P
     walk, profiles = Walk(fitted, found), []
     for place in profiled_keys(fitted):
         progress(f"profile of {fitted.problem.unknowns.all[place].name}")
-        profiles.append(_key_profile(walk, place))
+        profiles.append(walk.key_profile(place))
     return profile_of_keys(len(fitted.x), profiles)
 
 
@@ -95,18 +95,6 @@ class KeyProfile:
 def profiled_keys(fitted: Fitted) -> list[int]:
     """Return the places of the keys that may be followed."""
     return list(map(int, fitted.problem.unknowns.places(KEY)))
-
-
-def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
-    """Return the profile of one key, for `profile_of_keys`."""
-    return _key_profile(Walk(fitted, found), place)
-
-
-def _key_profile(walk: Walk, place: int) -> KeyProfile:
-    lower = upper = np.nan
-    if walk.threshold > 0.0 and walk.doubtful(place):
-        lower, upper = walk.end(place, -1.0), walk.end(place, 1.0)
-    return KeyProfile(place, lower, upper, walk.better, walk.lowest)
 
 
 def profile_of_keys(count: int, keys: Sequence[KeyProfile]) -> Profile:
@@ -151,6 +139,13 @@ class Walk:
         """Return the robust sum of squares."""
         return _robust(self.problem.residuals(x, self.comparison))
 
+    def key_profile(self, place: int) -> KeyProfile:
+        """Return the profile of one key, for `profile_of_keys`."""
+        lower = upper = np.nan
+        if self.threshold > 0.0 and self.doubtful(place):
+            lower, upper = self.end(place, -1.0), self.end(place, 1.0)
+        return KeyProfile(place, lower, upper, self.better, self.lowest)
+
     def doubtful(self, place: int) -> bool:
         """Return whether the derivatives do not tell the interval of a key."""
         reach = float(self.reach[place])
@@ -163,7 +158,7 @@ class Walk:
         return not all(self._as_parabola(place, sign * reach) for sign in (-1.0, 1.0))
 
     def _as_parabola(self, place: int, away: float) -> bool:
-        """Return whether the cost rises as the derivatives foretell, the other unknowns put where they say or near."""
+        """Return whether the cost rises as the derivatives predict, the other unknowns put where they say or near."""
         others = np.arange(len(self.x)) != place
         x = self._along(place, away)
         rise = self._noted(x)

@@ -122,7 +122,7 @@ class RecentFit(NamedTuple):
     keys : tuple of KeyVerdict
         The keys that were free.
     better : bool
-        Whether what was held out is foretold better than before.
+        Whether what was held out is predicted better than before.
     held_out : tuple of (str, float, float)
         Channel, and its fit in percent with what was found and with what was before.
     parameters : Parameters

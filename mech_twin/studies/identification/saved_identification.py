@@ -49,7 +49,7 @@ class SavedIdentification:
 
     @property
     def better(self) -> bool:
-        """Whether what was held out is foretold better than before, and than by a constant."""
+        """Whether what was held out is predicted better than before, and than by a constant."""
         return self.found.better
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is told of keys together is true wherever the held keys are in the ranges that stand beside it."""
+"""What is stated of keys together is true wherever the fixed keys are in the ranges that stand beside it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.profile_likelihood import Walk
 from mech_twin.studies.identification.unknowns import KEY, Unknown, Unknowns
 
-HELD = np.array([1.0, 0.5, 0.75, 1.25, 1.5])
+FIXED = np.array([1.0, 0.5, 0.75, 1.25, 1.5])
 TIMES = np.linspace(0.0, 3.0, 150)
 NOISE = 0.02
 LAWS: dict[str, Callable[[float, float], float]] = {
@@ -28,50 +28,50 @@ LAWS: dict[str, Callable[[float, float], float]] = {
 }
 
 
-def told_of(lead: Sequence[float], units: tuple[str, str] = ("kg", "m"), half: float = 0.01) -> list[Combination]:
-    """Return what is told of a key that was found at these values beside those of a held one."""
-    points = np.column_stack([lead, HELD])
-    return combinations([Family((0,), (1,), points)], ("lead", "held"), units, np.full((2, 2), half), 0.5)
+def stated_of(lead: Sequence[float], units: tuple[str, str] = ("kg", "m"), half: float = 0.01) -> list[Combination]:
+    """Return what is stated of a key that was found at these values beside those of a fixed one."""
+    points = np.column_stack([lead, FIXED])
+    return combinations([Family((0,), (1,), points)], ("lead", "fixed"), units, np.full((2, 2), half), 0.5)
 
 
-def test_a_product_is_told_as_it_is_and_with_the_interval_of_the_fit_alone() -> None:
-    (told,) = told_of(3.0 / np.sqrt(HELD))
-    assert told.formula == "lead held^0.5"
-    assert (told.low_95, told.high_95) == pytest.approx((2.99, 3.01))
-    assert told.within == {"held": (0.5, 1.5)}
+def test_a_product_is_stated_as_it_is_and_with_the_interval_of_the_fit_alone() -> None:
+    (stated,) = stated_of(3.0 / np.sqrt(FIXED))
+    assert stated.formula == "lead fixed^0.5"
+    assert (stated.low_95, stated.high_95) == pytest.approx((2.99, 3.01))
+    assert stated.within == {"fixed": (0.5, 1.5)}
 
 
 def test_a_magnitude_below_zero_keeps_its_sign() -> None:
-    (told,) = told_of(-3.0 * HELD)
-    assert told.formula == "lead held^-1"
-    assert (told.low_95, told.estimate, told.high_95) == pytest.approx((-3.01, -3.0, -2.99))
-    assert told.of({"lead": -1.5, "held": 0.5}) == pytest.approx(-3.0)
+    (stated,) = stated_of(-3.0 * FIXED)
+    assert stated.formula == "lead fixed^-1"
+    assert (stated.low_95, stated.estimate, stated.high_95) == pytest.approx((-3.01, -3.0, -2.99))
+    assert stated.of({"lead": -1.5, "fixed": 0.5}) == pytest.approx(-3.0)
 
 
-def test_a_sum_is_told_of_keys_in_the_same_unit_alone() -> None:
-    lead = 3.0 - 0.5 * HELD
-    (told,) = told_of(lead, ("kg", "kg"))
-    assert told.formula == "lead + 0.5 held"
-    assert (told.low_95, told.high_95) == pytest.approx((2.99, 3.01))
-    (other,) = told_of(lead)
+def test_a_sum_is_stated_of_keys_in_the_same_unit_alone() -> None:
+    lead = 3.0 - 0.5 * FIXED
+    (stated,) = stated_of(lead, ("kg", "kg"))
+    assert stated.formula == "lead + 0.5 fixed"
+    assert (stated.low_95, stated.high_95) == pytest.approx((2.99, 3.01))
+    (other,) = stated_of(lead)
     assert other.form == "product"
-    assert other.high_95 - other.low_95 > 1.5 * (told.high_95 - told.low_95)  # the bend is in it
+    assert other.high_95 - other.low_95 > 1.5 * (stated.high_95 - stated.low_95)  # the bend is in it
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_interval_holds_every_member_of_the_family(law: str) -> None:
-    """Whatever the law: of each held value the lead is another, and all are told by one statement."""
-    lead = [_lead(law, 2.0, other) for other in HELD]
+    """Whatever the law: of each fixed value the lead is another, and all are stated by one statement."""
+    lead = [_lead(law, 2.0, other) for other in FIXED]
     for units in (("kg", "m"), ("kg", "kg")):
-        for told in told_of(lead, units):
-            for one, other in zip(lead, HELD, strict=True):
-                assert told.low_95 <= told.of({"lead": one, "held": other}) <= told.high_95
+        for stated in stated_of(lead, units):
+            for one, other in zip(lead, FIXED, strict=True):
+                assert stated.low_95 <= stated.of({"lead": one, "fixed": other}) <= stated.high_95
 
 
 def test_what_is_wide_and_what_needs_no_other_key_is_no_combination() -> None:
-    assert told_of(3.0 / HELD, half=2.0) == []
-    assert told_of(3.0 + 0.001 * HELD) == []
-    assert told_of([3.0, 1.0, -1.0, 4.0, 5.0]) == []
+    assert stated_of(3.0 / FIXED, half=2.0) == []
+    assert stated_of(3.0 + 0.001 * FIXED) == []
+    assert stated_of([3.0, 1.0, -1.0, 4.0, 5.0]) == []
 
 
 def _lead(law: str, seen: float, other: float) -> float:
@@ -88,7 +88,7 @@ def _lead(law: str, seen: float, other: float) -> float:
 class Tied:
     """A decaying curve that shows two keys only by a law of both, and a third key alone.
 
-    ``apart`` is what it shows of the held key itself where that is far from 1.
+    ``apart`` is what it shows of the fixed key itself where that is far from 1.
     """
 
     law: Callable[[float, float], float]
@@ -98,7 +98,7 @@ class Tied:
     unknowns: Unknowns = field(init=False)
 
     def __post_init__(self) -> None:
-        every = tuple(Unknown(KEY, name, (0,), i, 1.0, 0.05, 20.0) for i, name in enumerate(("lead", "held", "rate")))
+        every = tuple(Unknown(KEY, name, (0,), i, 1.0, 0.05, 20.0) for i, name in enumerate(("lead", "fixed", "rate")))
         self.unknowns = Unknowns(every, np.array([1.0, 1.0, 1.0]))
 
     def curve(self, x: Sequence[float]) -> np.ndarray:
@@ -130,40 +130,40 @@ BOUNDS = np.array([np.full(3, 0.05), np.full(3, 20.0)])
 FOLLOWS = np.array([True, False, True])
 
 
-def held_of(law: str, repeats: int) -> tuple[int, int]:
+def inside_of(law: str, repeats: int) -> tuple[int, int]:
     """Return how often a combination holds the truth, and how often the interval of the fit alone does about it.
 
-    The held key is configured as 1 and truly 1.3.
+    The fixed key is configured as 1 and truly 1.3.
     """
-    random, held, alone = np.random.default_rng(0), 0, 0
+    random, inside, alone = np.random.default_rng(0), 0, 0
     for _ in range(repeats):
         problem = Tied(LAWS[law], NOISE * random.standard_normal(len(TIMES)))
         walk, halves = fit_of(problem)
         points = family(walk, [1], FOLLOWS, BOUNDS)
         assert points is not None
-        families, names, units = [Family((0,), (1,), points)], ("lead", "held", "rate"), ("m", "m", "1/s")
-        (told,) = combinations(families, names, units, halves, 0.5)
+        families, names, units = [Family((0,), (1,), points)], ("lead", "fixed", "rate"), ("m", "m", "1/s")
+        (stated,) = combinations(families, names, units, halves, 0.5)
         true = dict(zip(names, problem.true, strict=True))
-        assert told.applies(true)
-        held += told.low_95 <= told.of(true) <= told.high_95
-        size = walk.x[0] if told.form == "sum" else told.estimate
-        alone += abs(told.of(true) - told.estimate) <= halves[0, 0] / walk.x[0] * size
-    return held, alone
+        assert stated.applies(true)
+        inside += stated.low_95 <= stated.of(true) <= stated.high_95
+        size = walk.x[0] if stated.form == "sum" else stated.estimate
+        alone += abs(stated.of(true) - stated.estimate) <= halves[0, 0] / walk.x[0] * size
+    return inside, alone
 
 
-def test_an_exact_combination_holds_the_truth_in_92_to_98_of_100_repeats_though_the_held_key_is_off() -> None:
-    held, alone = held_of("product", 600)
-    assert 0.92 * 600 <= held <= 0.98 * 600
-    assert held == alone  # nothing is added where nothing bends
+def test_an_exact_combination_holds_the_truth_in_92_to_98_of_100_repeats_though_the_fixed_key_is_off() -> None:
+    inside, alone = inside_of("product", 600)
+    assert 0.92 * 600 <= inside <= 0.98 * 600
+    assert inside == alone  # nothing is added where nothing bends
 
 
 def test_where_no_form_is_exact_the_bend_is_in_the_interval() -> None:
-    held, alone = held_of("neither", 100)
-    assert held >= 92
-    assert alone < 10  # what derivatives at the fit would have told is false
+    inside, alone = inside_of("neither", 100)
+    assert inside >= 92
+    assert alone < 10  # what derivatives at the fit would have stated is false
 
 
-def test_a_range_ends_where_the_runs_speak_against_the_held_key() -> None:
+def test_a_range_ends_where_the_runs_speak_against_the_fixed_key() -> None:
     noise = NOISE * np.random.default_rng(4).standard_normal(len(TIMES))
     free = Tied(LAWS["product"], noise, true=(2.0, 1.0, 0.9))
     points = family(fit_of(free)[0], [1], FOLLOWS, BOUNDS)
@@ -177,7 +177,7 @@ def test_a_range_ends_where_the_runs_speak_against_the_held_key() -> None:
     assert family(fit_of(plain)[0], [1], FOLLOWS, BOUNDS) is None
 
 
-def test_two_held_keys_are_moved_to_all_corners_of_their_ranges() -> None:
+def test_two_fixed_keys_are_moved_to_all_corners_of_their_ranges() -> None:
     noise = NOISE * np.random.default_rng(6).standard_normal(len(TIMES))
     problem = Tied(LAWS["product"], noise, true=(2.0, 1.0, 0.9))
     problem.curve = lambda x: x[0] * x[1] / x[2] ** 2 * np.exp(-TIMES)  # type: ignore[method-assign]
@@ -186,13 +186,13 @@ def test_two_held_keys_are_moved_to_all_corners_of_their_ranges() -> None:
     assert {tuple(corner) for corner in points[-4:, 1:]} == {(0.5, 0.5), (0.5, 1.5), (1.5, 0.5), (1.5, 1.5)}
     seen = points[:, 0] * points[:, 1] / points[:, 2] ** 2
     assert seen == pytest.approx(np.full(13, seen[0]), rel=1e-6)
-    families, names = [Family((0,), (1, 2), points)], ("lead", "held", "rate")
-    (told,) = combinations(families, names, ("m", "m", "1/s"), np.full((2, 3), 0.01), 0.5)
-    assert told.formula == "lead held rate^-2"
-    assert set(told.within) == {"held", "rate"}
+    families, names = [Family((0,), (1, 2), points)], ("lead", "fixed", "rate")
+    (stated,) = combinations(families, names, ("m", "m", "1/s"), np.full((2, 3), 0.01), 0.5)
+    assert stated.formula == "lead fixed rate^-2"
+    assert set(stated.within) == {"fixed", "rate"}
 
 
-def test_a_held_key_goes_no_farther_than_its_bounds() -> None:
+def test_a_fixed_key_goes_no_farther_than_its_bounds() -> None:
     problem = Tied(LAWS["product"], NOISE * np.random.default_rng(5).standard_normal(len(TIMES)))
     bounds = np.array([[0.05, 0.9, 0.05], [20.0, 1.0, 20.0]])
     points = family(fit_of(problem)[0], [1], FOLLOWS, bounds)

@@ -46,9 +46,9 @@ def test_keys_that_repeat_each_other_carry_a_combination_only_where_the_model_fi
         frozenset({1}),
         lacking,
     )
-    told = key_verdicts(evidence, [])
-    assert [key.verdict for key in told] == [verdict, verdict]
-    assert (lacking[1] if lacking else "equals that of") in told[0].reason
+    found_verdicts = key_verdicts(evidence, [])
+    assert [key.verdict for key in found_verdicts] == [verdict, verdict]
+    assert (lacking[1] if lacking else "equals that of") in found_verdicts[0].reason
 
 
 @pytest.mark.parametrize(("agreeing", "verdict"), [(2, NOT_CONVERGED), (3, MODEL_ERROR)])
@@ -71,22 +71,22 @@ def test_what_the_noise_refutes_is_the_models_fault_only_where_several_starts_en
 
 
 @pytest.mark.parametrize(
-    ("held", "word"), [(frozenset({1}), "equals that of force"), (frozenset(), "differs from that")]
+    ("fixed", "word"), [(frozenset({1}), "equals that of force"), (frozenset(), "differs from that")]
 )
-def test_keys_are_called_tied_only_where_the_fit_holds_one_of_them(held: frozenset[int], word: str) -> None:
+def test_keys_are_called_tied_only_where_the_fit_fixes_one_of_them(fixed: frozenset[int], word: str) -> None:
     """Derivatives that two step lengths contradict say that keys are not told apart, and not that they go together."""
     tie = np.array([[1.0], [-1.0]]) / np.sqrt(2.0)
     seen = Sensitivity(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
     ones, bounds = np.ones(2), np.array([[0.05, 0.05], [20.0, 20.0]])
     evidence = KeyEvidence(
-        *(("mass", "force"), ones, 1.1 * ones, 0.01 * ones, np.full((2, 2), 0.02), bounds, ones, seen, held, None)
+        *(("mass", "force"), ones, 1.1 * ones, 0.01 * ones, np.full((2, 2), 0.02), bounds, ones, seen, fixed, None)
     )
-    told = key_verdicts(evidence, [])
-    assert [key.verdict for key in told] == [COMBINATION, COMBINATION]
-    assert word in told[0].reason
+    found_verdicts = key_verdicts(evidence, [])
+    assert [key.verdict for key in found_verdicts] == [COMBINATION, COMBINATION]
+    assert word in found_verdicts[0].reason
 
 
-def test_the_reason_says_for_which_values_of_a_held_key_a_combination_holds() -> None:
+def test_the_reason_says_for_which_values_of_a_fixed_key_a_combination_holds() -> None:
     tie = np.array([[1.0], [-1.0]]) / np.sqrt(2.0)
     seen = Sensitivity(np.full(2, 50.0), np.ones(2), tie, np.eye(2), np.full(2, 2.0))
     ones, bounds = np.ones(2), np.array([[0.05, 0.05], [20.0, 20.0]])
