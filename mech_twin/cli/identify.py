@@ -207,7 +207,7 @@ def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> 
     if asked.motion != "auto":
         return asked.motion
     names = [channel.quantity for channel in asked.given_map.channels]
-    if turn is None or not guided or AUTO in asked.free or not set(names) & set(TURNING):
+    if turn is None or not guided or not set(names) & set(TURNING):
         return "simulated"
     led = {name.rpartition(".")[0] for name in {*turn.led, *TURNING} if joint_column(name) is not None}
     moving = all(

@@ -35,15 +35,12 @@ def identify_lengths(asked: IdentifyRequest) -> None:
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
     _refuse_unused(asked)
-    if AUTO in asked.free:
-        raise CommandError(
-            f"--free {AUTO}: expected keys, or --motion simulated; the measured motion fits lengths alone"
-        )
     given = asked.given_map
     base = asked.parameters
     columns = _led_columns(asked, given)
-    keys = tuple(asked.free) or lengths(asked.machine, base, columns)
-    if not asked.free:
+    keys = tuple(key for key in asked.free if key != AUTO)
+    if AUTO in asked.free or not asked.free:
+        keys = tuple(dict.fromkeys((*keys, *lengths(asked.machine, base, columns))))
         say(f"free, since the measured positions depend on them: {', '.join(keys) or 'no key'}")
     if not keys:
         raise CommandError(f"{asked.machine}: no length moves {', '.join(columns)}; expected --free KEY")
