@@ -128,7 +128,7 @@ def identified(
     everything = problem_of(question, KeyedConfiguration(question.machine, question.base, question.keys), fitted_runs)
     progress("which keys the channels see")
     places = list(range(len(question.keys)))
-    chosen = _chosen(sensitivity_at(everything, everything.unknowns.start), places)
+    chosen = _chosen(sensitivity_at(everything.roughly(), everything.unknowns.start), places)
     fitted, search = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, progress)
     if len(chosen) < len(places) and refutation(fitted) is not None:
         # what a key does where the search began says little of what it does elsewhere

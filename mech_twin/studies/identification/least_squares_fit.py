@@ -246,11 +246,12 @@ def _paired(problem: FitProblem, x: Array, runs: Sequence[int], place: int) -> t
 
 def with_begins(problem: FitProblem, x: Array) -> Array:
     """Return the unknowns with the beginning of each run where the model's run fits it best."""
-    x = x.copy()
-    curves = problem.model.at(problem.unknowns.keys(x))
-    for i, unknown in enumerate(problem.unknowns.all):
-        if unknown.kind != BEGIN or curves is None:
-            continue
+    x, places = x.copy(), problem.unknowns.places(BEGIN).tolist()
+    curves = problem.model.at(problem.unknowns.keys(x)) if places else None
+    if curves is None:
+        return x
+    for i in places:
+        unknown = problem.unknowns.all[i]
         tried = np.linspace(unknown.low, unknown.high, TRIED_BEGINS)
         cost = _begin_costs(problem.runs[unknown.runs[0]], curves[unknown.runs[0]], tried)
         x[i] = tried[int(np.argmin(cost))] / unknown.scale

@@ -79,7 +79,7 @@ class FitProblem:
     def __init__(
         self, model: ModelRuns, unknowns: Unknowns, priors: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
-        self.model, self.unknowns = model, unknowns
+        self.model, self.unknowns, self._rough = model, unknowns, False
         self.runs = model.runs
         self.priors = dict(priors or {})
         self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
@@ -87,6 +87,12 @@ class FitProblem:
     def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
         """Return the same problem on other stretches of its runs, with priors about keys of which nothing is known."""
         return FitProblem(self.model.over(runs), self.unknowns, {**(near or {}), **self.priors})
+
+    def roughly(self) -> FitProblem:
+        """Return the same problem with `two_jacobians` over two steps, at two thirds of the price."""
+        found = FitProblem(self.model, self.unknowns, self.priors)
+        found._rough = True
+        return found
 
     def comparison(self, x: Array, sigmas: Array) -> Weighting:
         """Return what is compared near ``x``: samples beside an event of the model are left out."""
@@ -188,6 +194,10 @@ class FitProblem:
         are the differences themselves.  A row in which they still contradict each other lies behind a change of the
         order of events within the steps: it tells no derivative, and has none in either.
         """
+        if self._rough:
+            longer, steps = self._straightened(x, comparison, KEY_STEP)
+            other = self._key_columns(x, comparison, steps / STEPS)[0]
+            return self._trusted(x, comparison, other + (other - longer) / (STEPS**2 - 1.0), other)
         longest, steps = self._straightened(x, comparison, STEPS * KEY_STEP)
         middle, shortest = (self._key_columns(x, comparison, steps / each)[0] for each in (STEPS, STEPS**2))
         first, other = romberg(longest, middle, shortest)
@@ -198,9 +208,25 @@ class FitProblem:
         if len(bent):
             again = self._key_columns(x, comparison, steps / STEPS**3, bent)[0]
             first[:, bent], other[:, bent] = romberg(middle[:, bent], shortest[:, bent], again[:, bent])
+        return self._trusted(x, comparison, first, other)
+
+    def _trusted(self, x: Array, comparison: Weighting, first: Array, other: Array) -> tuple[Array, Array]:
+        """Return derivatives by all unknowns, without the rows in which those by the keys contradict each other."""
         lost = contradicting(first, other)
         first[lost] = other[lost] = 0.0
         return self._with_others(x, comparison, first), self._with_others(x, comparison, other)
+
+    def curvature(self, x: Array, comparison: Weighting) -> float:
+        """Return how much the slopes on either side of a step differ, over their sum: the median over the keys."""
+        centre, places = self.model.at(self.unknowns.keys(x)), range(len(self.unknowns.places(KEY)))
+        found = []
+        for up, down in self._members(x, places, np.full(len(places), KEY_STEP)):
+            if up is not None and centre is not None and down is not None:
+                pairs = [self._sides(x, comparison, at, (up, centre, down), KEY_STEP) for at in self.places()]
+                first, last = np.concatenate([np.array(pair) for pair in pairs], axis=1)
+                size = max(float(np.linalg.norm(first + last)), LEAST_EFFECT)
+                found.append(float(np.linalg.norm(first - last)) / size)
+        return float(np.median(found)) if found else 0.0
 
     def _with_others(self, x: Array, comparison: Weighting, keys: Array) -> Array:
         """Return derivatives by the keys with those by the other unknowns, and with the rows of priors."""
@@ -292,17 +318,11 @@ class FitProblem:
         Where the slopes on either side of the centre disagree, the order of events changed on one of them: the
         smaller slope is that of the centre's own order.
         """
-        centre, slopes, bent = members[1], [], 0.0
+        slopes, bent = [], 0.0
         for run, place in self.places():
-            mask, sigma = comparison.masks[run][place], comparison.sigmas[place]
-            middle = self._moved(x, run, place, centre[run], centre[run], mask)
-            sides = [
-                sign * (self._moved(x, run, place, member[run], centre[run], mask) - middle) / step / sigma
-                for sign, member in ((1.0, members[0]), (-1.0, members[2]))
-                if member is not None
-            ]
+            sides = self._sides(x, comparison, (run, place), members, step)
             if not sides:
-                slopes.append(np.zeros(len(middle)))
+                slopes.append(np.zeros(int(comparison.masks[run][place].sum())))
                 continue
             first, last = sides[0], sides[-1]
             size = np.abs(first) + np.abs(last)
@@ -310,6 +330,24 @@ class FitProblem:
             slopes.append(-np.where(bends, np.where(np.abs(first) < np.abs(last), first, last), 0.5 * (first + last)))
             bent = max(bent, float(np.mean(bends)) if len(bends) else 0.0)
         return np.concatenate(slopes), bent
+
+    def _sides(
+        self,
+        x: Array,
+        comparison: Weighting,
+        at: tuple[int, int],
+        members: tuple[Curves | None, Curves, Curves | None],
+        step: float,
+    ) -> list[Array]:
+        """Return the slopes of a channel in a run on either side of the centre, of the sides that are there."""
+        (run, place), centre = at, members[1]
+        mask, sigma = comparison.masks[run][place], comparison.sigmas[place]
+        middle = self._moved(x, run, place, centre[run], centre[run], mask)
+        return [
+            sign * (self._moved(x, run, place, member[run], centre[run], mask) - middle) / step / sigma
+            for sign, member in ((1.0, members[0]), (-1.0, members[2]))
+            if member is not None
+        ]
 
     def _moved(self, x: Array, run: int, place: int, curves: ColumnCurves, centre: ColumnCurves, mask: Mask) -> Array:
         """Return what a channel shows of a roll-out near the centre: of events, those next to the centre's."""

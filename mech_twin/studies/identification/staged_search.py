@@ -5,6 +5,9 @@ The first part of a run has few valleys, and it shows most keys.  Where the fit 
 the sensors, it stands in a wrong valley.  Then points of a Sobol sequence, over the box of the keys and about what was
 found, are scored by roll-outs as long as the stage.  The best of them are fitted as well, and the next, longer stage
 goes on from the best few.
+
+A motion that forgets nothing of its beginning makes a small error of a key large: the later part of a run has a valley
+narrower than any difference.  Where the motion bends within the step of one, a longer stage tells nothing more.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from mech_twin.studies.identification.least_squares_fit import (
     Fitted,
     Progress,
     quiet,
+    refined,
     stage_fit,
     stage_part,
     stage_shares,
@@ -38,6 +42,8 @@ ABOUT = 0.2  # of a key: points about one that was found
 SAME = 0.3  # of a residual, or of the noise: fits that differ by less ended in one valley
 ATTEMPTS = 3  # searches, while the noise refutes the best fit and the starts do not agree
 AGREEING = 3  # starts that end in the best valley
+SHORTEST = 0.1  # of the runs: at least so much is fitted
+BENDING = 0.01  # of a derivative: more difference between the slopes on either side of a step
 FAR = 3.0  # of the size of a channel: a sample that is farther off counts no more
 
 
@@ -93,11 +99,10 @@ def searched(
     fits = further_fits or (lambda starts, share: [stage_fit(problem, each, share, progress) for each in starts])
     ended: list[Fitted] = []
     for attempt in range(ATTEMPTS):
-        ended = sorted(
-            [*ended, *_ends(problem, x, seed + ATTEMPTS * attempt, attempt > 0, progress, fits)], key=noise_misfit
-        )
+        found, early = _ends(problem, x, seed + ATTEMPTS * attempt, attempt > 0, progress, fits)
+        ended = sorted(found if early else [*ended, *found], key=noise_misfit)
         seen = _seen(ended)
-        if refutation(ended[0]) is None or seen.agreed:
+        if early or refutation(ended[0]) is None or seen.agreed:
             break
     return ended[0], seen
 
@@ -109,8 +114,11 @@ def _ends(
     widely: bool,
     progress: Progress,
     fits: Callable[[list[Array], float], list[Fitted]],
-) -> list[Fitted]:
-    """Return the fits of the whole runs in which one search ends; ``widely``: with further starts at once."""
+) -> tuple[list[Fitted], bool]:
+    """Return the fits in which one search ends, and whether it ended before the whole runs.
+
+    ``widely``: with further starts at once.
+    """
     survivors = [with_begins(problem, x)]
     for stage, share in enumerate(stage_shares(problem.runs, problem.model.step_s)):
         progress(f"first {100.0 * share:.0f} % of the runs" if share < 1.0 else "whole runs")
@@ -121,7 +129,16 @@ def _ends(
             part = stage_part(problem, share, found[0].x)
             found = sorted([*found, *fits(_further(part, found, share, seed + stage), share)], key=noise_misfit)
         survivors = _distinct(found)
-    return found
+        if SHORTEST <= share < 1.0 and _bends(found[0]):
+            progress(f"first {100.0 * share:.0f} % of the runs alone: later the motion forgets nothing")
+            first = problem.over(found[0].problem.runs)  # without the priors of a stage
+            return [refined(first, each, progress) for each in survivors], True
+    return found, False
+
+
+def _bends(best: Fitted) -> bool:
+    """Return whether a fit has found the motion, and a small error of the keys has become large at its end."""
+    return refutation(best) is None and best.problem.curvature(best.x, best.comparison) > BENDING
 
 
 def _distinct(found: list[Fitted]) -> list[Array]:
