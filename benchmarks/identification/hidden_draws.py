@@ -4,7 +4,8 @@
     python benchmarks/identification/hidden_draws.py [MACHINE]... [--draws N] [--minutes M] [--journal FILE] [--write]
 
 The runs are made by `independent_machines.py` and `independent_driven_machines.py` of test/studies/identification,
-which write each machine a second time and import nothing of the product.  Every key is off by up to a half of itself.
+which write each machine a second time; that of the breaker takes the product's parameters and judge.  Every key is off
+by up to a half of itself.
 ``--write`` puts a row a machine into docs/proof/hidden-draws.md; ``--journal`` keeps finished draws, so that a run that
 was ended goes on.  Ends with exit code 1 where fewer than 95 % of what is called identified lie inside, or over 2 % are
 off by over 3 standard errors.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The roller former and three pages written a second time, as in `independent_machines`: driven, with kinks and blows.
+"""Roller former, breaker and three pages written a second time, as in `independent_machines`: driven, with blows.
 
 Sources of the equations: the power of all bodies for drive moments; Newton's law for the ram and both shafts.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
 from studies.identification.independent_machines import (
     Bench,
     Columns,
@@ -19,6 +20,10 @@ from studies.identification.independent_machines import (
     Sensor,
     impact_mass,
 )
+
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.machines.mb10_breaker.reference import BreakerReference
+from mech_twin.parameters.load import machine_parameters
 
 PAGES = Path(__file__).resolve().parents[3] / "config" / "pages"
 RPM = np.pi / 30.0
@@ -172,6 +177,39 @@ def impact_mass_page(p: Mapping[str, float], duration_s: float) -> Columns:
     return lambda _, at_s: shown("linkage.mass.position", at_s)
 
 
+# ---- breaker: the package's own judge of its coupled run, which shares its parameters and no equation ----
+
+FINE_S = 1e-4
+
+
+def mb10_breaker(p: Mapping[str, float], duration_s: float) -> Columns:
+    """Return angle and rate of crank and body, and the motor's torque."""
+    try:
+        parameters = machine_parameters("mb10_breaker", None, p)
+    except ConfigurationError as error:
+        raise NotThisMachineError(str(error)) from error
+    reference, times = BreakerReference(parameters), FINE_S * np.arange(round(duration_s / FINE_S) + 2)
+    motion = reference.run(times)
+    states = motion.samples
+    for blow, impulse in motion.blows:  # the reference holds where the striker does not catch up with the tool
+        after = np.flatnonzero((times > blow + FINE_S) & (times < blow + impulse / parameters.tool.wall_force_n))
+        since = times[after] - blow
+        tool = (impulse * since - 0.5 * parameters.tool.wall_force_n * since**2) / p["tool.mass_kg"]
+        if any(reference.gap(q, phi) < -x for (q, _, phi, _), x in zip(states[after], tool, strict=True)):
+            raise NotThisMachineError("the striker catches up with the tool")
+    gear, turning = parameters.gear.ratio, states[:, 1] - (states[:, 3] if parameters.drive_mount == "frame" else 0.0)
+
+    def columns(name: str, at_s: np.ndarray) -> np.ndarray:
+        if name == "motor.rotor.effort":
+            return np.array([reference.motor_torque(gear * u) for u in np.interp(at_s, times, turning)])
+        place = 0 if ".crank." in name else 2
+        if name.endswith("velocity"):
+            return np.interp(at_s, times, states[:, place + 1])
+        return np.asarray(CubicHermiteSpline(times, states[:, place], states[:, place + 1])(at_s))
+
+    return columns
+
+
 def _run(
     rates: Callable[..., list[float]],
     span: tuple[float, float],
@@ -275,6 +313,28 @@ DRIVEN_BENCHES = {
             tuple(OF_THE_MASS),
             (Sensor("linkage.guide.position", 1000.0, 8e-5, zero=0.02, lag_s=0.002),),
             impact_mass_page,
+        ),
+        Bench(
+            "mb10_breaker",
+            "mb10_breaker",
+            0.8,
+            {
+                "body.spring_rate_n_per_m": 53300.0, "body.preload_deflection_m": 0.0139, "body.inertia_kg_m2": 6.0,
+                "body.restitution": 0.4, "tool.overtravel_m": 0.003, "linkage.crank_inertia_kg_m2": 0.3,
+                "tool.mass_kg": 10.0, "tool.restitution": 0.35,
+            },
+            (
+                "body.spring_rate_n_per_m", "body.preload_deflection_m", "body.inertia_kg_m2", "body.restitution",
+                "tool.overtravel_m", "linkage.crank_inertia_kg_m2", "tool.mass_kg", "tool.restitution",
+            ),
+            (
+                Sensor("linkage.crank.position", 400.0, 0.002, zero=1.0),
+                Sensor("linkage.body.position", 400.0, 2e-5, zero=0.01),
+                Sensor("linkage.body.velocity", 400.0, 2e-3, lag_s=0.004),
+                Sensor("motor.rotor.effort", 400.0, 0.05),
+            ),
+            mb10_breaker,
+            {"coupling.step_s": 5e-4},
         ),
     )
 }  # fmt: skip
