@@ -3,9 +3,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.fit_setting import problem_of
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.residuals import contradicting
+from mech_twin.studies.identification.staged_search import BENDING
 
 ROWS = 400
 FIRST = np.column_stack([np.linspace(50.0, 80.0, ROWS), np.linspace(-20.0, 30.0, ROWS)])
@@ -30,3 +39,23 @@ def test_a_key_without_an_effect_has_no_say() -> None:
 
 def test_where_most_rows_disagree_none_is_left_out() -> None:
     assert not contradicting(FIRST, -FIRST).any()
+
+
+def test_a_body_thrown_again_and_again_bends_within_a_step_later_and_not_at_first() -> None:
+    name, column = "mb10_breaker", "linkage.body.position"
+    channels = [{"source": {"column": "x"}, "is": column}]
+    given = MeasurementMap.model_validate({"machine": name, "time": {"column": "time_s"}, "channels": channels})
+    keys = ("body.spring_rate_n_per_m", "body.restitution", "tool.overtravel_m")
+    others = {"body.preload_deflection_m": 0.0135, "body.inertia_kg_m2": 6.4, "linkage.crank_inertia_kg_m2": 0.33}
+    own = dict(zip(keys, (56000.0, 0.36, 0.0034), strict=True))
+    base = machine_parameters(name, None, {**others, **own, "tool.mass_kg": 11.0, "tool.restitution": 0.4})
+    question = IdentificationQuestion(name, base, keys, cores=1)
+    keyed, found = KeyedConfiguration(name, question.base, keys), []
+    for duration_s in (0.6, 2.5):
+        times = np.arange(1, round(400.0 * duration_s)) / 400.0
+        channel = FitChannel(given.channels[0], times, np.zeros(len(times)), 2e-5)
+        problem = problem_of(question, keyed, [FitRun(Path("run.csv"), (channel,), (), 0.0)])
+        x = problem.unknowns.start
+        found.append(problem.curvature(x, problem.comparison(x, np.array([2e-5]))))
+    assert found[0] < 0.1 * BENDING
+    assert found[1] > BENDING
