@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -46,11 +47,10 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
                 files += draw_figures(name, figures, parameters)
     hold = all_hold(rows)
     if asked.as_json:
-        counts = {verdict: sum(row.verdict == verdict for row in rows) for verdict in {row.verdict for row in rows}}
         document = {
             "machine": machine or "all",
             "all_gated_hold": hold,
-            "verdicts": counts,
+            "verdicts": Counter(row.verdict for row in rows),
             "rows": [row.record() for row in rows],
             "figures": files,
         }
