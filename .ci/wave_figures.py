@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mech_twin.capabilities.plots import house_style, written
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.wave_plots import wave_pictures
+from mech_twin.machines.mb10_breaker.plots import wave_pictures
 from mech_twin.parameters.load import machine
 
 IMAGES = Path(__file__).parents[1] / "docs" / "images"

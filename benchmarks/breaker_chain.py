@@ -2,14 +2,16 @@
 """The whole breaker - motor, gear, four-bar with all inertias, blow, body - beside MuJoCo and Exudyn with the same one.
 
 ``python benchmarks/breaker_chain.py [--write]``.  All run from standstill; blow energy and rate are means of the
-second half, judged by the motion solved as one (`mech_twin.machines.mb10_breaker.reference`: scipy's DOP853 at 1e-12,
+second half, judged by the motion solved as one (`machines.mb10_breaker.breaker_reference`: scipy's DOP853 at 1e-12,
 no code shared with either).  A setting of a peer counts where its loop stays closed to 1e-5 m.  The peers are timed
 without Python between their steps, at the motor torque at the run's end: that is their step alone.
 """
 
 from __future__ import annotations
 
+import sys
 import time
+from pathlib import Path
 
 import breaker_exudyn
 import breaker_mjcf
@@ -22,9 +24,11 @@ from fast_exudyn import exudyn
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.parameters.load import machine
 from mech_twin.parts.induction_motor import motor_constants
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from machines.mb10_breaker.breaker_reference import BreakerReference
 
 DURATION_S, TIMED_S, ROUNDS = 3.0, 0.3, 5
 LOOP_LIMIT_M = 1e-5

@@ -7,10 +7,14 @@ python benchmarks/breaker_coupling_error.py
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 
-from mech_twin.machines.mb10_breaker.coupling_error import coupling_table
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.parameters.load import machine_parameters
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from machines.mb10_breaker.coupling_error import coupling_table
 
 
 def main() -> None:

@@ -10,8 +10,8 @@ import argparse
 from pathlib import Path
 
 from mech_twin.capabilities.plots import house_style, written
-from mech_twin.machines.mb10_breaker.excitation_comparison import compared_pulses, excitation_picture, pulse_summary
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.published import compared_pulses, excitation_picture, pulse_summary
 from mech_twin.parameters.load import machine_parameters
 
 

@@ -7,9 +7,13 @@ import pytest
 from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, integrated
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.pressed_body.free_swing import growth_per_cycle, published_growth, resonance_rate
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
+    growth_per_cycle,
+    published_growth,
+    resonance_rate,
+    swing_regime,
+)
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics
-from mech_twin.machines.mb10_breaker.pressed_body.swing_regime import swing_regime
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ from mech_twin.engine.sample_vectors import (
     row_of,
 )
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.mb10_breaker.coupling_limits import CouplingLimits
+from mech_twin.machines.mb10_breaker.constants import CouplingLimits
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, spring_moment
 from mech_twin.machines.mb10_breaker.force_row import QUANTITIES_AT, STRIKES
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES

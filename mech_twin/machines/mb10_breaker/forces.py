@@ -12,8 +12,15 @@ import math
 from typing import NamedTuple
 
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.mb10_breaker.accelerations import Accelerations, loaded_accelerations
-from mech_twin.machines.mb10_breaker.dynamics import HELD, Breaker, Masses, masses, spring_moment
+from mech_twin.machines.mb10_breaker.dynamics import (
+    HELD,
+    Accelerations,
+    Breaker,
+    Masses,
+    loaded_accelerations,
+    masses,
+    spring_moment,
+)
 from mech_twin.parts.four_bar import Link, coefficients, dyad_reactions, offset, point_acceleration, position
 
 QUANTITIES = (

@@ -2,14 +2,36 @@
 r"""Impacts of the breaker: the striker on the tool, the body on its collar; crank and body respond together.
 
 Symbols as in ``dynamics``.
+
+The blow of the striker as a wave in tool, foot and wall: what it gives crank, body and tool in place of `strike`.
+
+The striker is rigid, with the effective mass m_e of crank and body at its face; it strikes at the closing speed.  The
+impulse P of the whole blow acts as a rigid one does, -M^-1 j P.  Springs, motor and gravity give none within it.
+A tool that goes on into the wall keeps its mean momentum.  One that the wall throws back strikes the collar of the
+body, with the collar's restitution, where the body does not leave faster; then it rests in its seat, at the permanent
+penetration, and what it has left is lost.
+
+A blow through a contact of finite stiffness: peak force, contact time and loss of energy beside the impulse.
+
+The closing motion y(q) - r_tool phi - (tool) is reduced to one mass and one rate: the reduced mass of tool and of what
+the tool feels of crank and body, m_e = 1/(j' M^-1 j), and the rate at which the closing speed would fade without the
+contact, a = -(j . (u', p') + j' . (u, p)): the striker nears the end of its travel and slows down.  Both are taken at
+the first touch.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
+import numpy as np
+
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, striker
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, moving, striker
+from mech_twin.machines.mb10_breaker.state import BODY, BODY_RATE, CRANK, CRANK_RATE, TOOL_RATE
+from mech_twin.parts.contact import ContactPulse, contact_pulse, damping_ratio, damping_ratio_without_pull
+from mech_twin.parts.rod_waves.struck_tool import rod_blow
 
 
 @kernel
@@ -123,3 +145,138 @@ def touchdown(b: Breaker, q: float, u: float, phi: float, p: float, e: float) ->
     jump = -(1.0 + e) * p
     seen = m.m22 - m.m12 * m.m12 / m.m11
     return u - m.m12 / m.m11 * jump, p + jump, seen * jump, 0.5 * (1.0 - e * e) * seen * p * p
+
+
+class Push(NamedTuple):
+    """What a push does: change of u and phi', angular impulse on the body (N m s), work on crank and body (J)."""
+
+    du: float
+    dp: float
+    impulse_nms: float
+    work: float
+
+
+@kernel
+def push_on_body(b: Breaker, q: float, phi: float, p: float, back: float) -> Push:
+    """Return the push of a tool that comes back at a speed (m/s) on the collar of the body, if it reaches it.
+
+    Dp = (1 + e) m_t (w - r p) r/(m_t r^2 + M22 - M12^2/M11), Du = -(M12/M11) Dp; a body that is held takes none.
+    """
+    closing, r = back - b.tool_radius_m * p, b.tool_radius_m
+    if b.held or closing <= 0.0:
+        return Push(0.0, 0.0, 0.0, 0.0)
+    m = masses_at(b, q, phi)
+    seen = m.m22 - m.m12 * m.m12 / m.m11
+    dp = (1.0 + b.collar_restitution) * b.tool_mass_kg * closing * r / (b.tool_mass_kg * r * r + seen)
+    return Push(-m.m12 / m.m11 * dp, dp, seen * dp, seen * dp * (p + 0.5 * dp))
+
+
+@kernel
+def strike_as_wave(
+    b: Breaker, q: float, u: float, phi: float, p: float, tool_speed: float, rests: bool, seated: bool
+) -> Blow:
+    """Return what a blow of finite duration gives crank, body and tool; symbols as in `impacts.strike`.
+
+    Where the window ends before striker and tool have parted, the rest is a plastic impact of rigid bodies.
+    """
+    along = impact_direction(b, q, phi, rests, False)
+    _, slope, _ = striker(b, q)
+    v = slope * u - b.tool_radius_m * p - tool_speed
+    none = np.empty((0, 2))
+    found = rod_blow(b.wave, along.effective_kg, v, tool_speed, seated, none, none)
+    impulse, after = found.impulse_ns, found.tool_momentum_ns / b.tool_mass_kg
+    travel, plastic = found.tool_travel_m, False
+    u, p = u - along.x * impulse, p - along.y * impulse
+    loss = impulse * (tool_speed + v - 0.5 * impulse / along.effective_kg)
+    pressed = along.pressed and not b.held
+    collar = -along.m12 * along.x * impulse - b.tool_radius_m * impulse if pressed else 0.0
+    if after <= 0.0:
+        pushed = push_on_body(b, q, phi, p, -after)
+        loss -= pushed.work
+        u, p, collar = u + pushed.du, p + pushed.dp, collar + pushed.impulse_nms
+        after, travel = 0.0, found.penetration_m
+    left = slope * u - b.tool_radius_m * p - after
+    if left > 0.0:
+        rest = left * along.effective_kg * b.tool_mass_kg / (along.effective_kg + b.tool_mass_kg)
+        loss += rest * (after + left - 0.5 * rest / along.effective_kg)
+        u, p, impulse = u - along.x * rest, p - along.y * rest, impulse + rest
+        collar -= (along.m12 * along.x + b.tool_radius_m) * rest if pressed else 0.0
+        after, left, plastic = after + rest / b.tool_mass_kg, 0.0, True
+    gained = 0.5 * b.tool_mass_kg * (after - tool_speed) * (after + tool_speed)
+    return Blow(u, p, impulse, gained, loss - gained, collar, after, travel, left, plastic)
+
+
+@kernel
+def struck_tool(b: Breaker, y: Array, rests: bool, wave: bool) -> Blow:
+    """Return an impact on the tool that is an event of its own: of a wave, or of a body that stays on its collar.
+
+    A plastic one would throw that body off so slowly that body and striker met collar and tool by turns, ever slower.
+    """
+    q, u, phi, p, w = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], y[TOOL_RATE]
+    if wave:
+        return strike_as_wave(b, q, u, phi, p, w, rests, rests or w > 0.0)
+    return strike(b, q, u, phi, p, w, True, 0.0, True)
+
+
+class BlowContact(NamedTuple):
+    """One blow through a contact stiffness.
+
+    The energy changes are relative to the rigid blow, negative for a loss: with the textbook damping of e_t (which
+    parts somewhat faster than e_t v), and with the damping that keeps e_t exactly.
+    """
+
+    peak_force_n: float
+    duration_s: float
+    energy_change: float
+    energy_change_restitution_kept: float
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """The numbers by name; of a blow whose contact does not end by itself the peak force alone."""
+        if not math.isfinite(self.duration_s + self.energy_change + self.energy_change_restitution_kept):
+            return {"contact_peak_force_n": self.peak_force_n}
+        return {
+            "contact_peak_force_n": self.peak_force_n,
+            "contact_time_s": self.duration_s,
+            "contact_blow_energy_change": self.energy_change,
+            "contact_blow_energy_change_restitution_kept": self.energy_change_restitution_kept,
+        }
+
+
+@kernel
+def fading(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, rests: bool) -> float:
+    """Return the rate (m/s^2) at which the closing speed falls before the tool answers."""
+    _, slope, bend = striker(b, q)
+    du, dp, _ = accelerations(b, masses_at(b, q, phi), u, phi, p, drive, rests, moving(u, p))
+    return -(slope * du + bend * u * u - b.tool_radius_m * dp)
+
+
+def blow_contact(
+    b: Breaker, stiffness_n_per_m: float, closing: float, impulse: float, fading_m_per_s2: float
+) -> BlowContact:
+    """Return the blow through a contact stiffness.
+
+    Parameters
+    ----------
+    b : Breaker
+        Constants.
+    stiffness_n_per_m : float
+        Contact stiffness of striking face and tool, N/m.
+    closing, impulse : float
+        Closing speed (m/s) and impulse (N s) of the rigid blow; its reduced mass is P/((1 + e_t) v).
+    fading_m_per_s2 : float
+        Rate at which the closing speed falls by itself, as `fading` gives it.
+    """
+    e = b.tool_restitution
+    mass = impulse / ((1.0 + e) * closing)
+
+    def pulse(damping: float) -> ContactPulse:
+        return contact_pulse(mass, stiffness_n_per_m, damping, closing, fading_m_per_s2)
+
+    usual, kept = pulse(damping_ratio(e)), pulse(damping_ratio_without_pull(e))
+    return BlowContact(
+        usual.peak_force_n,
+        usual.duration_s,
+        (usual.impulse_ns / impulse) ** 2 - 1.0,
+        (kept.impulse_ns / impulse) ** 2 - 1.0,
+    )

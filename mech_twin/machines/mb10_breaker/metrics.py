@@ -1,24 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of the breaker in closed form: one cycle at rated speed, and one position of the crank."""
+"""Metrics of the breaker in closed form: one cycle at rated speed, and one position of the crank.
+
+What a blow on the tool tells as a wave: energies, rebound, penetration, force, stress, contact; its gauge.
+
+The blow of an event is led once more from the state before it, by the kernel that led it in the run.
+
+When a blow finds the tool seated: one definition for a run, for the half sine, and for both sizings.
+
+The body is at most ``SEATED_GAP_M`` off its collar at the blow, and was at rest on it for at least ``SEATED_REST`` of
+the cycle that the blow ends.  A gap alone has no margin: it is as small where the body has just come to rest as where
+it has rested for half of the cycle.
+"""
 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
+from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
-from mech_twin.machines.mb10_breaker.impacts import Blow, blow, gap, impact_direction
+from mech_twin.machines.mb10_breaker.impacts import (
+    Blow,
+    ImpactDirection,
+    blow,
+    blow_contact,
+    fading,
+    gap,
+    impact_direction,
+    push_on_body,
+    strike_as_wave,
+)
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.wave_blow import strike_as_wave
+from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.parts.rod_waves.struck_tool import rod_blow
+from mech_twin.parts.rod_waves.fatigue import StressLine
+from mech_twin.parts.rod_waves.struck_tool import (
+    NO_CURVE,
+    NO_FORCES,
+    LedBlow,
+    gauge_curve,
+    gauge_numbers,
+    rod_blow,
+    told_of_blow,
+)
+from mech_twin.samples import Event
 
 TURN = 2.0 * math.pi
 
@@ -190,3 +222,63 @@ def position_metrics(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict
         "collar_force_n": found.collar_moment / b.tool_radius_m,
         "spring_force_n": b.spring_rate_n_per_m * b.preload_m,
     }
+
+
+def tool_gauge(b: Breaker, sends_curve: bool) -> BlowGauge | None:
+    """Return the strain gauge on the tool; None where the blow is no wave."""
+    if not b.waves:
+        return None
+
+    def numbers(event: Event) -> tuple[float, ...]:
+        return gauge_numbers(b.wave, blow_of(b, event)[0](NO_CURVE, NO_FORCES))
+
+    def curve(event: Event) -> GaugeCurve:
+        return GaugeCurve(*gauge_curve(b.wave, blow_of(b, event)[0]))
+
+    return BlowGauge("blow", ("tool",), numbers, curve, ("tool",) if sends_curve else ())
+
+
+def blow_of(b: Breaker, event: Event) -> tuple[LedBlow, ImpactDirection]:
+    """Return what leads the blow of an event on the tool once more, and its direction."""
+    before = EventSide(*event.pre)
+    rests = b.held or before.body.position == before.body.velocity == 0.0
+    along = impact_direction(b, before.crank.position, before.body.position, rests, False)
+    tool, closing = before.tool.velocity, event.pre_velocity_m_per_s
+    return partial(rod_blow, b.wave, along.effective_kg, closing, tool, rests or tool > 0.0), along
+
+
+def blow_metrics(b: Breaker, event: Event, line: StressLine | None = None) -> dict[str, float]:
+    """Return the metrics of one blow on the tool; of its life where an S-N line is given."""
+    lead, along = blow_of(b, event)
+    found, told = told_of_blow(b.wave, line, lead)
+    v, before = event.pre_velocity_m_per_s, EventSide(*event.pre)
+    rebound = v - found.impulse_ns / along.effective_kg
+    tool = found.tool_momentum_ns / b.tool_mass_kg
+    body, thrown_back = before.body, max(0.0, -tool)
+    p = body.velocity - along.y * found.impulse_ns
+    push = push_on_body(b, before.crank.position, body.position, p, thrown_back)
+    return {
+        **told,
+        "striker_rebound_m_per_s": -rebound,
+        "restitution_effective": (tool - rebound) / v,
+        "tool_thrown_back_m_per_s": thrown_back,
+        "collar_push_ns": push.impulse_nms / b.tool_radius_m,
+        "crank_turn_in_window_rad": abs(before.crank.velocity) * found.duration_s,
+    }
+
+
+SEATED_GAP_M = 2e-5
+SEATED_REST = 0.05  # part of the cycle
+
+
+def is_seated(gap_m: float, contact_share: float) -> bool:
+    """Return whether a blow finds the tool seated.
+
+    Parameters
+    ----------
+    gap_m : float
+        How far the body is off its collar at the blow, at the tool (m).
+    contact_share : float
+        Part of the cycle that the blow ends in which the body is at rest on its collar.
+    """
+    return gap_m <= SEATED_GAP_M and contact_share >= SEATED_REST

@@ -4,7 +4,7 @@
 Laws: the body on its collar, the wall that the tool goes into, the striker on the tool, and bearings and gear
 (`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, knots of the moment on a
 flying body (`driven_body` takes it as a line between them), and the motor's torque passing zero.
-A blow of a tool in which waves run is an event of its own: `wave_blow` gives the velocities after it.
+A blow of a tool in which waves run is an event of its own: `impacts` gives the velocities after it.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from mech_twin.engine.sample_vectors import IMPULSE, KIND, POST_VELOCITY, PRE_VE
 from mech_twin.kernels.kernel import embedded_kernel, inline_kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses, spring_moment, striker
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, end_row, log_bearings, log_contacts, log_row
+from mech_twin.machines.mb10_breaker.impacts import struck_tool
 from mech_twin.machines.mb10_breaker.joint_laws import (
     Torques,
     crank_shares,
@@ -86,7 +87,6 @@ from mech_twin.machines.mb10_breaker.state import (
     WALL_LAW,
     WALL_WORK,
 )
-from mech_twin.machines.mb10_breaker.wave_blow import struck_tool
 from mech_twin.parts.four_bar import coefficients, position
 from mech_twin.parts.gear import gear_split, gear_torque
 

@@ -10,9 +10,9 @@ from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
-from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.coupling_limits import (
+from mech_twin.machines.mb10_breaker.constants import (
     LARGEST_MISS_RAD_PER_S,
+    breaker,
     longest_step_s,
     longest_swing_step_s,
 )

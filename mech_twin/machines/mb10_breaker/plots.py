@@ -1,22 +1,240 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plots of the breaker's body over spring, preload and excitation; with the blow as a wave those of the blow too."""
+"""Plots of the breaker's body over spring, preload and excitation; with the blow as a wave those of the blow too.
+
+Plots of the blow as a wave: energy into the wall, force in the tool, energy through it, tools, pressing force.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREEN, GREY, INK, ORANGE, OWN, RED, Picture, sheet
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.mb10_breaker.excitation_comparison import assumed_pulse, computed_pulse
+from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.dynamics import striker
+from mech_twin.machines.mb10_breaker.impacts import impact_direction
+from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, striking_angle
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import resonance_rate
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics, with_preload
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, paper_body
-from mech_twin.machines.mb10_breaker.spring_curves import swing_curve
-from mech_twin.machines.mb10_breaker.wave_plots import wave_pictures
+from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, assumed_pulse, computed_pulse, paper_body
+from mech_twin.machines.mb10_breaker.running_sizing import settled_run_metrics, with_rest_force
+from mech_twin.machines.mb10_breaker.sizing import swing_curve
+from mech_twin.machines.mb10_breaker.tool_sizing import DIAMETERS_M, as_rod, sized_blow
+from mech_twin.parts.rod_waves.blow import RodBlow
+from mech_twin.parts.rod_waves.first_pass import (
+    STRIKERS,
+    led_share_of_mass,
+    led_share_of_rectangle,
+    led_share_of_steps,
+    share_of_mass,
+    share_of_rectangle,
+)
+from mech_twin.parts.rod_waves.struck_tool import gauge_piece, rod_blow
+
+STIFFNESSES = np.geomspace(1e6, 1e10, 41)  # N/m
+RATIOS = (2.0, 4.0, 100.0)  # k_u/k_l
+SHOWN_S = 2.5e-3
+REST_FORCES_N = (200.0, 350.0, 500.0, 741.0, 1300.0, 2300.0, 4500.0, 9000.0)
+PRESSED_S = 4.0
+
+
+def as_wave(parameters: BreakerParameters, changes: dict[str, object]) -> BreakerParameters:
+    """Return the parameters with the blow as a wave, and other changes."""
+    return varied(parameters, {"tool.model": "wave", **changes})
+
+
+def rated_rod_blow(
+    parameters: BreakerParameters, seated: bool = True, steps: int = 0
+) -> tuple[RodBlow, np.ndarray, np.ndarray]:
+    """Return the blow at rated speed, the body at rest; p, q at the gauge and the force in each cell, a row a step."""
+    b = breaker(parameters)
+    q, u = striking_angle(b), rated_crank_speed(parameters)
+    along = impact_direction(b, q, 0.0, True, b.held)
+    cells = b.wave.head.cells + b.wave.rod.cells + b.wave.tip.cells + b.wave.foot.cells
+    gauge, forces = np.zeros((steps, 2)), np.zeros((steps, cells))
+    found = rod_blow(b.wave, along.effective_kg, striker(b, q)[1] * u, 0.0, seated, gauge, forces)
+    return found, gauge, forces
+
+
+def wave_pictures(parameters: BreakerParameters) -> Iterator[Picture]:
+    """Yield the plots of the blow as a wave."""
+    yield _efficiency(parameters)
+    yield _force_over_place_and_time(parameters)
+    yield _force_at_gauge(parameters)
+    yield _energy_through_gauge(parameters)
+    yield _tools(parameters)
+    yield _pressing(parameters)
+
+
+def _efficiency(parameters: BreakerParameters) -> Picture:
+    figure, panels = sheet(1, 2, 9.0, 3.8)
+    middle = np.geomspace(0.05, 50.0, 40)
+    fine, coarse = np.geomspace(0.05, 50.0, 200), np.geomspace(0.05, 50.0, 13)
+    for closed, led, colour, label in (
+        (share_of_rectangle, led_share_of_rectangle, BLUE, "rod of the tool's impedance, $x = 2Lk/cZ$"),
+        (share_of_mass, led_share_of_mass, RED, "rigid mass, $a = kM/Z^2$"),
+    ):
+        panels[0].semilogx(fine, [closed(float(x)) for x in fine], color=colour, label=label)
+        panels[0].semilogx(coarse, [led(float(x)) for x in coarse], "o", color=colour, markersize=4)
+    for (label, steps), style in zip(STRIKERS.items(), ("-", "--", "-.", ":"), strict=True):
+        shares = [led_share_of_steps(steps, float(x), 100) for x in middle]
+        panels[0].semilogx(middle, shares, color=INK, linestyle=style, linewidth=1.0, label=label)
+    panels[0].set_xlabel("dimensionless wall stiffness, $x = 2Tk/Z$ or $a$")
+    panels[0].set_title("First wave, long tool: lines closed form, dots led")
+    for ratio, colour in zip(RATIOS, (BLUE, GREEN, ORANGE), strict=True):
+        shares = []
+        for k in STIFFNESSES:
+            wall = {"tool.wave.wall.kind": "loading", "tool.wave.wall.stiffness_n_per_m": float(k)}
+            found, _, _ = rated_rod_blow(as_wave(parameters, {**wall, "tool.wave.wall.unloading_ratio": ratio}))
+            shares.append(found.transmitted_energy_j / found.striker_energy_j)
+        panels[1].semilogx(STIFFNESSES / 1e6, shares, color=colour, label=f"$k_u/k_l$ = {ratio:g}")
+    panels[1].set_xlabel("wall stiffness $k_l$, kN/mm")
+    panels[1].set_title("Whole blow of the breaker at rated speed")
+    for axes in panels:
+        axes.set_ylabel("share of the striker's energy in the wall")
+        axes.set_ylim(0.0, 1.6)
+        axes.legend(loc="upper right", fontsize=7)
+    caption = "The wall keeps what loading and unloading enclose; a short tool brings the wave to it again and again."
+    return Picture("mb10_breaker_blow_efficiency", f"{caption} {OWN}", figure)
+
+
+def _force_over_place_and_time(parameters: BreakerParameters) -> Picture:
+    figure, panels = sheet(1, 2, 9.0, 4.2, sharey=True)
+    for axes, wall, title in (
+        (panels[0], "yielding", "Wall that yields"),
+        (panels[1], "loading", "Wall of stiffness $k_l$"),
+    ):
+        p = as_wave(parameters, {"tool.wave.wall.kind": wall})
+        b = breaker(p)
+        steps = int(SHOWN_S / b.wave.span_s)
+        found, _, forces = rated_rod_blow(p, steps=steps)
+        shown = forces[: min(steps, found.steps)] / 1000.0
+        most = float(np.abs(shown).max())
+        length = 1000.0 * (b.wave.rod.length_m + b.wave.tip.length_m + b.wave.foot.length_m)
+        image = axes.imshow(
+            shown, origin="lower", aspect="auto", cmap="RdBu_r", vmin=-most, vmax=most,
+            extent=(0.0, length, 0.0, 1000.0 * len(shown) * b.wave.span_s),
+        )  # fmt: skip
+        figure.colorbar(image, ax=axes, label="force, kN (compression positive)")
+        axes.grid(visible=False)
+        axes.set_xlabel("distance from the struck face, mm")
+        axes.set_title(title)
+    panels[0].set_ylabel("time since the first touch, ms")
+    caption = "Force in the tool over place and time at rated speed, the body at rest."
+    return Picture("mb10_breaker_blow_xt", f"{caption} {OWN}", figure)
+
+
+def _force_at_gauge(parameters: BreakerParameters) -> Picture:
+    figure, panels = sheet(1, 1, 7.2, 3.6)
+    for wall, seated, colour, label in (
+        ("loading", True, BLUE, "wall of stiffness $k_l$"),
+        ("yielding", True, RED, "wall that yields"),
+        ("loading", False, INK, "tool not pressed on the wall"),
+    ):
+        p = as_wave(parameters, {"tool.wave.wall.kind": wall})
+        grid = breaker(p).wave
+        steps = int(SHOWN_S / grid.span_s)
+        found, gauge, _ = rated_rod_blow(p, seated, steps)
+        force = gauge[: min(steps, found.steps)].sum(axis=1)
+        time_ms = 1000.0 * grid.span_s * np.arange(1, len(force) + 1)
+        style = "-" if seated else "--"
+        panels[0].plot(time_ms, force / 1000.0, color=colour, linestyle=style, label=label)
+    area = gauge_piece(breaker(as_wave(parameters, {})).wave).area_m2
+    low, high = panels[0].get_ylim()
+    stress = panels[0].twinx()
+    stress.set_ylim(low / area / 1000.0, high / area / 1000.0)
+    stress.set_ylabel("stress, MPa")
+    stress.grid(visible=False)
+    stress.spines["right"].set_visible(True)
+    panels[0].set_xlabel("time since the first touch, ms")
+    panels[0].set_ylabel("force at the gauge, kN")
+    panels[0].set_title("Force at the strain gauge")
+    panels[0].legend(loc="upper left")
+    caption = "Force at the gauge at rated speed, the body at rest; compression positive."
+    return Picture("mb10_breaker_blow_gauge", f"{caption} {OWN}", figure)
+
+
+def _energy_through_gauge(parameters: BreakerParameters) -> Picture:
+    figure, panels = sheet(1, 2, 9.0, 3.6, sharey=True)
+    for axes, wall, title in ((panels[0], "yielding", "Wall that yields"), (panels[1], "loading", "Wall of $k_l$")):
+        p = as_wave(parameters, {"tool.wave.wall.kind": wall})
+        grid = breaker(p).wave
+        found, gauge, _ = rated_rod_blow(p, steps=int(SHOWN_S / grid.span_s))
+        own = gauge[: found.steps]
+        time_ms = 1000.0 * grid.span_s * np.arange(1, len(own) + 1)
+        forth, back = (np.cumsum(own[:, i] ** 2) * grid.span_s / gauge_piece(grid).impedance for i in (0, 1))
+        axes.plot(time_ms, forth, color=BLUE, label="forward")
+        axes.plot(time_ms, back, color=RED, label="back")
+        axes.plot(time_ms, forth - back, color=INK, label="gone through")
+        axes.axhline(found.striker_energy_j, color=INK, linestyle=":", linewidth=1.0, label="the striker's")
+        axes.set_xlabel("time since the first touch, ms")
+        axes.set_title(title)
+    panels[0].set_ylabel("energy through the gauge, J")
+    panels[0].legend(loc="upper left")
+    caption = "Energy that waves carry past the gauge, counted from the first touch; rated speed, the body at rest."
+    return Picture("mb10_breaker_blow_energy", f"{caption} {OWN}", figure)
+
+
+def _tools(parameters: BreakerParameters) -> Picture:
+    """Draw what tools of several diameters and lengths give the wall, over their stress."""
+    figure, panels = sheet(1, 1, 7.2, 3.8)
+    p = as_wave(parameters, {"tool.wave.wall.kind": "loading"})
+    b = breaker(p)
+    for length, colour in zip((0.15, 0.3, 0.6, 1.2), (BLUE, GREEN, ORANGE, RED), strict=True):
+        tools = [as_rod(p.tool.wave, diameter, length) for diameter in DIAMETERS_M.tolist()]
+        found = [blow for tool in tools if (blow := sized_blow(p, b, tool, 0.0)) is not None]
+        stress = [blow.peak_stress_pa / 1e6 for blow in found]
+        panels[0].plot(stress, [blow.transmitted_energy_j for blow in found], "o-", color=colour, label=f"{length:g} m")
+    panels[0].set_xscale("log")
+    panels[0].set_xlabel("largest stress in the tool, MPa (diameter 100 mm at the left, 25 mm at the right)")
+    panels[0].set_ylabel("energy in the wall, J")
+    panels[0].set_title("Tools of four lengths, wall of stiffness $k_l$")
+    panels[0].legend(title="length")
+    caption = "A thicker tool bears less stress and gives the wall more; one blow at rated speed, the body at rest."
+    return Picture("mb10_breaker_blow_tools", f"{caption} {OWN}", figure)
+
+
+def _pressing(parameters: BreakerParameters) -> Picture:
+    """Draw how many blows find a seated tool, and what a blow gives, over the pressing force at rest."""
+    figure, panels = sheet(1, 2, 9.0, 3.6)
+    for wall, colour, label in (("yielding", RED, "wall that yields"), ("loading", BLUE, "wall of $k_l$")):
+        told = [pressing(as_wave(parameters, {"tool.wave.wall.kind": wall}), force) for force in REST_FORCES_N]
+        panels[0].semilogx(REST_FORCES_N, [each.seated_share for each in told], "o-", color=colour, label=label)
+        panels[1].semilogx(REST_FORCES_N, [each.peak_tension_pa / 1e6 for each in told], "o-", color=colour)
+    panels[0].set_ylabel("share of passes that strike a seated tool")
+    panels[0].legend()
+    panels[1].set_ylabel("largest tension in the tool, MPa")
+    for axes in panels:
+        axes.set_xlabel("spring force at rest, N")
+    caption = "A tool that is not pressed on the wall is fired blank; runs of 4 s, tension of the last 20 blows."
+    return Picture("mb10_breaker_blow_pressing", f"{caption} {OWN}", figure)
+
+
+class Pressing(NamedTuple):
+    """What a run tells of its pressing force: passes that struck a seated tool over all, energy, tension."""
+
+    seated_share: float
+    transmitted_energy_j: float
+    peak_tension_pa: float
+
+
+def pressing(parameters: BreakerParameters, rest_force_n: float) -> Pressing:
+    """Return what a run with a spring force at rest (N) tells."""
+    found = settled_run_metrics(with_rest_force(parameters, rest_force_n), PRESSED_S)
+    passes = found["blows"] + found["missed_blows"]
+    seated = found["blows"] - found["off_collar_blows"]
+    nothing = float("nan")
+    return Pressing(
+        seated / passes if passes else nothing,
+        found.get("steady_transmitted_energy_j", nothing),
+        found.get("steady_peak_tension_pa", nothing),
+    )
+
 
 RATES = np.geomspace(100.0, 3.8e6, 1400)
 PRELOAD_M = 0.01

@@ -3,29 +3,199 @@
 
 Mechanism and drive are cut into cycles at the blows on the tool.  The body is cut at the same blows where it is driven
 by the linkage; under the half sine it has a clock of its own and is cut at its own blows.
+
+What is gathered of the body's motion in one cycle of its excitation: lift, spring force, returns, contact.
+
+What is gathered of drive and mechanism from one blow on the tool to the next.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Mapping
 
 from mech_twin.capabilities.last_records import LAST, over_last
-from mech_twin.machines.mb10_breaker.blow_contact import blow_contact, fading
-from mech_twin.machines.mb10_breaker.blow_cycle_metrics import (
-    PEAKS,
-    BlowCycle,
-    absolute_crank_speed,
-    blow_peaks,
-)
-from mech_twin.machines.mb10_breaker.body_cycle_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.impacts import blow_contact, fading
+from mech_twin.machines.mb10_breaker.metrics import blow_metrics, is_seated
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.seat import is_seated
+from mech_twin.machines.mb10_breaker.roles import BreakerForces
 from mech_twin.machines.mb10_breaker.state import EventSide
-from mech_twin.machines.mb10_breaker.wave_metrics import blow_metrics
-from mech_twin.machines.motor_duty import MotorState, duty_after, shaft_work_j
-from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.samples import Coordinate, Event, Frame, LinkageSample
+from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics, shaft_work_j
+from mech_twin.parts.induction_motor import MotorConstants, motor_constants, motor_torque
+from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
+
+COUNTED_ABOVE_M_PER_S = 1e-3  # slower returns to the collar are the tail of a chatter series and not counted
+RETURNS = frozenset(("touchdown", "settled", "impact"))
+
+
+class BodyCycle:
+    """The body from one blow to the next.
+
+    Parameters
+    ----------
+    start_s : float
+        Time of the blow that begins it.
+    resting_since_s : float or None
+        Since when the body has been resting on its collar; None in flight.
+    """
+
+    def __init__(self, start_s: float, resting_since_s: float | None) -> None:
+        self.start_s = start_s
+        self.resting_since_s = resting_since_s
+        self.lift_m = self.spring_force_n = self.return_speed_m_per_s = self.contact_s = 0.0
+        self.settled_s = math.nan
+        self.impacts = 0
+
+    def take_position(self, lift_m: float, spring_force_n: float) -> None:
+        """Take the lift at the tool and the spring's force at one step into account."""
+        self.lift_m, self.spring_force_n = max(self.lift_m, lift_m), max(self.spring_force_n, spring_force_n)
+
+    def take_event(self, event: Event) -> None:
+        """Take an event at the collar into account."""
+        if event.kind in RETURNS:
+            speed = abs(event.pre_velocity_m_per_s)
+            self.return_speed_m_per_s = max(self.return_speed_m_per_s, speed)
+            self.impacts += speed > COUNTED_ABOVE_M_PER_S
+        if event.kind == "settled":
+            self.settled_s = self.resting_since_s = event.time_s
+        if event.kind == "lift_off" and self.resting_since_s is not None:
+            self.contact_s += event.time_s - max(self.resting_since_s, self.start_s)
+            self.resting_since_s = None
+
+    def contact_share(self, end_s: float) -> float:
+        """Return the part of the cycle, ended by a blow, in which the body rests on its collar."""
+        resting = 0.0 if self.resting_since_s is None else end_s - max(self.resting_since_s, self.start_s)
+        return (self.contact_s + resting) / (end_s - self.start_s)
+
+    def next(self, blow: Event) -> BodyCycle:
+        """Return the cycle that a blow begins; the body rests on if the blow does not throw it up."""
+        thrown = bool(blow.post) and EventSide(*blow.post).body.velocity > 0.0
+        return BodyCycle(blow.time_s, None if thrown else self.resting_since_s)
+
+    def metrics(self, end_s: float, gap_at_blow_m: float) -> dict[str, float]:
+        """Return the metrics of the cycle, ended by a blow; the rest goes on into the next."""
+        duration = end_s - self.start_s
+        found = {
+            "body_cycle_rate_hz": 1.0 / duration,
+            "gap_at_blow_m": gap_at_blow_m,
+            "largest_lift_at_tool_m": self.lift_m,
+            "largest_spring_force_n": self.spring_force_n,
+            "largest_return_speed_m_per_s": self.return_speed_m_per_s,
+            "contact_share": self.contact_share(end_s),
+            "impacts_above_1_mm_per_s": float(self.impacts),
+        }
+        if not math.isnan(self.settled_s):
+            found["settled_at_fraction"] = (self.settled_s - self.start_s) / duration
+        return found
+
+
+PEAKS = tuple(f"{pin}_between_blows_peak_n" for pin in BreakerForces.pins)
+STRUCK = ("crank_bearing", "rocker_bearing")  # whose impulses of a blow are told
+
+
+def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
+    """Return the crank's absolute speed u - phi' on one side of an event (rad/s)."""
+    crank, body = side[:2]
+    return crank.velocity - body.velocity
+
+
+def blow_energy(b: Breaker, event: Event) -> float:
+    """Return the energy the tool has from a blow, J^2/(2 m) (J); 0 for what does not fall on the tool.
+
+    Of a blow as a wave what the striker gave: J times the mean of its speeds before and after.
+    """
+    if b.waves and event.contact == "tool" and event.pre:
+        before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
+        mean = 0.5 * (event.pre_velocity_m_per_s + before + event.post_velocity_m_per_s + after)
+        return event.impulse_ns * mean
+    return 0.5 * event.impulse_ns**2 / b.tool_mass_kg if event.contact == "tool" else 0.0
+
+
+def striker_energy(event: Event) -> float:
+    """Return the energy the mechanism brings to the tool before a blow (J): that of its mass at the striker.
+
+    The impulse J is that mass times the loss of the striker's speed, so E = J v^2/(2 (v - v')).  0 of a
+    pass that misses the tool.
+    """
+    before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
+    speed, left = event.pre_velocity_m_per_s + before, event.post_velocity_m_per_s + after
+    if event.impulse_ns == 0.0 or speed == left:
+        return 0.0
+    return 0.5 * event.impulse_ns * speed * speed / (speed - left)
+
+
+def blow_peaks(record: Mapping[str, float], contact_force_n: float) -> dict[str, float]:
+    """Return the bearings' peak forces in a blow (N), from that of the contact (N).
+
+    Within a blow mechanism and bearings follow the contact's force in the ratio of their impulses.
+    """
+    ratio = contact_force_n / record["blow_impulse_ns"]
+    return {f"{pin}_blow_peak_n": ratio * record[f"{pin}_impulse_peak_ns"] for pin in STRUCK}
+
+
+class BlowCycle:
+    """Drive and mechanism from one blow to the next.
+
+    Parameters
+    ----------
+    start_s : float
+        Time of the blow that begins it.
+    """
+
+    def __init__(self, start_s: float) -> None:
+        self.start_s = start_s
+        self.fastest = self.slowest = math.nan
+        self.duty = MotorDuty()
+        self.steps = 0
+        self.peaks = [0.0] * len(PEAKS)
+        self.least_moment = self.greatest_moment = 0.0
+
+    def take_speed(self, u: float) -> None:
+        """Take an absolute crank speed into account."""
+        self.fastest = u if math.isnan(self.fastest) else max(self.fastest, u)
+        self.slowest = u if math.isnan(self.slowest) else min(self.slowest, u)
+
+    def take_forces(self, forces: ForceSample) -> None:
+        """Take the forces at one step into account."""
+        self.steps += 1
+        self.least_moment = min(self.least_moment, forces.body_moment_nm)
+        self.greatest_moment = max(self.greatest_moment, forces.body_moment_nm)
+        peaks = self.peaks
+        for i, (force_x, force_y, _) in enumerate(forces.wrenches):
+            size = math.hypot(force_x, force_y)
+            peaks[i] = max(peaks[i], size)
+
+    def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
+        """Return the metrics of the cycle that this blow (or miss) ends."""
+        energy, brought = blow_energy(b, blow), striker_energy(blow)
+        found = forces.quantities.as_dict()
+        crank, *_ = blow.pre
+        crank_after, body_after, *_ = blow.post
+        return {
+            "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
+            "blow_energy_j": energy,
+            "striker_energy_j": brought,
+            "blow_efficiency_fraction": energy / brought if brought > 0.0 else 0.0,
+            "blow_impulse_ns": blow.impulse_ns,
+            "blow_energy_over_overtravel_n": energy / b.overtravel_m,
+            "striking_speed_m_per_s": blow.pre_velocity_m_per_s,
+            "crank_before_blow_rad_per_s": crank.velocity,
+            "crank_after_blow_rad_per_s": crank_after.velocity,
+            "body_leaves_at_rad_per_s": body_after.velocity,
+            "largest_absolute_crank_speed_rad_per_s": self.fastest,
+            "smallest_absolute_crank_speed_rad_per_s": self.slowest,
+            "fluctuation": 2.0 * (self.fastest - self.slowest) / (self.fastest + self.slowest),
+            **duty_metrics(self.duty, motor),
+            "largest_body_moment_nm": self.greatest_moment,
+            "smallest_body_moment_nm": self.least_moment,
+            "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],
+            "crank_bearing_impulse_peak_ns": found["crank_bearing_impulse_ns"],
+            "rocker_bearing_impulse_peak_ns": found["rocker_bearing_impulse_ns"],
+            **dict(zip(PEAKS, self.peaks, strict=True)),
+        }
+
 
 COUNTED = {"blow": "blows", "missed": "missed_blows", "off_collar": "off_collar_blows", "stalled": "stalled"}
 Record = dict[str, float]

@@ -3,18 +3,135 @@
 
 The limits hold in the worst case over a box of tolerances: every number that is assumed, not published, off by up to
 the tolerance.  The spring's rate is the soft one, k = 0.3 of the blow frequency.
+
+Preload of the breaker's body under the half sine: the worst case over every corner of the tolerances.
+
+The body over spring rate and preload: amplitude, pressing force, metrics on the collar, the rational range.
+
+The paper's two figures first (amplitude and largest pressing force against spring rate, no preload, no collar), then
+the same with preload, then the machine on its collar: gap at the blow, return speed and pressing force weighed against
+each other over spring rate and preload.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from math import inf, pi
 
-from mech_twin.capabilities.sizing import Sizing, Table
+from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
+from mech_twin.capabilities.tolerance_box import corners, inner_points, scaled
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.mb10_breaker import tool_sizing
+from mech_twin.machines.mb10_breaker.metrics import SEATED_GAP_M, SEATED_REST
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.seat import SEATED_GAP_M, SEATED_REST
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import SwingRegime, swing_regime
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import (
+    CycleMetrics,
+    PreloadRange,
+    SteadyMetrics,
+    preload_range,
+    steady_metrics,
+    with_preload,
+)
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
+    BodyParameters,
+    ExcitationParameters,
+    PressedBody,
+    pressed_body,
+)
+
+ASSUMED = ("body.inertia_kg_m2", "body.restitution", "excitation.amplitude_nm")
+NAMES = ("gap_at_blow_m", "flight_share", "return_speed_m_per_s", "largest_force_n")
+STEPS = 200
+INNER = 8
+Worst = dict[str, float]
+
+
+def half_sine_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
+    """Return the preload with the smallest objective between settling in time and never lifting (p = 1)."""
+    (span,) = rational_ranges(soft.body, soft.excitation, (soft.body.spring_rate_n_per_m,))
+    low, full = span.ratios.settled, span.never_lifts_deflection_m
+    places = [low + (1.0 - low) * i / STEPS for i in range(STEPS + 1)]
+    bodies = _box(soft, tolerance)
+    found = {p: _worst(bodies, p * full) for p in places}
+    nominal = {p: _worst(bodies[:1], p * full) for p in places} if tolerance > 0.0 else found
+    good = [p for p in places if _kept(found[p], limits)]
+    if not good:
+        raise StudyError("no preload of the rational range meets the limits: " + _nearest(found, limits))
+    p = min(good, key=lambda place: (found[place][objective], place))
+    chosen = varied(soft, {"body.preload_deflection_m": p * full})
+    constraints = (
+        Constraint("preload_ratio", p, low, "above"),
+        Constraint("preload_ratio", p, 1.0),
+        *(Constraint(name, found[p][name], limit) for name, limit in limits.items() if limit < inf),
+    )
+    edge = next((place for place in places if _kept(nominal[place], limits)), p)
+    return Sizing(
+        "mb10_breaker",
+        objective,
+        {"body.spring_rate_n_per_m": soft.body.spring_rate_n_per_m, "body.preload_deflection_m": p * full},
+        chosen,
+        {
+            "preload_ratio": p,
+            "rest_force_n": soft.body.spring_rate_n_per_m * p * full,
+            "frequency_ratio": span.frequency_ratio,
+            "rational_from_ratio": low,
+            "first_return_before_blow_ratio": span.ratios.returned,
+            "nominal_edge_ratio": edge,
+            **{name: found[p][name] for name in NAMES},
+        },
+        constraints,
+        _binding(places, p, found, limits, objective, constraints),
+        tuple({"preload_ratio": place, **{name: found[place][name] for name in NAMES}} for place in places[::20]),
+        tolerance,
+    )
+
+
+def _box(soft: BreakerParameters, tolerance: float) -> list[PressedBody]:
+    """Return the bodies of the box: as configured, then corners and points within."""
+    points = [soft]
+    if tolerance > 0.0:
+        drawn = (*corners(ASSUMED, tolerance), *inner_points(ASSUMED, tolerance, INNER))
+        points += [scaled(soft, factors) for factors in drawn]
+    return [pressed_body(point.body, point.excitation) for point in points]
+
+
+def _worst(bodies: Sequence[PressedBody], deflection_m: float) -> Worst:
+    """Return the largest of each metric over the bodies; ``unsettled`` counts those still in motion at the load."""
+    points = [
+        collar_point(body._replace(deflection=deflection_m, rest_angle=deflection_m / body.arm)) for body in bodies
+    ]
+    worst = {name: max(float(getattr(point.metrics, name)) for point in points) for name in NAMES}
+    return {**worst, "unsettled": float(sum(not point.settles for point in points))}
+
+
+def _kept(worst: Worst, limits: Mapping[str, float]) -> bool:
+    return worst["unsettled"] == 0.0 and all(worst[name] <= limit for name, limit in limits.items())
+
+
+def _binding(
+    places: Sequence[float],
+    p: float,
+    found: Mapping[float, Worst],
+    limits: Mapping[str, float],
+    objective: str,
+    constraints: tuple[Constraint, ...],
+) -> str:
+    before = places.index(p) - 1
+    if before < 0 or _kept(found[places[before]], limits):
+        return binding_of(constraints, f"none: {objective} is least here")
+    return f"a step less preload breaks {_nearest({before: found[places[before]]}, limits)}"
+
+
+def _nearest(found: Mapping[float, Worst], limits: Mapping[str, float]) -> str:
+    """Return the limits broken, each with the best value there is."""
+    best = {name: min(worst[name] for worst in found.values()) for name in limits}
+    broken = [f"{name} <= {limit:.4g} (has {best[name]:.4g})" for name, limit in limits.items() if best[name] > limit]
+    return "; ".join(broken) or "the limits one by one, but not together"
+
 
 # gap at the blow (m), part of the cycle not at rest on the collar, return speed (m/s), largest spring force (N)
 OF_SPRING: dict[str, float] = {
@@ -49,7 +166,6 @@ def sizing(
     tolerance : float
         Part of its value by which each assumed number may be off.
     """
-    from mech_twin.machines.mb10_breaker.half_sine_sizing import half_sine_sizing
     from mech_twin.machines.mb10_breaker.running_sizing import running_sizing
 
     if objective == tool_sizing.OBJECTIVE:
@@ -60,3 +176,153 @@ def sizing(
     soft = varied(parameters, {"body.spring_rate_n_per_m": rate})
     answer = running_sizing if parameters.excitation.kind == "from_forces" else half_sine_sizing
     return answer(soft, limits, objective, tolerance)
+
+
+@dataclass(frozen=True)
+class SwingPoint:
+    """The free swing at one spring: what the paper plots.
+
+    ``amplitude_rad`` is the periodic regime's |As|, inf where there is none; ``largest_travel_m`` is the largest travel
+    at the tool in the periodic regime; the statement of ``regime`` must stand beside every figure made of these.
+    """
+
+    spring_rate_n_per_m: float
+    preload_deflection_m: float
+    frequency_ratio: float  # k/omega
+    amplitude_rad: float
+    largest_travel_m: float
+    largest_force_n: float
+    regime: SwingRegime
+
+
+@dataclass(frozen=True)
+class CollarPoint:
+    """The body on its collar at one spring: the metrics of the steady cycle, and whether they will do."""
+
+    spring_rate_n_per_m: float
+    preload_deflection_m: float
+    frequency_ratio: float
+    preload_ratio: float
+    steady: SteadyMetrics
+    settles: bool  # before the next load begins, every cycle alike
+
+    @property
+    def metrics(self) -> CycleMetrics:
+        """The metrics of the steady cycle."""
+        return self.steady.metrics
+
+
+@dataclass(frozen=True)
+class RationalRange:
+    """The rational preload of one spring rate.
+
+    ``settled`` and ``returned`` are the numbers at the lower bound and where the first return comes before the blow;
+    between the lower bound and ``never_lifts_deflection_m`` more preload buys gap and return speed with pressing force.
+    """
+
+    spring_rate_n_per_m: float
+    frequency_ratio: float
+    ratios: PreloadRange
+    settled_deflection_m: float
+    returned_deflection_m: float
+    never_lifts_deflection_m: float
+    settled: CollarPoint
+    returned: CollarPoint
+
+
+def _ratio(body: PressedBody) -> float:
+    return body.k * body.period / (2.0 * math.pi)
+
+
+def _sprung(body: BodyParameters, excitation: ExcitationParameters, rate: float, deflection: float) -> PressedBody:
+    spring = {"spring_rate_n_per_m": rate, "preload_deflection_m": deflection}
+    return pressed_body(BodyParameters(**{**body.model_dump(), **spring}), excitation)
+
+
+def swing_curve(
+    body: BodyParameters,
+    excitation: ExcitationParameters,
+    rates_n_per_m: Iterable[float],
+    preload_deflection_m: float = 0.0,
+) -> tuple[SwingPoint, ...]:
+    """Return amplitude and largest pressing force against spring rate, without a collar.
+
+    Parameters
+    ----------
+    body, excitation
+        Configuration; its spring rate and preload are replaced.
+    rates_n_per_m : iterable of float
+        Spring rates, N/m.
+    preload_deflection_m : float
+        Preload deflection a, m; the paper's figures have 0.
+    """
+    points = []
+    for rate in rates_n_per_m:
+        constants = _sprung(body, excitation, rate, preload_deflection_m)
+        regime = swing_regime(constants)
+        points.append(
+            SwingPoint(
+                spring_rate_n_per_m=rate,
+                preload_deflection_m=preload_deflection_m,
+                frequency_ratio=_ratio(constants),
+                amplitude_rad=regime.amplitude_rad,
+                largest_travel_m=constants.radius * regime.periodic_angle_rad,
+                largest_force_n=regime.periodic_force_n,
+                regime=regime,
+            )
+        )
+    return tuple(points)
+
+
+def collar_point(constants: PressedBody) -> CollarPoint:
+    """Return the metrics of one body on its collar."""
+    steady = steady_metrics(constants)
+    never_off = steady.metrics.contact_share == 1.0
+    settles = steady.repeats_after == 1 and not math.isnan(steady.metrics.settled_s)
+    return CollarPoint(
+        spring_rate_n_per_m=constants.rate,
+        preload_deflection_m=constants.deflection,
+        frequency_ratio=_ratio(constants),
+        preload_ratio=constants.preload_ratio,
+        steady=steady,
+        settles=never_off or settles,
+    )
+
+
+def collar_grid(
+    body: BodyParameters,
+    excitation: ExcitationParameters,
+    rates_n_per_m: Iterable[float],
+    preload_deflections_m: Iterable[float],
+) -> tuple[CollarPoint, ...]:
+    """Return the metrics over spring rates and preload deflections, rate by rate."""
+    deflections = tuple(preload_deflections_m)
+    return tuple(
+        collar_point(_sprung(body, excitation, rate, deflection))
+        for rate in rates_n_per_m
+        for deflection in deflections
+    )
+
+
+def rational_ranges(
+    body: BodyParameters, excitation: ExcitationParameters, rates_n_per_m: Iterable[float]
+) -> tuple[RationalRange, ...]:
+    """Return the rational preload of each spring rate, with the metrics at its bounds."""
+    ranges = []
+    for rate in rates_n_per_m:
+        constants = _sprung(body, excitation, rate, body.preload_deflection_m)
+        ratios = preload_range(constants, constants.k)
+        deflection = constants.amplitude / (constants.rate * constants.arm)
+        ranges.append(
+            RationalRange(
+                spring_rate_n_per_m=rate,
+                frequency_ratio=_ratio(constants),
+                ratios=ratios,
+                settled_deflection_m=ratios.settled * deflection,
+                returned_deflection_m=ratios.returned * deflection,
+                never_lifts_deflection_m=deflection,
+                settled=collar_point(with_preload(constants, ratios.settled)),
+                returned=collar_point(with_preload(constants, ratios.returned)),
+            )
+        )
+    return tuple(ranges)

@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import ValidationError
 
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import swing_regime
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
     pressed_body,
     stiffness_refusal,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.swing_regime import swing_regime
 from mech_twin.samples import ForceSample, Named
 
 BODY = {  # smallest and largest, logarithmic where both are above zero

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from machines.mb10_breaker.breaker_reference import BreakerReference
 from machines.mb10_breaker.test_friction import turned
 from machines.mb10_breaker.test_reference import drawn
 
@@ -15,7 +16,6 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import masses_at, spring_moment
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.messages.step_codec import linkage
 from mech_twin.parameters.load import machine, machine_parameters
 

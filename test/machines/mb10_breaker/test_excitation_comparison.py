@@ -7,7 +7,7 @@ import pytest
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.excitation_comparison import (
+from mech_twin.machines.mb10_breaker.published import (
     assumed_pulse,
     compared_pulses,
     excitation_picture,

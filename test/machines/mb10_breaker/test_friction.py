@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from machines.mb10_breaker.breaker_reference import BreakerReference, ReferenceState
 from scipy.integrate import solve_ivp
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -13,7 +14,6 @@ from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT
 from mech_twin.machines.mb10_breaker.forces import pin_forces
-from mech_twin.machines.mb10_breaker.reference import BreakerReference, ReferenceState
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 from mech_twin.parameters.load import machine, machine_parameters
 

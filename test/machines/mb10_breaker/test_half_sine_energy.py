@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.mb10_breaker.pressed_body import energy_balance
-from mech_twin.machines.mb10_breaker.pressed_body.energy_balance import energy_left_open, work_per_inertia
+from mech_twin.machines.mb10_breaker.pressed_body import collar_contact
+from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import energy_left_open, work_per_inertia
 from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, motion
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.parameters.load import machine, machine_parameters
@@ -65,8 +65,8 @@ def test_energy_is_open_for_a_motion_that_is_not_the_body_s(monkeypatch, wrong):
         angle, rate = motion(b, now, s)
         return angle, rate * (1.0 + 1e-3 * s)
 
-    monkeypatch.setattr(energy_balance, "motion", false_motion)
-    monkeypatch.setattr(energy_balance, "work_per_inertia", getattr(work_per_inertia, "py_func", work_per_inertia))
+    monkeypatch.setattr(collar_contact, "motion", false_motion)
+    monkeypatch.setattr(collar_contact, "work_per_inertia", getattr(work_per_inertia, "py_func", work_per_inertia))
     python = getattr(energy_left_open, "py_func", energy_left_open)
     assert abs(python(body, stretch, 0.0, 5e-3)) > 1e-8
 

@@ -7,12 +7,12 @@ import mpmath as mp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from machines.mb10_breaker.coupling_error import coupling_error
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.coupling_error import coupling_error
 from mech_twin.machines.mb10_breaker.driven_body import swung
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, crank_torque, energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses

@@ -11,8 +11,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.coupling_limits import coupling_limits, longest_step_s
+from mech_twin.machines.mb10_breaker.constants import breaker, coupling_limits, longest_step_s
 from mech_twin.machines.mb10_breaker.parameters import LONGEST_TURN_RAD, shaft_time_s
 from mech_twin.machines.mb10_breaker.pressed_body import flight
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body

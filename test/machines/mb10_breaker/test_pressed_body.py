@@ -25,8 +25,8 @@ from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     resonance_rate,
     start_state,
     swing,
+    swing_regime,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.swing_regime import swing_regime
 
 FORMS = [
     {"form": "shifted"},

@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from machines.mb10_breaker.breaker_reference import BreakerReference
 from random_configurations import SHORTER_STEP, worst_margin
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -13,7 +14,6 @@ from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker.dynamics import energies, striker
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.parameters.load import machine
 
 # the pivot's friction holds the lifted body while the striker pushes the tool up to the rocker's extreme

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from machines.mb10_breaker import breaker_reference as second_implementation
+from machines.mb10_breaker.breaker_reference import BreakerReference
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker import reference as second_implementation
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 from mech_twin.parameters.load import machine_parameters
 

@@ -5,12 +5,11 @@ import pytest
 
 from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.tolerance_box import inner_points, scaled
-from mech_twin.machines.mb10_breaker import half_sine_sizing, running_sizing
+from mech_twin.machines.mb10_breaker import running_sizing, sizing
+from mech_twin.machines.mb10_breaker.metrics import SEATED_GAP_M, SEATED_REST, is_seated
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.running_sizing import seats
-from mech_twin.machines.mb10_breaker.seat import SEATED_GAP_M, SEATED_REST, is_seated
-from mech_twin.machines.mb10_breaker.settled_run import Seating, seating, settled_run_metrics, with_rest_force
+from mech_twin.machines.mb10_breaker.running_sizing import Seating, seating, seats, settled_run_metrics, with_rest_force
 from mech_twin.machines.mb10_breaker.sizing import LIMITS
 from mech_twin.parameters.load import configuration_file, machine_parameters
 from mech_twin.studies import size
@@ -41,7 +40,7 @@ def test_the_spring_under_the_half_sine_lies_in_the_rational_range(chosen):
 
 
 def test_the_half_sine_s_choice_holds_at_points_the_search_did_not_see(chosen):
-    for factors in inner_points(half_sine_sizing.ASSUMED, TOLERANCE, 200, seed=99):
+    for factors in inner_points(sizing.ASSUMED, TOLERANCE, 200, seed=99):
         assert gap_of(scaled(chosen.parameters, factors)) <= SEATED_GAP_M
 
 
@@ -51,7 +50,7 @@ def test_the_nominal_edge_has_no_margin(chosen):
     assert gap_of(edge.parameters) <= SEATED_GAP_M
     assert any(
         gap_of(scaled(edge.parameters, {key: factor})) > SEATED_GAP_M
-        for key in half_sine_sizing.ASSUMED
+        for key in sizing.ASSUMED
         for factor in (0.95, 1.05)
     )
 

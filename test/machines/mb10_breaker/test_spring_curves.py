@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
 
-from mech_twin.machines.mb10_breaker.spring_curves import collar_grid, rational_ranges, swing_curve
+from mech_twin.machines.mb10_breaker.sizing import collar_grid, rational_ranges, swing_curve
 
 RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
 

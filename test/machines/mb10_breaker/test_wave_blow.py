@@ -14,12 +14,15 @@ from mech_twin.capabilities.plots import house_style
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import energies, masses_at, striker
-from mech_twin.machines.mb10_breaker.impacts import impact_direction, strike
-from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, static_metrics, striking_angle
-from mech_twin.machines.mb10_breaker.plots import pictures
-from mech_twin.machines.mb10_breaker.wave_blow import push_on_body, strike_as_wave
-from mech_twin.machines.mb10_breaker.wave_metrics import blow_metrics, blow_of
-from mech_twin.machines.mb10_breaker.wave_plots import pressing, rated_rod_blow
+from mech_twin.machines.mb10_breaker.impacts import impact_direction, push_on_body, strike, strike_as_wave
+from mech_twin.machines.mb10_breaker.metrics import (
+    blow_metrics,
+    blow_of,
+    rated_crank_speed,
+    static_metrics,
+    striking_angle,
+)
+from mech_twin.machines.mb10_breaker.plots import pictures, pressing, rated_rod_blow
 from mech_twin.parameters.load import machine
 from mech_twin.parts.rod_waves.struck_tool import NO_CURVE, NO_FORCES, rod_blow
 

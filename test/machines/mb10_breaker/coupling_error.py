@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far the coupled run of the breaker lies from the motion solved as one, and the order in the coupling step.
 
-The judge is `reference`, which shares no code with the motion of the machine.
+The judge is `breaker_reference`, which shares no code with the motion of the machine.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from machines.mb10_breaker.breaker_reference import BreakerReference
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.machines.mb10_breaker.state import BreakerMemory
 
 
