@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+from machines.mb10_breaker.breaker_reference import BreakerReference
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 from studies.identification.independent_machines import (
@@ -22,7 +23,6 @@ from studies.identification.independent_machines import (
 )
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.machines.mb10_breaker.reference import BreakerReference
 from mech_twin.parameters.load import machine_parameters
 
 PAGES = Path(__file__).resolve().parents[3] / "config" / "pages"
