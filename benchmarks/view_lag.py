@@ -37,7 +37,7 @@ SECONDS, SETTLE_S = 10.0, 2.0
 UP_LIMIT_MS = 240_000
 ORDERS, TRIALS = 8, 40
 TICKS = os.sysconf("SC_CLK_TCK")
-BROWSER, BENCH = ("--type=renderer", "--type=gpu-process"), ("bench_process", "nodes.run.trials")
+BROWSER, BENCH = ("--type=renderer", "--type=gpu-process"), ("bench_process",)
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 # at each frame the age of what it shows: since the run sent it, by the wall clock that both ends read
 WATCH = """() => { window.ages = []; window.bench.frames = 0;

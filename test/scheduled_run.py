@@ -13,10 +13,8 @@ from simulated_ros import Network, simulated_ros
 
 from mech_twin.engine.run import frames
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.roles.body_node import BodyNode
-from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.answering_nodes import BodyNode, ForceNode, MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
-from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.samples import Frame
 
 NAME = "mb10_breaker"

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from footprint import FootprintLog
 
 from mech_twin.engine.run import frames
-from mech_twin.nodes.roles.step_pacer import TOLD_FROM_S
+from mech_twin.nodes.roles.stepping import TOLD_FROM_S
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.bag_samples import FIELDS, BagSamples
 from mech_twin.roles import Machine

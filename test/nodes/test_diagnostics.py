@@ -7,7 +7,7 @@ import pytest
 from catalogue import NAMES, built
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from mech_twin.nodes.exchange.diagnostics import KINDS, NodeDiagnostics, TopicStatistics
+from mech_twin.nodes.exchange.counting import KINDS, NodeDiagnostics, TopicStatistics
 from mech_twin.samples import Named
 
 

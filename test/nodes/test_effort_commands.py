@@ -13,7 +13,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from mech_twin.engine.coupling import effort_limit
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import EFFORT_COMMAND, POSITION_COMMAND, SPEED_COMMAND
-from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples

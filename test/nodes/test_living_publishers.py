@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.nodes.exchange.living_publishers import FORGOTTEN_S, UNKNOWN, LivingPublishers
+from mech_twin.nodes.exchange.peers import FORGOTTEN_S, UNKNOWN, LivingPublishers
 
 DEAD, BORN, OTHER = ("/motor", b"1"), ("/motor", b"2"), ("/stranger", b"3")
 

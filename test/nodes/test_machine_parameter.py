@@ -16,7 +16,7 @@ from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.run.executables import machine_of
 from mech_twin.parameters.load import configuration_file, machine_parameters
 

@@ -28,10 +28,8 @@ from mech_twin.messages.step_codec import linkage as linkage_messages
 from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.topics import STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, Topic, full_name
 from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.roles.body_node import BodyNode
-from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.answering_nodes import BodyNode, ForceNode, MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
-from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.samples import Frame
 

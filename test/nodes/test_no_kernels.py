@@ -44,7 +44,7 @@ elif kind == "configuration":
     node = rclpy.create_node("none")
     node.close = lambda: None
 else:
-    from mech_twin.nodes.roles.force_node import ForceNode
+    from mech_twin.nodes.roles.answering_nodes import ForceNode
     node = ForceNode(machine)
 print("compiled", len(compiled()), compiled())
 node.close()

@@ -30,7 +30,7 @@ from mech_twin.messages.topics import (
     full_name,
     step_topics,
 )
-from mech_twin.nodes.exchange.diagnostics import TopicStatistics
+from mech_twin.nodes.exchange.counting import TopicStatistics
 from mech_twin.samples import LinkageSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

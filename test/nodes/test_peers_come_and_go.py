@@ -14,8 +14,8 @@ from mech_twin.engine.run import frames
 from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import STEP_LINKAGE, STEP_MOTOR
+from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
-from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.samples import LinkageSample
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.exchange.diagnostics import StepSequence
+from mech_twin.nodes.exchange.counting import StepSequence
 from mech_twin.nodes.roles.recorder_node import LARGEST_NS, SAME_RUN_NS, RecordingClock
 
 WALL_NS = 1_790_000_000 * 10**9

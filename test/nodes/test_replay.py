@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.answering_nodes import ForceNode
 from mech_twin.recording.errors import BagError
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

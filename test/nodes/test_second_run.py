@@ -18,7 +18,7 @@ from std_msgs.msg import String
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.messages.topics import EVERY, LATCHED, STEP_LINKAGE
-from mech_twin.nodes.exchange.host_claims import HostClaims
+from mech_twin.nodes.exchange.peers import HostClaims
 from mech_twin.nodes.run.domain import NameInUseError, replay_arguments, ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import CLAIMS, NameGuard
 from mech_twin.recording.bag_reader import BagReader
@@ -134,7 +134,7 @@ def test_another_machine_beside_the_first_leaves_it_the_clock_and_has_its_own(li
 @pytest.mark.slow
 def test_a_clock_claimed_on_this_host_is_left_to_its_holder_before_its_publisher_is_discovered(ros_domain: int) -> None:
     code = (
-        "import rclpy, time; from mech_twin.nodes.exchange.host_claims import HostClaims; rclpy.init(args=[]); "
+        "import rclpy, time; from mech_twin.nodes.exchange.peers import HostClaims; rclpy.init(args=[]); "
         "claims = HostClaims(['/clock']); print('up', flush=True); time.sleep(60)"
     )
     run = [*COMMAND, "run", "vibration_crank", "--view", "none", "--no-record", "--duration", "0.1"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.roles.step_pacer import (
+from mech_twin.nodes.roles.stepping import (
     BEGINNING_S,
     GIVEN_UP_FROM_S,
     TOLD_EVERY_S,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.nodes.exchange.diagnostics import TopicStatistics
+from mech_twin.nodes.exchange.counting import TopicStatistics
 
 
 def test_a_window_reports_each_topic_once_and_then_forgets() -> None:

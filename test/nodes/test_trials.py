@@ -13,7 +13,7 @@ import pytest
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import continued, frames
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.nodes.run.trials import SPAN_S, Trials, rolled_out
+from mech_twin.nodes.run.bench_process import SPAN_S, Trials, rolled_out
 from mech_twin.parameters.load import machine as load
 from mech_twin.view.bench.frame_text import framed, listed
 from mech_twin.view.bench.server import OrderError

@@ -26,7 +26,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import REGIMES 
 from mech_twin.machines.mb10_breaker.state import KINDS as BREAKER_KINDS
 from mech_twin.machines.roller_former.motion import EVENT_KINDS
 from mech_twin.messages import topics
-from mech_twin.nodes.exchange.diagnostics import KINDS as COUNTED
+from mech_twin.nodes.exchange.counting import KINDS as COUNTED
 from mech_twin.parameters.declared_keys import keys
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.roles import RESIDUALS

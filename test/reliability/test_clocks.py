@@ -20,7 +20,7 @@ import mech_twin
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, JOINT_STATES, STEP_LINKAGE, STEP_MOTOR, Topic
 from mech_twin.nodes.exchange.peers import clock_publishers
-from mech_twin.nodes.roles.motor_node import MotorNode
+from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
 

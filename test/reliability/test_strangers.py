@@ -46,9 +46,8 @@ from mech_twin.messages.topics import (
     Topic,
 )
 from mech_twin.nodes.exchange.hand_over import HandOver
-from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.answering_nodes import ForceNode, MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
-from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.nodes.roles.recorder_node import COPIED, RecorderNode
 from mech_twin.nodes.roles.viewer_node import ViewerNode
 from mech_twin.parameters.load import description_text, machine_parameters

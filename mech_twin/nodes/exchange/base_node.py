@@ -26,13 +26,15 @@ from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_m
 from mech_twin.messages.step_message import MessageError, source
 from mech_twin.messages.stream_window import STREAM_RATE_HZ
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
-from mech_twin.nodes.exchange.counting_publisher import (
+from mech_twin.nodes.exchange.counting import (
     CountingPublisher,
     JointStatePublisher,
+    NodeDiagnostics,
     PeakHoldPublisher,
     StepPublisher,
+    TopicStatistics,
+    array_message,
 )
-from mech_twin.nodes.exchange.diagnostics import NodeDiagnostics, TopicStatistics, array_message
 from mech_twin.nodes.exchange.hand_over import HandOver, HeardBytes, Listener, ReceivedStep, Step
 from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree
 from mech_twin.nodes.exchange.peers import new_source

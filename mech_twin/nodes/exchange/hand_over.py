@@ -10,12 +10,13 @@ while a handed step waits are taken after it.
 
 What senders here sign is known here.  Bytes that bear a sender's number and that no sender here published are a copy
 by somebody else: their signature is not believed, and they count as unsigned.  So do those of a sender elsewhere that
-another publisher sent (`publisher_numbers`).
+another publisher sent (`PublisherNumbers`).
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
@@ -23,7 +24,48 @@ from typing import Any, NamedTuple
 from mech_twin.engine.sample_vectors import row_of
 from mech_twin.messages.joint_state_cdr import StepMessage
 from mech_twin.messages.step_message import ANONYMOUS, REVISION, ConfigurationMark, Row, configuration_mark
-from mech_twin.nodes.exchange.publisher_numbers import PublisherNumbers
+
+SOURCES = 64  # of a topic that are remembered
+
+
+class PublisherNumbers:
+    """The publisher of each source heard on one topic: the first that signed with it.
+
+    Parameters
+    ----------
+    silence_s : float
+        Time after which that publisher counts as gone, and another number of the source as its successor's.
+    clock : callable
+        Steady time in seconds.
+    """
+
+    def __init__(self, silence_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._silence_s, self._clock = silence_s, clock
+        self._newest: OrderedDict[float, tuple[int, float]] = OrderedDict()  # its number, and when it came
+
+    def is_own(self, source: float, number: int | None, alone: Callable[[], bool]) -> bool:
+        """Return whether a message comes from the publisher of the source it bears.
+
+        Parameters
+        ----------
+        source : float
+            What it is signed with.
+        number : int or None
+            What the middleware numbers it with; None where it does not, and then every message is believed.
+        alone : callable
+            Whether nobody else publishes the topic: a gap is then a loss.  Asked where the number does not go on.
+        """
+        if number is None:
+            return True
+        now_s, known = self._clock(), self._newest.get(source)
+        if known is not None and number != known[0] + 1 and now_s - known[1] <= self._silence_s and not alone():
+            return False
+        self._newest[source] = number, now_s
+        self._newest.move_to_end(source)
+        if len(self._newest) > SOURCES:
+            self._newest.popitem(last=False)
+        return True
+
 
 REMEMBERED = 1 << 15  # messages of a topic: half a minute of steps of 1 ms, longer than any listener is behind
 

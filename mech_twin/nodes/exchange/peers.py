@@ -9,12 +9,19 @@ its peer counts as gone. Two clocks on one topic make time jump for who follows 
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import secrets
+import socket
+import struct
 import time
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack, suppress
 from enum import Enum
 from typing import NamedTuple
 
+import rclpy
 from rclpy.node import Node
 
 from mech_twin.messages.step_message import ANONYMOUS
@@ -248,3 +255,76 @@ def clock_publishers(node: Node) -> set[str]:
     topic = node.resolve_topic_name(CLOCK.name)
     found = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in node.get_publishers_info_by_topic(topic)}
     return found - {node.get_fully_qualified_name()}
+
+
+FORGOTTEN_S = 30.0  # middlewares forget a silent participant after 10 s to 20 s
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of rmw: the endpoint is discovered before the name of its node, or outlives it
+
+
+class LivingPublishers:
+    """The publishers of one topic, by node name and endpoint.
+
+    A killed node that was started again has two endpoints until the first is forgotten, of one name or one of them of
+    none: they count as one, until both are known for longer than that.
+    """
+
+    def __init__(self) -> None:
+        self._since_s: dict[tuple[str, bytes], float] = {}
+
+    def living(self, known: Iterable[tuple[str, bytes]], now_s: float) -> int:
+        """Return how many live for certain, of the node names and endpoints that are known now."""
+        self._since_s = {each: self._since_s.get(each, now_s) for each in known}
+        lasting = Counter(name for (name, _), since_s in self._since_s.items() if now_s - since_s > FORGOTTEN_S)
+        names = {name for name, _ in self._since_s}
+        named = {name for name in names if not name.endswith(UNKNOWN)}
+        certain = sum(max(1, lasting[name]) for name in named) + sum(lasting[name] for name in names - named)
+        return max(certain, min(1, len(names)))
+
+
+ANSWER_S = 0.02
+
+
+class HostClaims:
+    """Names held on this host: abstract Unix sockets, which the kernel gives to one process at a time.
+
+    Parameters
+    ----------
+    names : iterable of str
+        What is claimed; all or none.
+
+    Attributes
+    ----------
+    holder : str
+        What is held by whom, if another process holds one of them; else empty.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.holder = ""
+        self._held = ExitStack()
+        domain = rclpy.get_default_context().get_domain_id()
+        for name in sorted(names):  # all in one order, so that one of several gets them all
+            address = b"\0mech_twin/" + hashlib.sha256(f"{domain} {name}".encode()).digest()
+            try:
+                held = self._held.enter_context(socket.socket(socket.AF_UNIX))
+                held.bind(address)
+                held.listen()
+            except OSError as error:
+                self.close()
+                if error.errno != errno.EADDRINUSE:
+                    raise
+                self.holder = f"{name} is claimed by an earlier start{_holder(address)}"
+                return
+
+    def close(self) -> None:
+        """Let go of the names."""
+        self._held.close()
+
+
+def _holder(address: bytes) -> str:
+    """Return the process that listens at an address, in words."""
+    with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
+        asked.settimeout(ANSWER_S)
+        asked.connect(address)
+        process, _, _ = struct.unpack("3i", asked.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        return f", process {process}"
+    return ""

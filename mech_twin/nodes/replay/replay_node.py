@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
-from mech_twin.nodes.exchange.diagnostics import array_message
+from mech_twin.nodes.exchange.counting import array_message
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
 from mech_twin.recording.stamps import stamp_ns

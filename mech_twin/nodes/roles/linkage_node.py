@@ -29,10 +29,8 @@ from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.peers import PeerWait
 from mech_twin.nodes.roles.linkage_inputs import LinkageInputs, LinkageRejoin
 from mech_twin.nodes.roles.linkage_outputs import LinkageOutputs
-from mech_twin.nodes.roles.ration import Ration
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
-from mech_twin.nodes.roles.step_pacer import LagNotice, StepPacer
-from mech_twin.nodes.roles.stepping_services import RequestOutcome, SteppingServices, answer_later
+from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_text, is_of_ros
 from mech_twin.parameters.load import validated as validated_tree
 from mech_twin.samples import LinkageSample

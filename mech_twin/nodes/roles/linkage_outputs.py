@@ -28,11 +28,9 @@ from mech_twin.messages.topics import (
     STEP_LINKAGE,
 )
 from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.exchange.counting_publisher import CountingPublisher
+from mech_twin.nodes.exchange.counting import CountingPublisher
 from mech_twin.nodes.exchange.hand_over import HandedStep
-from mech_twin.nodes.exchange.host_claims import HostClaims
-from mech_twin.nodes.exchange.living_publishers import UNKNOWN
-from mech_twin.nodes.exchange.peers import clock_publishers
+from mech_twin.nodes.exchange.peers import UNKNOWN, HostClaims, clock_publishers
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.samples import BodySample, Drawing, Event, LinkageSample
 

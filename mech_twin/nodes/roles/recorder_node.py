@@ -40,10 +40,9 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.diagnostics import StepSequence
+from mech_twin.nodes.exchange.counting import StepSequence
 from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, HeardBytes, Listener
-from mech_twin.nodes.exchange.living_publishers import LivingPublishers
-from mech_twin.nodes.exchange.peers import Admission, HeardSource
+from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.recording.bag_writer import BagWriter, WriterState

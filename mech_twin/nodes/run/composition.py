@@ -25,11 +25,9 @@ from mech_twin.engine.assembly import FrameAssembler
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, run_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
-from mech_twin.nodes.roles.body_node import BodyNode
-from mech_twin.nodes.roles.force_node import ForceNode
+from mech_twin.nodes.roles.answering_nodes import BodyNode, ForceNode, MotorNode
 from mech_twin.nodes.roles.frames_node import FramesNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
-from mech_twin.nodes.roles.motor_node import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.nodes.roles.viewer_node import ObserverNode

@@ -315,7 +315,7 @@ def motor_node() -> None:
     """Run the motor node."""
 
     def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.motor_node import MotorNode
+        from mech_twin.nodes.roles.answering_nodes import MotorNode
 
         return MotorNode(machine)
 
@@ -337,7 +337,7 @@ def force_node() -> None:
     """Run the force analysis node."""
 
     def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.force_node import ForceNode
+        from mech_twin.nodes.roles.answering_nodes import ForceNode
 
         return ForceNode(machine)
 
@@ -348,7 +348,7 @@ def body_node() -> None:
     """Run the body node."""
 
     def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.body_node import BodyNode
+        from mech_twin.nodes.roles.answering_nodes import BodyNode
 
         return BodyNode(machine)
 

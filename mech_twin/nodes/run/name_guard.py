@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
-from mech_twin.nodes.exchange.host_claims import HostClaims
+from mech_twin.nodes.exchange.peers import HostClaims
 from mech_twin.nodes.run.domain import DISCOVERY, THIS_HOST, NameInUseError
 
 DISCOVERY_S = 3.5  # usually a tenth of a second; where that fails, with the announcement that comes each 3 s

@@ -37,7 +37,7 @@ from mech_twin.messages.topics import (
     virtual_pin,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.counting_publisher import CountingPublisher
+from mech_twin.nodes.exchange.counting import CountingPublisher
 from mech_twin.nodes.shadow.inputs import (
     COMMAND,
     FollowedTopic,

@@ -1,0 +1,337 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a node counts: what it sent on each topic, what went wrong there, and the diagnostics that say so.
+
+No loss is silent.  The worst residual of each window is held against its limit.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import serialize_message
+
+from mech_twin.engine.invariants import ResidualWindow, broken_lines
+from mech_twin.messages.peak_hold import PeakHoldWindow
+from mech_twin.messages.step_message import set_stamp
+from mech_twin.messages.stream_window import StreamWindow
+from mech_twin.messages.topics import Topic
+from mech_twin.nodes.exchange.hand_over import HandedBytes, HandedStep, StepChannel
+from mech_twin.samples import Named, Sample
+
+OF_STEPS = ("missing", "repeated", "late", "early", "conflicting")
+KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "suspended")
+
+
+class Report(NamedTuple):
+    """What one window of one topic saw."""
+
+    topic: str
+    counts: dict[str, int]
+    last_reason: str
+
+
+class SequenceFault(NamedTuple):
+    """A kind of `KINDS`, words for a person, and how many steps it concerns."""
+
+    kind: str
+    reason: str
+    number: int
+
+
+class StepSequence:
+    """The first and the newest step of a topic."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+        self.last: int | None = None
+
+    def take(self, step: int) -> SequenceFault | None:
+        """Take a step into account; return what is wrong with it, if anything is."""
+        last, self.last = self.last, step if self.last is None else max(step, self.last)
+        if last is None:
+            self.first = step
+        if last is None or step == last + 1:
+            return None
+        reason = f"step {step} after {last}"
+        if step > last:
+            return SequenceFault("missing", reason, step - last - 1)
+        return SequenceFault("repeated" if step == last else "late", reason, 1)
+
+
+class TopicStatistics:
+    """Counts per topic and kind, in all and since the last report."""
+
+    def __init__(self) -> None:
+        self.total: Counter[tuple[str, str]] = Counter()
+        self._window: Counter[tuple[str, str]] = Counter()
+        self._reasons: dict[str, str] = {}
+
+    def count(self, topic: str, kind: str, reason: str = "", number: int = 1) -> None:
+        """Count that something of this kind happened on a topic."""
+        if kind not in KINDS:
+            raise ValueError(f"kind {kind!r} is not one of {', '.join(KINDS)}")
+        self.total[topic, kind] += number
+        self._window[topic, kind] += number
+        if reason:
+            self._reasons[topic] = reason
+
+    def totals(self) -> dict[str, int]:
+        """Return ``topic: kind`` -> count since the start."""
+        return {f"{topic}: {kind}": number for (topic, kind), number in sorted(self.total.items())}
+
+    def close_window(self) -> list[Report]:
+        """Return one report a topic that saw anything since the last call."""
+        topics = sorted({topic for topic, _ in self._window})
+        reports = [
+            Report(topic, {k: n for (t, k), n in self._window.items() if t == topic}, self._reasons.get(topic, ""))
+            for topic in topics
+        ]
+        self._window.clear()
+        self._reasons.clear()
+        return reports
+
+
+HARMLESS = {"repeated"}  # a run that waits repeats its step: counted, and no reason to warn
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class NodeDiagnostics:
+    """Collects a window and turns it into a diagnostics message.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the node; its namespace, without the first slash, is the hardware that is diagnosed.
+    statistics : TopicStatistics
+        What was lost.
+    """
+
+    def __init__(self, name: str, statistics: TopicStatistics) -> None:
+        self.state = "starting"
+        self.breaches = 0
+        self._name = name
+        self.hardware = name.strip("/").rpartition("/")[0]
+        self._statistics = statistics
+        self._window = ResidualWindow({})
+        self._step_s: float | None = None
+        self._errors: list[str] = []
+        self._warnings: list[str] = []
+
+    def limits(self, limits: Mapping[str, float], step_s: float) -> None:
+        """Judge residuals by these limits, of a coupling step (s), from now on; one that has none counts as broken."""
+        self._window.limits = dict(limits)
+        self._step_s = step_s
+
+    def observe(self, residuals: Named) -> None:
+        """Take the residuals of one sample into account."""
+        self._window.observe(residuals)
+
+    def error(self, text: str) -> None:
+        """Add an error to the next message."""
+        self._errors.append(text)
+
+    def warn(self, text: str) -> None:
+        """Add a warning to the next message."""
+        self._warnings.append(text)
+
+    def close_window(self, extra: Mapping[str, str]) -> tuple[DiagnosticStatus, list[str]]:
+        """Return the status of the window that ends now, and one line for the log per topic that lost something."""
+        reports = [report for report in self._statistics.close_window() if set(report.counts) - HARMLESS]
+        residuals = self._window.close()
+        lines = [_line(report) for report in reports]
+        broken = broken_lines(residuals, self._step_s)
+        self.breaches += len(broken)
+        waiting = self.state.startswith("waiting")
+        level = ERROR if broken or self._errors else WARN if reports or waiting or self._warnings else OK
+        text = "; ".join([self.state, *broken, *self._errors, *self._warnings, *lines])
+        self._errors, self._warnings = [], []
+        status = DiagnosticStatus(level=level, name=self._name, message=text, hardware_id=self.hardware)
+        values = {f"worst {name}": f"{residual.worst:.6g}" for name, residual in residuals.items()}
+        values |= {name: str(number) for name, number in self._statistics.totals().items()} | dict(extra)
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        return status, lines
+
+
+def _line(report: Report) -> str:
+    counts = ", ".join(f"{number} {kind.replace('_', ' ')}" for kind, number in report.counts.items())
+    return f"{report.topic}: {counts}" + (f"; last: {report.last_reason}" if report.last_reason else "")
+
+
+def array_message(time_s: float, status: DiagnosticStatus) -> DiagnosticArray:
+    """Return one status as a diagnostics message, stamped with simulation time."""
+    message = DiagnosticArray(status=[status])
+    set_stamp(message.header, time_s)
+    return message
+
+
+class CountingPublisher:
+    """One topic a node publishes.
+
+    A message that nobody listens to is counted and not handed to the middleware, except where it is kept for who comes
+    later.  What is not kept is handed as bytes to listeners served by the same executor, and published for others only.
+
+    Parameters
+    ----------
+    node : Node
+        The publishing node.
+    topic : Topic
+        What is published.
+    listeners : int
+        Subscribers that must be matched before the first message, so that none is missed.
+    on_incompatible : callable, optional
+        Told when a subscriber asks for a quality of service that is not offered.
+    """
+
+    exclusive = False  # whether nobody else may publish on the topic
+
+    def __init__(
+        self, node: Node, topic: Topic, listeners: int, on_incompatible: Callable[[Any], None] | None = None
+    ) -> None:
+        self.name = topic.name
+        self.listeners = listeners
+        self.sent = 0
+        self._kept = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        callbacks = PublisherEventCallbacks(incompatible_qos=on_incompatible)
+        self._publisher = node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=callbacks)
+        self._count: Callable[[], int] = self._publisher.handle.get_subscription_count
+        self._channel = StepChannel()
+
+    @property
+    def matched(self) -> bool:
+        """Whether all expected subscribers are there."""
+        return self._count() >= self.listeners
+
+    @property
+    def heard(self) -> bool:
+        """Whether somebody listens, or what is sent is kept for who comes later."""
+        return self._kept or self._count() > 0
+
+    def send(self, message: Any) -> None:
+        """Publish a message, or the bytes of one."""
+        self.sent += 1
+        self._pass_on(message)
+
+    def send_made(self, make: Callable[[], Any]) -> None:
+        """Publish what a call returns, which is made only if somebody listens."""
+        self.sent += 1
+        if self.heard:
+            self._pass_on(make())
+
+    def _pass_on(self, message: Any) -> None:
+        if self._kept:
+            self._publisher.publish(message)
+        elif isinstance(message, bytes):
+            self._channel.send(HandedBytes(message), self._count, self._publisher.publish)
+        elif self.heard:
+            self._channel.send(HandedBytes(serialize_message(message)), self._count, self._publisher.publish)
+
+    def join(self, channel: StepChannel) -> None:
+        """Send to the listeners of a channel by hand from now on."""
+        channel.senders += 1
+        self._channel = channel
+
+    def leave(self) -> None:
+        """Send to nobody by hand."""
+        self._channel.left()
+        self._channel = StepChannel()
+
+    def flush(self) -> None:
+        """Publish what is held back, where anything is."""
+
+    def withdraw(self, node: Node) -> None:
+        """Leave the topic to others."""
+        node.destroy_publisher(self._publisher)
+
+
+class StepPublisher(CountingPublisher):
+    """A topic of step messages: objects for listeners served by the same executor, bytes for those elsewhere."""
+
+    exclusive = True
+
+    def send(self, message: HandedStep) -> None:
+        """Hand a step over, and publish its bytes where somebody elsewhere listens."""
+        self.sent += 1
+        self._channel.send(message, self._count, self._publisher.publish)
+
+
+class JointStatePublisher(CountingPublisher):
+    """A decimated topic of joint states; see `StreamWindow` for which samples go out.
+
+    Parameters
+    ----------
+    window : int
+        Steps per message where nothing strikes.
+    message : callable
+        Returns the bytes of the joint state of a sample.
+    """
+
+    exclusive = True
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        listeners: int,
+        window: int,
+        message: Callable[[Any], bytes],
+        on_incompatible: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(node, topic, listeners, on_incompatible)
+        self._window = StreamWindow[Any](window)
+        self._message = message
+
+    def offer(self, sample: Sample, impact: bool, magnitude: float = 0.0) -> None:
+        """Take the sample of a step into account, and publish what goes out."""
+        self._send_all(self._window.offer(sample.step, sample, magnitude, impact))
+
+    def flush(self) -> None:
+        """Publish what the window holds so far."""
+        self._send_all(self._window.rest())
+
+    def _send_all(self, due: Iterable[Any]) -> None:
+        for sample in due:
+            self.send_made(partial(self._message, sample))
+
+
+class PeakHoldPublisher(CountingPublisher):
+    """A decimated topic: of each window the message of greatest magnitude goes out, so that spikes survive.
+
+    Parameters
+    ----------
+    window : int
+        Steps per message.
+    message : callable
+        Returns the message of what was offered.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: Topic,
+        listeners: int,
+        window: int,
+        message: Callable[[Any], Any],
+        on_incompatible: Callable[[Any], None] | None = None,
+    ) -> None:
+        super().__init__(node, topic, listeners, on_incompatible)
+        self._window = PeakHoldWindow[Any](window)
+        self._message = message
+
+    def offer(self, magnitude: float, sample: Any) -> None:
+        """Take one step into account; the message of its sample goes out if it turns out to be the extreme."""
+        kept = self._window.offer(magnitude, sample)
+        if kept is not None:
+            self.send_made(lambda: self._message(kept))
+
+    def flush(self) -> None:
+        """Publish what the window holds so far."""
+        kept = self._window.rest()
+        if kept is not None:
+            self.send_made(lambda: self._message(kept))
