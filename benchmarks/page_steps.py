@@ -22,6 +22,7 @@ PAIRS = (
     ("vibration_crank", "vibration_crank", {}),
     ("compaction_press", "press", {"working_force.peak_n": 0.0}),
     ("roller_former", "roller_former_2", {"load": "none"}),
+    ("mb10_breaker", "breaker", {}),
 )
 RUN_S, REPEATS = 3.0, 9
 

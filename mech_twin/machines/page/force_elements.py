@@ -193,6 +193,14 @@ class Damper(Parameters):
         return self.rate_nms_per_rad is not None
 
 
+class Reset(Parameters):
+    """A joint that is again as it starts, each time a revolute comes to an angle: a part is fed, a tool taken back."""
+
+    joint: str = choice("joint that is again as it starts: its place, its speed; no loop or speed may lead it")
+    by: str = choice("revolute whose angle tells when, each turn, either way")
+    at_deg: float = quantity("deg", "that angle", ge=-360.0, le=360.0)
+
+
 class FrictionElement(Parameters):
     """Coulomb friction of a joint; a joint at rest sticks as long as the force is smaller."""
 

@@ -82,6 +82,10 @@ class ElementForces:
         self._couplings()
         self._dampers()
         self._loads()
+        for name, reset in self.page.resets.items():
+            self.watch(
+                name, sine(0.5 * (self.coordinate(reset.by).value - self.number(reset.at_deg * DEGREE))), UNKNOWN
+            )
         self.laws = [self._contact(self.page.contacts[name]) for name in self.places.rigid]
         self.laws += [self._layer(name) for name in self.places.layers]
         self.laws += [self._resistance(joint) for joint in self.places.resisted.values()]

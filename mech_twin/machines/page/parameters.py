@@ -24,11 +24,11 @@ from mech_twin.machines.page.elements import (
     Vector,
     vector,
 )
-from mech_twin.machines.page.force_elements import CouplingElement, Damper, FrictionElement, SpringElement
+from mech_twin.machines.page.force_elements import CouplingElement, Damper, FrictionElement, Reset, SpringElement
 
 GROUND = "ground"
 MOST_BODIES, MOST_ELEMENTS = 30, 60
-GROUPS = ("joints", "couplings", "drives", "springs", "dampers", "friction", "contacts", "loads", "outputs")
+GROUPS = ("joints", "couplings", "drives", "springs", "dampers", "friction", "contacts", "loads", "resets", "outputs")
 USUAL_STEP_S = 0.001
 DOWN = (0.0, -9.80665)
 
@@ -49,6 +49,7 @@ class Page(Parameters):
     friction: dict[Name, FrictionElement] = choice("friction by name", default={})
     contacts: dict[Name, Contact] = choice("contacts and stops by name", default={})
     loads: dict[Name, LoadElement] = choice("loads by name", default={})
+    resets: dict[Name, Reset] = choice("joints that are again as they start, by name", default={})
     outputs: dict[Name, Output] = choice("outputs by name", default={})
     coupling: Coupling = choice("coupling of the roles", default=Coupling(step_s=USUAL_STEP_S))
     settle_s: float = quantity("s", "time from the start that the numbers of a run leave out", default=0.0, ge=0.0)
@@ -107,6 +108,8 @@ class Page(Parameters):
         for name, load in self.loads.items():
             if load.body is not None:
                 self._check_body(f"loads.{name}.body", load.body)
+        for name, reset in self.resets.items():
+            self._check_revolute(f"resets.{name}.by", reset.by)
         for name, output in self.outputs.items():
             for body in output.angle or ():
                 self._check_body(f"outputs.{name}.angle", body)
@@ -179,6 +182,11 @@ class Page(Parameters):
         if turns is not None and turns != (kind == "revolute"):
             unit = "rpm, deg, or N m" if kind == "revolute" else "m, m/s, or N"
             raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected keys in {unit}")
+
+    def _check_revolute(self, where: str, name: str) -> None:
+        there = [joint for joint, element in self.joints.items() if element.kind == "revolute"]
+        if name not in there:
+            raise ValueError(f"{where}: no revolute '{name}'; expected one of {', '.join(there) or 'none'}")
 
     def point(self, name: str) -> tuple[str, tuple[float, float]]:
         """Return the body of a point and its place in the body's frame."""

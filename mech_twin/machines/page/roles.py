@@ -39,7 +39,7 @@ from mech_twin.machines.page.step import (
     PageMachine,
     start_page,
 )
-from mech_twin.machines.page.system import BEND, KINDS, PHASE, PORT, TOUCH, PageSystem
+from mech_twin.machines.page.system import BEND, KINDS, PHASE, PORT, RESET, TOUCH, PageSystem
 from mech_twin.samples import LinkageSample
 
 Array = NDArray[np.float64]
@@ -136,20 +136,23 @@ class PageModel:
         for i, times in enumerate(p.programs.values()):
             timing[i, : 1 + len(times)] = len(times), *times
         kinds = [
-            PHASE if name in p.programs else PORT if name in p.ports else BEND if name in p.bends else TOUCH
+            PHASE if name in p.programs else PORT if name in p.ports else BEND if name in p.bends
+            else RESET if name in p.resets else TOUCH
             for name in p.switches
-        ]
-        gas = [p.ports.get(name, 0) for name in p.switches]
+        ]  # fmt: skip
+        for name, k in p.resets.items():
+            timing[p.switches.index(name), :2] = self.start_state[k], self.start_state[n + k]
+        changed = [{**p.ports, **p.resets}.get(name, 0) for name in p.switches]
         restitutions = [self.page.contacts[name].restitution or 0.0 for name in p.rigid]
         return PageSystem(
             f.instant.address(), f.correction.address(), np.array([*f.numbers, 0.0]), np.zeros(p.controls + 1),
-            np.zeros(f.instant.size + 1), np.zeros(f.correction.size),
+            np.zeros(max(f.instant.size, f.report.size) + 1), np.zeros(f.correction.size),
             np.array([*restitutions, *[-1.0] * (len(p.laws) - len(p.rigid))], dtype=float), timing,
-            np.array(kinds, dtype=np.int64), np.array(gas, dtype=np.int64),
+            np.array(kinds, dtype=np.int64), np.array(changed, dtype=np.int64),
             n, p.dependent, nr, len(p.laws), len(p.switches), len(p.programs), len(p.worked), p.switch_controls,
             law_values, law_values + len(p.laws) * (n + nr + 5), len(p.gases), self.rods.rows,
             np.array([p.laws.index(name) for name in self.rods.rods], dtype=np.int64),
-            np.zeros(len(p.laws), dtype=np.int64),
+            np.zeros(len(p.laws), dtype=np.int64), f.report.address(), 2 * len(self.assembly.columns), len(p.resets),
         )  # fmt: skip
 
     @cached_property

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.tables import Rows, bends_of, instants
@@ -144,6 +145,24 @@ class StatePlaces:
                 found += self._bends(name, page.drives[name].rows, held=True)
         return tuple(found)
 
+    @cached_property
+    def resets(self) -> dict[str, int]:
+        """The free coordinate of each reset.
+
+        Raises
+        ------
+        ConfigurationError
+            A loop or a given speed leads the joint.
+        """
+        free = [self.assembly.coordinates[j] for j in self.assembly.split.free]
+        for name, reset in self.page.resets.items():
+            if reset.joint not in free:
+                raise ConfigurationError(
+                    f"resets.{name}.joint: '{reset.joint}' follows other joints or a drive; expected one of "
+                    f"{', '.join(n for n in free if n in self.page.joints) or 'none, no joint of the page is free'}"
+                )
+        return {name: free.index(reset.joint) for name, reset in self.page.resets.items()}
+
     @staticmethod
     def _bends(name: str, rows: Rows | None, *, held: bool) -> list[str]:
         return [] if rows is None else [f"{name}_bend_{i}" for i in range(len(bends_of(rows, held=held)))]
@@ -151,7 +170,7 @@ class StatePlaces:
     @cached_property
     def switches(self) -> tuple[str, ...]:
         """Elements with a signal of their own."""
-        return (*self.programs, *self.ports, *self.compliant, *self.backlashes, *self.bends)
+        return (*self.programs, *self.ports, *self.compliant, *self.backlashes, *self.bends, *self.resets)
 
     @cached_property
     def worked(self) -> tuple[str, ...]:
@@ -173,8 +192,8 @@ class StatePlaces:
 
     @property
     def books(self) -> tuple[str, ...]:
-        """The books, in their order in the state; the last is what impacts take."""
-        return (*self.driven_names, *self.worked, *self.laws, "impacts")
+        """The books, in their order in the state; the last are what impacts take, what resets give."""
+        return (*self.driven_names, *self.worked, *self.laws, "impacts", *self.resets)
 
     @property
     def state(self) -> int:

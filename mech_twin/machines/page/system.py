@@ -13,7 +13,7 @@ from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.machines.page.rods import rod_restitution
 from mech_twin.mechanics.straight_line import call_straight_line
 
-PHASE, PORT, TOUCH, BEND = range(4)  # what a switch is
+PHASE, PORT, TOUCH, BEND, RESET = range(5)  # what a switch is
 IMPACT, CONTACT, RELEASE, STICK, SLIP, SWITCH = range(6)
 KINDS = ("impact", "contact", "release", "stick", "slip", "switch")
 ROUNDS = 6  # of Newton that put the dependent coordinates back
@@ -24,7 +24,8 @@ class PageSystem(NamedTuple):
     """A page for the loop: functions by address, numbers, controls, room for values; sizes, all counts.
 
     ``programs`` of the switches are the first; ``timing`` has of each how many instants a period has, and these.
-    ``kinds`` tells what a switch is, ``gas`` whose amount the port has.
+    Of a reset ``timing`` has the place and the speed at the start.
+    ``kinds`` tells what a switch is, ``changes`` whose amount of gas a port has, which freedom a reset.
     ``rods`` has a row for each rod, ``struck`` its law; ``marks`` is room, a law each.
     """
 
@@ -37,7 +38,7 @@ class PageSystem(NamedTuple):
     restitutions: Array
     timing: Array
     kinds: Indices
-    gas: Indices
+    changes: Indices
     free: int
     dependent: int
     driven: int
@@ -52,6 +53,9 @@ class PageSystem(NamedTuple):
     rods: Array
     struck: Indices
     marks: Indices
+    report: int
+    energies: int  # where they begin in the report
+    resets: int
 
 
 @borrowing_kernel
@@ -152,8 +156,10 @@ def accumulate_page(system: PageSystem, t: float, y: Array, regimes: Indices, at
     place += system.worked
     for i in range(system.law_count):
         out[place + i] = at.multiplier[i] * at.velocity[i]
-    out[place + system.law_count] = 0.0
-    place += system.law_count + 1
+    place += system.law_count
+    for i in range(1 + system.resets):
+        out[place + i] = 0.0
+    place += 1 + system.resets
     for i in range(system.gases):
         out[place + i] = system.values[gas_values(system) + i]
 
@@ -181,17 +187,44 @@ def end_page(system: PageSystem, t: float, before: Array, y: Array, regimes: Ind
     put_back(system, y)
 
 
+@borrowing_kernel
+def energy_of(system: PageSystem, t: float, y: Array) -> float:
+    """Return kinetic and potential energy of a state (J)."""
+    call_straight_line(system.report, system.numbers, system.controls, t, y, system.values)
+    return float(system.values[system.energies] + system.values[system.energies + 1])
+
+
+@borrowing_kernel
+def reset_joint(system: PageSystem, which: int, t: float, y: Array, regimes: Indices) -> None:
+    """Let a freedom be as it started, and book what that gives; its laws begin anew, as rest or motion tells."""
+    n, k, before = system.free, system.changes[which], energy_of(system, t, y)
+    y[k], y[n + k] = system.timing[which, 0], system.timing[which, 1]
+    put_back(system, y)
+    books = len(y) - system.gases - system.resets
+    y[books + which - (system.switches - system.resets)] += energy_of(system, t, y) - before
+    call_straight_line(system.instant, system.numbers, system.controls, t, y, system.values)
+    for i in range(system.law_count):
+        place = system.law_values + i * (n + system.driven + 5)
+        if system.values[place + k] != 0.0:
+            v = system.values[place + n + system.driven]
+            for j in range(n):
+                v += system.values[place + j] * y[n + j]
+            regimes[i] = OPEN if system.restitutions[i] >= 0.0 else LOW if v > 0.0 else HIGH if v < 0.0 else HOLD
+
+
 @declares(laws.pass_signal, PageSystem)
 def pass_switch(system: PageSystem, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Go on to the next phase of a program, or note that a contact, a port or a bend of a table is passed."""
+    """Go on to the next phase of a program, reset a joint, or note what is passed: contact, port, bend of a table."""
     place, kind = system.law_count + which, system.kinds[which]
     regimes[place] = regimes[place] + 1 if kind == PHASE else 1 - regimes[place]
     if kind == BEND:
         return count
     if kind == PORT and regimes[place] == 0:
         call_straight_line(system.instant, system.numbers, system.controls, t, y, system.values)
-        gas = system.gas[which]
+        gas = system.changes[which]
         y[len(y) - system.gases + gas] = system.values[gas_values(system) + system.gases + gas]
+    if kind == RESET:
+        reset_joint(system, which, t, y, regimes)
     told = CONTACT if regimes[place] == 1 else RELEASE
     fill_event(log, count, t, told if kind == TOUCH else SWITCH, place, 0.0, 0.0, 0.0, 0.0)
     return count + 1

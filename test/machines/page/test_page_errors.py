@@ -176,3 +176,10 @@ def test_a_series_of_impacts_without_end_names_page_and_contacts():
 def test_a_coupling_that_takes_the_last_freedom_is_told():
     rack = {"rack": {"kind": "rack", "joints": ["bearing", "guide"], "radius_m": 0.02}}
     assert "joints and couplings hold every body" in refused(SLIDER_CRANK, couplings=rack)
+
+
+def test_a_joint_that_others_lead_is_not_reset():
+    told = refused(SLIDER_CRANK, resets={"again": {"joint": "guide", "by": "bearing", "at_deg": 10}})
+    assert "resets.again.joint: 'guide' follows other joints or a drive; expected one of none" in told
+    told = refused(SLIDER_CRANK, resets={"again": {"joint": "guide", "by": "guide", "at_deg": 10}})
+    assert "resets.again.by: no revolute 'guide'; expected one of bearing, pin, wrist" in told

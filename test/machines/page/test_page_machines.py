@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.run import frames
+from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.dynamics import striker
 from mech_twin.parameters.load import machine
 from mech_twin.roles import CrankState
 
@@ -89,6 +91,84 @@ def test_the_press_has_the_machine_s_motion_and_torque():
         swung = a.linkage.joint("pendulum_bearing").position
         assert 0.3 * math.remainder(swung - pendulum, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
         assert a.linkage.effort[0] == pytest.approx(b.linkage.effort[0], abs=1e-8 * torque)
+
+
+TILT_RAD = math.asin(0.25)  # of the breaker's ground link in the body's frame of its page
+
+
+def blows(run, kind, contact):
+    """Return instant (s), speed (m/s) and impulse (N s) of each blow of striker and tool."""
+    events = [e for f in run for e in f.linkage.events if (e.kind, e.contact) == (kind, contact)]
+    return np.array([(e.time_s, e.pre_velocity_m_per_s, e.impulse_ns) for e in events if e.pre_velocity_m_per_s > 1e-3])
+
+
+@cache
+def coasting(step_s):
+    """Return the breaker without supply from a sample on, its body and tool at rest, and its page from there."""
+    keys, off = {"coupling.step_s": step_s}, round(1.5 / step_s)
+    run = list(frames(machine("mb10_breaker", None, keys | {"supply.rate_per_s": 1e6}), 2.4, lambda n: float(n < off)))
+    rests = (
+        k
+        for k, f in enumerate(run)
+        if k > off + 5
+        and 3.0 < f.linkage.joint("crank").position < 4.5
+        and f.linkage.joint("body").velocity == f.linkage.joint("body").position == 0.0
+        and f.linkage.memory["tool_travel_m"] == f.linkage.memory["tool_speed_m_per_s"] == 0.0
+    )
+    run = run[next(rests) :]
+    crank, coupler, rocker, _ = run[0].linkage.position
+    own = breaker(machine("mb10_breaker").parameters)
+    start = {
+        "crank_bearing.start_deg": math.degrees(crank + TILT_RAD),
+        "crank_bearing.start_rad_per_s": run[0].linkage.velocity[0],
+        "crank_pin.start_deg": math.degrees(coupler - crank),
+        "rocker_bearing.start_deg": math.degrees(rocker + TILT_RAD),
+        "striker_guide.start_m": striker(own, crank)[0],
+    }
+    begun = keys | {"supply.initial_fraction": 0.0} | {f"joints.{key}": value for key, value in start.items()}
+    steps = len(run) - 0.5
+    return run, list(frames(machine(page("breaker"), None, begun), steps * step_s, lambda n: 0.0))
+
+
+def test_the_breaker_has_the_machine_s_motion_pins_and_blow_while_its_body_rests():
+    theirs, ours = coasting(5e-4)
+    begin_s, first, there = theirs[0].linkage.time_s, blows(ours, "impact", "blow")[0], blows(theirs, "blow", "tool")[0]
+    assert begin_s + first[0] == pytest.approx(there[0], abs=1e-12)
+    assert first[1:] == pytest.approx(there[1:], rel=1e-11)
+    together = [(a, b) for a, b in zip(ours, theirs, strict=False) if a.linkage.time_s < first[0]]
+    assert len(together) > 20
+    for pin in ("crank_pin", "rocker_bearing"):
+        peak = max(math.hypot(*wrench(b, pin)) for _, b in together)
+        for a, b in together:
+            assert math.hypot(*wrench(a, pin)) == pytest.approx(math.hypot(*wrench(b, pin)), abs=1e-8 * peak)
+    for a, b in together:
+        turned = a.linkage.joint("crank_bearing").position - TILT_RAD - b.linkage.joint("crank").position
+        assert 0.03 * math.remainder(turned, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_breaker_coasts_as_the_machine_does_when_the_step_is_short():
+    """The machine leads its body apart, by the moment at the ends of a step: what parts them goes with its square."""
+    parted = []
+    for step_s in (5e-4, 2.5e-4):
+        theirs, ours = coasting(step_s)
+        there, here = blows(theirs, "blow", "tool"), blows(ours, "impact", "blow")
+        assert len(here) == len(there) >= 8
+        parted.append(theirs[0].linkage.time_s + here[1:, 0] - there[1:, 0])
+    assert parted[0] / parted[1] == pytest.approx(4.0, rel=2e-2)
+    left = (4.0 * parted[1] - parted[0]) / 3.0
+    assert left[0] == pytest.approx(0.0, abs=1e-9)
+    assert left == pytest.approx(0.0, abs=2e-8)  # over 9 blows
+
+
+def test_the_breaker_runs_up_as_the_machine_does():
+    """Page and machine hold the motor's torque differently within a step of 1 ms."""
+    theirs, ours = told("mb10_breaker"), told(page("breaker"))
+    there, here = blows(theirs, "blow", "tool"), blows(ours, "impact", "blow")
+    assert len(here) == len(there) >= 95
+    assert here[:, 0] == pytest.approx(there[:, 0], abs=2e-5)
+    assert here[:, 1:] == pytest.approx(there[:, 1:], rel=1e-5)
+    feeds = [max(f.linkage.memory["feed_per_blow_m"] for f in theirs), max(f.linkage.position[2] for f in ours)]
+    assert feeds[1] == pytest.approx(feeds[0], rel=1e-5)
 
 
 def test_chebyshev_s_tracer_runs_nearly_straight():
