@@ -176,7 +176,7 @@ def elements_page() -> str:
 def services() -> list[tuple[str, str, str]]:
     """Return each service that a node creates: its name, its type, and the module that creates it."""
     found = []
-    for file in sorted((ROOT / "mech_twin" / "nodes").rglob("*_node.py")):
+    for file in sorted((ROOT / "mech_twin" / "nodes").rglob("*_node*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         for call in calls:
