@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from mech_twin.nodes.roles.linkage_inputs import ASK_AGAIN_S, NOBODY_LIMIT_S, RejoinRequest
+from mech_twin.nodes.roles.linkage_topics import ASK_AGAIN_S, NOBODY_LIMIT_S, RejoinRequest
 from mech_twin.samples import LinkageSample, Named
 
 LAST = LinkageSample(7, 0.007, ("crank",), (0.0,), (0.0,), (0.0,), 0, 1.0, Named(), Named())

@@ -27,8 +27,7 @@ from mech_twin.engine.errors import StateError
 from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.peers import PeerWait
-from mech_twin.nodes.roles.linkage_inputs import LinkageInputs, LinkageRejoin
-from mech_twin.nodes.roles.linkage_outputs import LinkageOutputs
+from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, LinkageRejoin
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
 from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_text, is_of_ros
