@@ -169,7 +169,7 @@ def identify_machine(verb: IdentifyVerb) -> None:
     else:
         _show_found(found)
     if not found.better:
-        say("what was held out is predicted no better than before; no configuration is written")
+        say(f"{found.lack}; no configuration is written")
         raise SystemExit(FOUND)
     if asked.out is not None:
         for path in saved.save(asked.out, force=asked.force):

@@ -91,11 +91,16 @@ class Identification:
     @property
     def better(self) -> bool:
         """Whether a key was found, and what was held out is predicted better than before, and than by a constant."""
+        return not self.lack
+
+    @property
+    def lack(self) -> str:
+        """Why it is no better than what was configured; empty where it is."""
         if not any(key.verdict in WRITTEN for key in self.keys):
-            return False
-        if self.held_out is None or self.before is None:
-            return True
-        return self.held_out.misfit < min(self.before.misfit, 1.0)
+            return "no key is identified"
+        if self.held_out is None or self.before is None or self.held_out.misfit < min(self.before.misfit, 1.0):
+            return ""
+        return "what was held out is predicted no better than before"
 
 
 def identified(

@@ -49,7 +49,7 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
         What further sensors would give.
     """
     title = f"{found.question.machine}: identification"
-    outcome = "predicted better than before" if found.better else "predicted no better than before: nothing was written"
+    outcome = f"{found.lack}: nothing was written" if found.lack else "predicted better than before"
     head = (
         f"<p>Fitted to {escape(', '.join(runs))}; held out: {escape(', '.join(held_out)) or 'the last share'}, "
         f"{outcome}. {found.model_runs} runs of the model, {found.seconds:.1f} s, seed {found.question.seed}.</p>"
