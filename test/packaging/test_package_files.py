@@ -86,7 +86,7 @@ def test_a_parameter_file_says_which_machine_it_is_of(name: str) -> None:
 def test_pins_are_exact_and_carry_no_address(file: Path) -> None:
     for line in file.read_text(encoding="utf-8").splitlines():
         if line and not line.startswith("#"):
-            assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
+            assert re.fullmatch(r"[A-Za-z0-9._-]+==([0-9]+!)?[A-Za-z0-9.]+", line), line
 
 
 def test_what_make_leaves_beside_the_package_changes_no_verdict_of_lint(tmp_path: Path) -> None:

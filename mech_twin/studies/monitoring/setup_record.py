@@ -81,6 +81,7 @@ class SignatureRecord(_Record):
     sizes: Annotated[list[Number], Field(min_length=2, max_length=MOST_SIZES)]
     responses: Rows
     scatter: Annotated[list[Rows], Field(max_length=MOST_SIZES)] | None = None
+    cycles: list[Number] | None = Field(default=None, max_length=MOST_SIZES, exclude=True)  # of older setups, unused
     doubt: Rows | None = None
 
     @model_validator(mode="after")
