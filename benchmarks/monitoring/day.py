@@ -30,12 +30,12 @@ from mech_twin.capabilities.cycle import TURN
 from mech_twin.engine.rollout import RollOut
 from mech_twin.files.output_file import written_file
 from mech_twin.studies.monitoring.monitor import Monitor
-from mech_twin.studies.monitoring.operating_fit import KNOT_S, operated_run
+from mech_twin.studies.monitoring.operating_fit import operated_run
 from mech_twin.studies.monitoring.sensing import MonitoredMachine
 
 PAGE = Path(__file__).parents[2] / "docs" / "proof" / "monitoring.md"
 MARKS = "<!-- day begins -->", "<!-- day ends -->"
-PERIODS_S = (600.0, 7200.0)
+KNOT_S, PERIODS_S = 0.2, (600.0, 7200.0)
 JUMPS = 3  # a jump in one motion of so many
 ARL0, BASELINE = 1000.0, 4_000
 

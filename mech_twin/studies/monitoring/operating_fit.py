@@ -38,8 +38,8 @@ from mech_twin.studies.monitoring.sensing import (
 
 SETTLED_CYCLES = 25  # before them
 STEP = 0.4  # of a range, for the transient
-STEP_DRAWS, STEP_PHASES = 4, 4
-KNOT_S = 0.2  # between the operating points of a roll-out
+STEP_DRAWS, STEP_PHASES = 2, 4
+KNOT_S = 1.0  # between the operating points of a drift
 DRIFT_S = 600.0  # a variable goes through its range and back in this time, and no quicker
 
 
