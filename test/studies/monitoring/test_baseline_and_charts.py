@@ -103,6 +103,7 @@ def test_false_alarms_come_as_often_as_stated_where_slow_dependence_is_left() ->
     assert low <= begun <= high
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.slow
 def test_false_alarms_come_as_often_as_stated_where_many_features_are_known_from_short_runs() -> None:
     """Of one rate r the charts have exp(-250 r) of blocks of 250 cycles quiet."""

@@ -132,6 +132,7 @@ def test_mains_off_by_a_little_are_an_operating_point_and_no_fault(name: str, sh
     assert value.low_95 <= value.share <= value.high_95
 
 
+@pytest.mark.timeout(900)  # the first of a machine commissions it
 @pytest.mark.slow
 @pytest.mark.parametrize("share", [-0.9, 0.9])
 @pytest.mark.parametrize(
