@@ -191,7 +191,8 @@ def _drifting(
             random = np.random.default_rng(draw)
             vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, step_s, random, begin_s))
             rows += [surface.reduced(vector)[0].values for vector in vectors[-USED_CYCLES:]]
-        return np.asarray(np.nanmean(rows, axis=0))
+        judged = [row for row in rows if np.isfinite(row).all()]
+        return np.mean(judged, axis=0) if judged else np.zeros(len(surface.others))
 
     none = np.zeros((len(at_s), len(variables)))
     still, drift = left(none), np.zeros(len(surface.others))
@@ -251,18 +252,24 @@ def _settling(
             healthy, duration_s, needed_columns(monitored.sensors), None, 1.0,
             [(change_s, monitored.entry.build(later))],
         )  # fmt: skip
-        seen = []
+        seen: list[list[tuple[FeatureVector, Array]]] = []
+        before: list[Array] = []
         for draw in range(STEP_DRAWS):
             random = np.random.default_rng(draw)
             vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, healthy.coupling_step_s, random, begin_s))
-            before = [surface.reduced(vector)[1] for vector in vectors if vector.end_s <= change_s][-1:]
+            points = [surface.reduced(vector)[1] for vector in vectors if vector.end_s <= change_s]
+            before += [point for point in points if np.isfinite(point).all()][-1:]
             seen.append([surface.reduced(vector) for vector in vectors if vector.end_s > change_s])
         count = min(map(len, seen))
+        if not count:
+            continue
         y = np.array([[left.values for left, _ in each[:count]] for each in seen]).mean(axis=0)
         u = np.array([[point for _, point in each[:count]] for each in seen]).mean(axis=0)
         is_judged = np.isfinite(y).all(axis=1) & np.isfinite(u).all(axis=1)
         y, u = y[is_judged], u[is_judged]
+        if not len(y):
+            continue
         settled = y[-count // 3 :]
         noise = np.maximum(noise, settled.std(axis=0))
-        runs[k].append((y - settled.mean(axis=0), u - (before[0] if before else u[0])))
+        runs[k].append((y - settled.mean(axis=0), u - (before[-1] if before else u[0])))
     return with_transients(surface, runs, noise)
