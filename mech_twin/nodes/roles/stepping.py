@@ -6,6 +6,7 @@ Where the package simulation_interfaces is installed, the services are offered u
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -126,7 +127,8 @@ class Ration:
     def refusal(self) -> str:
         """Return why one more request is refused; empty if it is not."""
         wait_s = self._even_s - time.monotonic() - self._ahead_s
-        return f"asked too often: ask again in {max(wait_s, 0.1):.1f} s" if wait_s > 0.0 else ""
+        told_s = math.ceil(10.0 * wait_s) / 10.0  # who asks again then is not refused
+        return f"asked too often: ask again in {told_s:.1f} s" if wait_s > 0.0 else ""
 
     @contextmanager
     def taking(self, least_s: float = 0.0) -> Iterator[None]:
