@@ -35,7 +35,7 @@ from mech_twin.studies.monitoring.sensing import MonitoredMachine
 
 PAGE = Path(__file__).parents[2] / "docs" / "proof" / "monitoring.md"
 MARKS = "<!-- day begins -->", "<!-- day ends -->"
-KNOT_S, PERIODS_S = 0.2, (600.0, 7200.0)
+KNOT_S, PERIODS_S = 0.5, (600.0, 7200.0)
 JUMPS = 3  # a jump in one motion of so many
 ARL0, BASELINE = 1000.0, 4_000
 

@@ -8,6 +8,7 @@ through it.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, NamedTuple
 
 import numba
@@ -108,9 +109,12 @@ def enter(
 
 def entry_of(system: Any) -> int | None:
     """Return the address in this process of `enter`, compiled for the type of a system; None in uncompiled code."""
-    if interpreted:
-        return None
-    signature = entry_types(_numba.typeof(system), _numba.typeof(room_for(1, 1, 0, 2).at))
+    return None if interpreted else _entry_for(_numba.typeof(system))
+
+
+@cache
+def _entry_for(kind: Any) -> int:
+    signature = entry_types(kind, _numba.typeof(room_for(1, 1, 0, 2).at))
     compiler: Any = enter
     compiler.compile(signature)
     compiled = compiler.overloads[signature]

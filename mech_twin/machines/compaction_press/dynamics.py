@@ -78,6 +78,15 @@ def loaded_height(press: Press, f: float) -> tuple[float, float]:
     return at.a_y + y, at.a_x + g2 * x
 
 
+@kernel
+def loaded_heights(press: Press, angles: Array) -> Array:
+    """Return the heights of the loaded point (m) at crank angles (rad)."""
+    heights = np.empty(len(angles))
+    for i in range(len(angles)):
+        heights[i] = loaded_height(press, angles[i])[0]
+    return heights
+
+
 @inline_kernel
 def press_reduced(press: Press, f: float, regime: int) -> Reduced:
     """Return inertia and moment reduced to the crank; the layer resists where the regime is one of contact.

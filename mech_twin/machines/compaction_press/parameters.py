@@ -12,7 +12,7 @@ from pydantic import model_validator
 from scipy.optimize import brentq
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.machines.compaction_press.dynamics import Press, loaded_height
+from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, loaded_heights
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
 from mech_twin.machines.drives import DrivenCrank
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality, smallest_transmission_angle
@@ -217,10 +217,11 @@ def _path(press: Press) -> tuple[Array, Array]:
     Where the path has a top or a low between two even angles, that is one of the angles too.
     """
     step = TURN / SAMPLES
-    heights = np.array([loaded_height(press, i * step)[0] for i in range(SAMPLES)])
+    even = np.linspace(0.0, TURN, SAMPLES, endpoint=False)
+    heights = loaded_heights(press, even)
     before, after = heights - np.roll(heights, 1), heights - np.roll(heights, -1)
     extremes = [_dead_centre(press, i * step, step) % TURN for i in np.flatnonzero(before * after >= 0.0).tolist()]
-    angles, order = np.unique(np.append(step * np.arange(SAMPLES), extremes), return_index=True)
+    angles, order = np.unique(np.append(even, extremes), return_index=True)
     return angles, np.append(heights, [loaded_height(press, f)[0] for f in extremes])[order]
 
 
