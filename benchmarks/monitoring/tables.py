@@ -104,7 +104,7 @@ def summary(results: list[dict[str, Any]]) -> str:
     return (
         f"Of {runs} runs with a fault, {wrong} ({100.0 * wrong / max(runs, 1):.2f} %) got a wrong single name and "
         f"{groups} ({100.0 * groups / max(runs, 1):.2f} %) a group without the fault; {early} more had an alarm before "
-        "it and are not counted. Baseline, run lengths and delays are in cycles."
+        "the fault: a false one, after which nothing is counted. Baseline, run lengths and delays are in cycles."
     )
 
 
