@@ -42,10 +42,11 @@ from plants import (
 )
 
 from mech_twin.files.output_file import written_file
+from mech_twin.files.plain_values import of_plain, plain
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import setup_for_cycles
 from mech_twin.studies.monitoring.findings import Findings
-from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Monitor, MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Monitor, MonitorSetup
 
 RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
@@ -73,7 +74,7 @@ def trial_setup(name: str, asked: dict[str, Any], anew: bool) -> dict[str, Any]:
         if earlier["asked"] == asked:
             return earlier
     setup = drawn_setup(name, asked["baseline"], TRIAL_ARL0, np.random.default_rng([asked["seed"], 0]), named=True)
-    record = setup.record() | {"asked": asked}
+    record = plain(setup) | {"asked": asked}
     _keep(kept, record)
     return record
 
@@ -164,7 +165,7 @@ def judgement(verdict: str, fault: str, names: list[str]) -> str:
 
 @cache
 def _known(setup: str) -> MonitorSetup:
-    return setup_of_record(json.loads(setup))
+    return of_plain(MonitorSetup, {key: value for key, value in json.loads(setup).items() if key != "asked"})  # type: ignore[no-any-return]
 
 
 class Proof:

@@ -6,17 +6,16 @@ from __future__ import annotations
 import csv
 import json
 import logging
-import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mech_twin.files.output_file import written_file
+from mech_twin.files.plain_values import plain
 from mech_twin.process.terminal_output import printable, printable_json
 
 Item = TypeVar("Item")
@@ -39,24 +38,8 @@ BEYOND_REASON_S = 1e7  # a hundred days
 
 def print_json(document: Any) -> None:
     """Write a result as JSON: an object of the fields of a dataclass or named tuple; null for a number not finite."""
-    text = json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(document), indent=2, ensure_ascii=False, allow_nan=False)
     sys.stdout.write(f"{printable_json(text)}\n")
-
-
-def _plain(value: Any) -> Any:
-    if is_dataclass(value):
-        value = {field.name: getattr(value, field.name) for field in fields(value)}
-    elif hasattr(value, "_asdict"):
-        value = value._asdict()
-    elif hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
 
 
 def print_csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

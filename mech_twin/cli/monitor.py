@@ -29,7 +29,6 @@ from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import require_extra
 from mech_twin.results.opened_runs import given_map
-from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.design import (
     DESIGN_CYCLES,
     SensorDesign,
@@ -270,7 +269,7 @@ def _setup_record(setup: MonitorSetup, units: Mapping[str, str]) -> dict[str, An
         "arl0_h": setup.arl0_h,
         "arl0_cycles": limits.arl0_cycles,
         "extrapolated": limits.extrapolated,
-        "thresholds": dict(zip(CHARTS, limits.alarm, strict=True)),
+        "thresholds": limits.alarm,
     }
 
 

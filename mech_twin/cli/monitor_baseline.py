@@ -21,6 +21,7 @@ from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
 from mech_twin.files.input_file import opened_input
+from mech_twin.files.plain_values import plain
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
@@ -77,7 +78,7 @@ def read_setup(path: Path, machine: str, parameters: Parameters, given: Measurem
 
 def write_setup(path: Path, setup: MonitorSetup, *, force: bool) -> None:
     """Write the reference of a monitor, as `read_setup` reads it."""
-    write_text(path, json.dumps(setup.record()) + "\n", force=force)
+    write_text(path, json.dumps(plain(setup)) + "\n", force=force)
 
 
 def _check_origin(path: Path, setup: MonitorSetup, parameters: Parameters, given: MeasurementMap) -> None:

@@ -99,7 +99,7 @@ class MqttOutlet:
         """Publish what has changed."""
         for alert in alerts:
             topic = mqtt_topic(alert)
-            payload = b"" if alert.state == "cleared" else json.dumps(alert.record()).encode()
+            payload = b"" if alert.state == "cleared" else json.dumps(alert._asdict()).encode()
             if self._sent.get(topic, b"") != payload:
                 self._sent[topic] = payload
                 self._client.publish(topic, payload, qos=1, retain=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.findings import Findings
@@ -40,10 +40,6 @@ class Alert(NamedTuple):
     unit: str
     acknowledged: bool
     alarm: bool
-
-    def record(self) -> dict[str, Any]:
-        """Return the alert as JSON values."""
-        return self._asdict()
 
 
 def alerts_of(

@@ -11,11 +11,10 @@ and what is left, the innovations e, has the covariance S across the features.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -60,6 +59,10 @@ class Baseline:
     cycles: int
     period_s: float
 
+    def __post_init__(self) -> None:
+        """Give an autoregression of order 0 its width."""
+        object.__setattr__(self, "coefficients", self.coefficients.reshape(-1, len(self.names)))
+
     @property
     def order(self) -> int:
         """Order of the autoregression."""
@@ -89,30 +92,6 @@ class Baseline:
         """Return innovations (n, d) of unit covariance: L^-1 e with S = L L'."""
         factor = cholesky(self.covariance, lower=True)
         return np.ascontiguousarray(solve_triangular(factor, innovations.T, lower=True).T)
-
-    def record(self) -> dict[str, Any]:
-        """Return the baseline as JSON values."""
-        return {
-            "names": list(self.names),
-            "mean": self.mean.tolist(),
-            "coefficients": self.coefficients.tolist(),
-            "covariance": self.covariance.tolist(),
-            "cycles": self.cycles,
-            "period_s": self.period_s,
-        }
-
-
-def baseline_of_record(record: Mapping[str, Any]) -> Baseline:
-    """Return the baseline of its record."""
-    d = len(record["names"])
-    return Baseline(
-        tuple(record["names"]),
-        np.array(record["mean"], dtype=np.float64),
-        np.array(record["coefficients"], dtype=np.float64).reshape(-1, d),
-        np.array(record["covariance"], dtype=np.float64),
-        int(record["cycles"]),
-        float(record["period_s"]),
-    )
 
 
 def feature_runs(vectors: Sequence[FeatureVector], names: Sequence[str]) -> list[Array]:

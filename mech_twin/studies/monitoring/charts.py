@@ -24,10 +24,10 @@ KunschBootstrap1989 (moving blocks), BeranPrepivoting1987 (second bootstrap), Je
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky
@@ -38,7 +38,6 @@ from mech_twin.studies.monitoring.baseline import LARGEST_ORDER, Baseline, basel
 
 ALLOWANCE = 0.5  # k, in standard deviations: best against a drift of one
 WINDOW = 60  # cycles that the jump chart looks back
-CHARTS = ("cusum", "glr", "chi_square")
 SEQUENCES, SEQUENCE_CYCLES = 40, 10_000
 REDRAWN, REDRAWN_SEQUENCES, JUDGED_SEQUENCES = 16, 16, 4  # baselines drawn anew, sequences for and before each of them
 MOST_CALIBRATED = 1000.0  # of few cycles, or of features without noise, baselines drawn anew are no likeness
@@ -166,29 +165,29 @@ def siegmund_run_length(threshold: float, allowance: float = ALLOWANCE, shift: f
     return 1.0 / (1.0 / one_sided(shift - allowance) + 1.0 / one_sided(-shift - allowance))
 
 
+class Thresholds(NamedTuple):
+    """A limit of each chart's statistic."""
+
+    cusum: float
+    glr: float
+    chi_square: float
+
+
+CHARTS = Thresholds._fields
+
+
 @dataclass(frozen=True)
 class ChartLimits:
-    """Where the charts give alarm, and below what they count as quiet, in the order of `CHARTS`.
+    """Where the charts give alarm, and below what they count as quiet.
 
     ``arl0_cycles`` is the stated mean number of healthy cycles between alarms of any chart; ``extrapolated`` says that
     the baseline is shorter than three of them.
     """
 
-    alarm: tuple[float, ...]
-    quiet: tuple[float, ...]
+    alarm: Thresholds
+    quiet: Thresholds
     arl0_cycles: float
     extrapolated: bool
-
-    def record(self) -> dict[str, Any]:
-        """Return the limits as JSON values."""
-        named = {key: dict(zip(CHARTS, getattr(self, key), strict=True)) for key in ("alarm", "quiet")}
-        return {**named, "arl0_cycles": self.arl0_cycles, "extrapolated": self.extrapolated}
-
-
-def limits_of_record(record: Mapping[str, Any]) -> ChartLimits:
-    """Return the limits of their record."""
-    alarm, quiet = (tuple(float(record[key][chart]) for chart in CHARTS) for key in ("alarm", "quiet"))
-    return ChartLimits(alarm, quiet, float(record["arl0_cycles"]), bool(record["extrapolated"]))
 
 
 class RateCurve(NamedTuple):
@@ -246,8 +245,8 @@ def chart_limits(baseline: Baseline, innovations: Sequence[Array], arl0_cycles: 
             rarest.append(np.max([-curve.log_rate(column) for curve, column in seen], axis=0))
     nominal = np.exp(-rate_curve(np.concatenate(rarest)).level(1.0 / arl0_cycles))
     nominal = float(np.clip(nominal, 1.0 / (MOST_CALIBRATED * arl0_cycles), 1.0 / arl0_cycles))
-    alarm = tuple(curve.level(nominal) for curve in curves)
-    quiet = tuple(min(curve.level(1.0 / CLEAR_CYCLES), level) for curve, level in zip(curves, alarm, strict=True))
+    alarm = Thresholds._make(curve.level(nominal) for curve in curves)
+    quiet = Thresholds._make(map(min, alarm, (curve.level(1.0 / CLEAR_CYCLES) for curve in curves)))
     return ChartLimits(alarm, quiet, float(arl0_cycles), baseline.cycles < 3.0 * arl0_cycles)
 
 

@@ -15,13 +15,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.studies.monitoring.baseline import Baseline, baseline_of_record
-from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState, ChartValues, limits_of_record
+from mech_twin.studies.monitoring.baseline import Baseline
+from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.findings import FaultEvent, Findings, Verdict, finding_name
@@ -31,16 +30,13 @@ from mech_twin.studies.monitoring.naming import (
     Signature,
     candidates,
     estimated_change,
-    signature_of_record,
 )
-from mech_twin.studies.monitoring.operating import OperatingSurface, OperatingValue, surface_of_record
+from mech_twin.studies.monitoring.operating import OperatingSurface, OperatingValue
 from mech_twin.studies.monitoring.operating_track import OperatingTrack
-from mech_twin.studies.monitoring.origin import Origin, origin_of_record
+from mech_twin.studies.monitoring.origin import Origin
 from mech_twin.studies.monitoring.sensor_quality import (
     SensorFinding,
     SensorLimits,
-    limits_of,
-    limits_record,
     sensor_findings,
 )
 
@@ -73,41 +69,6 @@ class MonitorSetup:
     def arl0_h(self) -> float:
         """Mean time between false alarms that the thresholds are for, in hours."""
         return self.limits.arl0_cycles * self.baseline.period_s / 3600.0
-
-    def record(self) -> dict[str, Any]:
-        """Return the setup as JSON values; `setup_of_record` inverts that."""
-        return {
-            "machine": self.machine,
-            "baseline": self.baseline.record(),
-            "limits": self.limits.record(),
-            "signatures": [signature.record() for signature in self.signatures],
-            "settling_cycles": self.settling_cycles,
-            "rules": self.rules._asdict(),
-            **({} if self.operating is None else {"operating": self.operating.record()}),
-            **({"sensors": limits_record(self.sensors)} if self.sensors else {}),
-            **({} if self.origin is None else {"origin": self.origin.record()}),
-        }
-
-
-def setup_of_record(record: Mapping[str, Any]) -> MonitorSetup:
-    """Return the setup of its record.
-
-    Raises
-    ------
-    KeyError
-        A key is missing.
-    """
-    return MonitorSetup(
-        str(record["machine"]),
-        baseline_of_record(record["baseline"]),
-        limits_of_record(record["limits"]),
-        tuple(signature_of_record(each) for each in record["signatures"]),
-        int(record["settling_cycles"]),
-        LifeRules(**record["rules"]),
-        surface_of_record(record["operating"]) if "operating" in record else None,
-        limits_of(record.get("sensors", {})),
-        origin_of_record(record["origin"]) if "origin" in record else None,
-    )
 
 
 @dataclass

@@ -18,7 +18,7 @@ the best.  A size's interval costs at most that of one degree, 5 %, more.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -38,7 +38,6 @@ GLITCH_CHANCE = 1e-6  # that a cycle is as far from the others by noise alone
 GLITCHES = 0.2  # of the cycles since the onset, at most
 GRID = 41  # sizes from one that was rolled out to the next
 USED_CYCLES = 60  # of a roll-out, whose mean is its response
-ARRAYS = ("sizes", "responses", "scatter", "doubt")
 
 
 @dataclass(frozen=True)
@@ -92,17 +91,6 @@ class Signature:
         """Return finely spaced sizes (m - 1, n) from each to the next, and the responses (m - 1, n, d) at them."""
         lines = (np.linspace(each[:-1], each[1:], GRID, axis=1) for each in (self.sizes, self.responses))
         return next(lines), next(lines)
-
-    def record(self) -> dict[str, Any]:
-        """Return the signature as JSON values."""
-        told = {"name": self.name, "meaning": self.meaning, "unit": self.unit, "key": self.key}
-        return told | {key: array.tolist() for key in ARRAYS if len(array := getattr(self, key))}
-
-
-def signature_of_record(record: Mapping[str, Any]) -> Signature:
-    """Return the signature of its record."""
-    told: dict[str, Any] = {key: np.array(value, float) if key in ARRAYS else value for key, value in record.items()}
-    return Signature(**told)
 
 
 class Candidate(NamedTuple):

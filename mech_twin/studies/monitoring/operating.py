@@ -20,7 +20,7 @@ the same to these features are one group, under the name of each; what sensors d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -34,7 +34,6 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import Candidate, Signature
 
-ARRAYS = ("ranges", "mean", "root", "coefficients", "doubt", "drift", "wander", "moved", "transient")
 DEGREE = 3
 LIMIT = 1.3  # of the ranges: where points are rolled out, and beyond which no u is believed
 OUTSIDE = 1.1  # of a range: what is farther out, is outside
@@ -197,20 +196,6 @@ class OperatingSurface:
         return Signature(
             signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key, **told
         )
-
-    def record(self) -> dict[str, Any]:
-        """Return the surface as JSON values."""
-        words = {"names": list(self.names), "variables": list(self.variables), "beyond": list(self.beyond)}
-        numbers = {"pivots": list(self.pivots), "hold": self.hold}
-        return {**words, **numbers, **{key: getattr(self, key).tolist() for key in ARRAYS}}
-
-
-def surface_of_record(record: Mapping[str, Any]) -> OperatingSurface:
-    """Return the surface of its record."""
-    words: dict[str, Any] = {key: tuple(record[key]) for key in ("names", "variables", "beyond", "pivots")}
-    nothing = {"drift": [0.0] * (len(record["names"]) - len(record["variables"]))}  # an older setup tells of none
-    arrays = {key: np.array({**nothing, **record}[key], dtype=np.float64) for key in ARRAYS}
-    return OperatingSurface(**{**words, **arrays}, hold=int(record["hold"]))
 
 
 def polynomial_terms(variables: int) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,16 +54,6 @@ class Origin(NamedTuple):
     def age_days(self, now: datetime) -> float:
         """Return how old it is; not below 0, as clocks differ."""
         return max(0.0, (now - datetime.fromisoformat(self.made_utc)).total_seconds() / DAY_S)
-
-    def record(self) -> dict[str, Any]:
-        """Return the origin as JSON values."""
-        return {**self._asdict(), "runs": [run._asdict() for run in self.runs]}
-
-
-def origin_of_record(record: Mapping[str, Any]) -> Origin:
-    """Return the origin of its record."""
-    runs = tuple(BaselineRun(str(run["run"]), int(run["cycles"])) for run in record["runs"])
-    return Origin(str(record["made_utc"]), str(record["configuration"]), str(record["sensors"]), runs)
 
 
 def new_origin(now: datetime, parameters: BaseModel, given: MeasurementMap, runs: Iterable[BaselineRun]) -> Origin:

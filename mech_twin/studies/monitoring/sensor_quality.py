@@ -13,7 +13,7 @@ The baseline says what is usual.  A channel that shows exact plateaus while it i
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -109,15 +109,3 @@ def sensor_findings(
         elif usual.isolation > 0.0 and quality.isolation > ISOLATION * usual.isolation:
             found.append(SensorFinding("spikes", column, quality.isolation / usual.isolation))
     return tuple(sorted(found, key=lambda each: KINDS.index(each.kind)))
-
-
-def limits_record(limits: Mapping[str, SensorLimits]) -> dict[str, Any]:
-    """Return the limits as JSON values."""
-    return {column: usual._asdict() for column, usual in limits.items()}
-
-
-def limits_of(record: Mapping[str, Mapping[str, Any]]) -> dict[str, SensorLimits]:
-    """Return the limits of their record."""
-    return {
-        column: SensorLimits(**{key: float(value) for key, value in told.items()}) for column, told in record.items()
-    }

@@ -9,8 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from mech_twin.files.plain_values import of_plain
 from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
-from mech_twin.studies.monitoring.monitor import MonitorSetup, setup_of_record
+from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.operating import polynomial_terms
 
 LARGEST = 1e30  # of any number in SI units
@@ -89,7 +90,7 @@ class SignatureRecord(_Record):
         sizes = len(self.sizes)
         if not (np.diff(self.sizes) > 0.0).all() or 0.0 not in self.sizes:
             raise ValueError("sizes: expected ascending ones, with 0")
-        if self.scatter is not None and len(self.scatter) != sizes:
+        if self.scatter and len(self.scatter) != sizes:
             raise ValueError(f"scatter: expected {sizes}, one of each size")
         return self
 
@@ -97,7 +98,7 @@ class SignatureRecord(_Record):
         """Raise where it is not of so many features."""
         sizes = len(self.sizes)
         _check_rows(f"responses of {self.name!r}", self.responses, sizes, features)
-        if self.doubt is not None:
+        if self.doubt:
             _check_rows(f"doubt of {self.name!r}", self.doubt, sizes, features)
         for rows in self.scatter or ():
             _check_rows(f"scatter of {self.name!r}", rows, len((self.scatter or [rows])[0]), features)
@@ -138,8 +139,8 @@ class OperatingRecord(_Record):
         _check_rows("root", self.root, d, d)
         _check_rows("coefficients", self.coefficients, len(polynomial_terms(q)), d)
         _check_rows("doubt", [self.doubt], 1, d - q)
-        if self.drift is not None:
-            _check_rows("drift", [self.drift], 1, d - q)
+        self.drift = [0.0] * (d - q) if self.drift is None else self.drift  # an older setup tells of none
+        _check_rows("drift", [self.drift], 1, d - q)
         _check_rows("wander and moved", [self.wander, self.moved], 2, q)
         _check_rows("transient", self.transient, q, d - q)
         slopes = np.array(self.coefficients)[:q][:, self.pivots]
@@ -209,7 +210,7 @@ class SetupRecord(_Record):
 
     def setup(self) -> MonitorSetup:
         """Return the setup it is the record of."""
-        return setup_of_record(self.model_dump(exclude_none=True))
+        return of_plain(MonitorSetup, self.model_dump(exclude_none=True))  # type: ignore[no-any-return]
 
 
 def _check_rows(name: str, rows: list[list[float]], number: int, features: int) -> None:

@@ -12,11 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from studies.monitoring.synthetic import autoregressive, vectors
 
+from mech_twin.files.plain_values import of_plain, plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Signature, estimated_change, signature_of_record
+from mech_twin.studies.monitoring.naming import Signature, estimated_change
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
 COVARIANCE = np.diag([1.0, 0.25, 4.0, 1.0])
@@ -98,8 +99,8 @@ def test_a_signature_is_the_same_after_a_file() -> None:
     bent = Signature(
         "a", "b", "1", np.array([-1.0, 0.0]), np.ones((2, 4)), "c", np.ones((2, 1, 4)), 0.5 * np.ones((2, 4))
     )
-    again = signature_of_record(json.loads(json.dumps(bent.record())))
-    assert again.record() == bent.record()
+    again = of_plain(Signature, json.loads(json.dumps(plain(bent))))
+    assert plain(again) == plain(bent)
     assert np.array_equal(again.uncertainty(7.0), bent.uncertainty(7.0))
     np.testing.assert_allclose(again.uncertainty(7.0), np.full((1, 4, 4), 1.0 / 7.0 + 1.0 / 60.0 + 0.25))
 

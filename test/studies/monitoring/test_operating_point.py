@@ -14,6 +14,7 @@ import pytest
 from mech_twin.capabilities.cycle import TURN
 from mech_twin.capabilities.operating_point import motor_changes
 from mech_twin.capabilities.variation import varied
+from mech_twin.files.plain_values import plain
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
@@ -102,7 +103,7 @@ def commissioned(name: str) -> tuple[MonitoredMachine, MonitorSetup]:
     """Return a machine and its monitor, kept and read again, as a day later."""
     machine = MonitoredMachine(name, machine_parameters(name), read_map(SENSORS / f"{name}.yaml", columns_of))
     setup = fitted_setup(machine, simulated_vectors(machine, CYCLES.get(name, 400), 1), 24.0)
-    return machine, SetupRecord.model_validate_json(json.dumps(setup.record())).setup()
+    return machine, SetupRecord.model_validate_json(json.dumps(plain(setup))).setup()
 
 
 def another_day(name: str, point: Mapping[str, float], fault: Mapping[str, float] | None = None) -> list[Findings]:

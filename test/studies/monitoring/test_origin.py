@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from studies.monitoring.synthetic import autoregressive, vectors
 from studies.monitoring.test_machines import monitored
 
+from mech_twin.files.plain_values import plain
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
@@ -75,7 +76,7 @@ def test_the_origin_is_kept_in_the_file_and_nonsense_in_it_is_refused() -> None:
     runs = [BaselineRun(f"/runs/{day}.csv", 200) for day in range(DAYS)]
     origin = new_origin(MADE, machine.parameters, machine.sensors, runs)
     limits = chart_limits(baseline, innovations, 1000.0)
-    record = json.loads(json.dumps(replace(MonitorSetup("none", baseline, limits), origin=origin).record()))
+    record = json.loads(json.dumps(plain(replace(MonitorSetup("none", baseline, limits), origin=origin))))
     assert SetupRecord.model_validate_json(json.dumps(record)).setup().origin == origin
     for key, value in (
         ("made_utc", "yesterday"),
