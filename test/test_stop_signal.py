@@ -13,7 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from mech_twin.kernels.kernel import kernel
-from mech_twin.process.stop_signal import StopSignal, raising_interrupt
+from mech_twin.process.stop_signal import StopSignal, closed_first, raising_interrupt
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -36,6 +36,14 @@ def test_a_signal_beside_what_is_marked_asks_to_stop_and_no_more(number: signal.
         with stop.interrupting():
             pass
         os.kill(os.getpid(), number)
+        assert stop.asked
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_while_something_opens_lets_it_be_used_and_closed(number: signal.Signals) -> None:
+    with StopSignal() as stop, stop.interrupting():
+        with closed_first():
+            os.kill(os.getpid(), number)
         assert stop.asked
 
 

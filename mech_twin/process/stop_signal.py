@@ -84,8 +84,8 @@ class StopSignal:
     def interrupting(self) -> Iterator[None]:
         """Let a signal end what is done here with SystemExit 128 + N, and at once while it compiles or imports.
 
-        So nothing may be open here that needs closing, but where `closed_first` says so.  One that has come before
-        ends it as it begins.
+        So nothing may be open here that needs closing.  Within `closed_first` a signal asks to stop and no more: what
+        is opened there is used once, and closed.  One that has come before ends it as it begins.
         """
         self._interrupts = True
         try:
@@ -108,12 +108,9 @@ class StopSignal:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked, self.number = True, number
-        if not self._interrupts or _sent_again(number, frame):
+        if not self._interrupts or _to_close or _sent_again(number, frame):
             return
         if is_in_compiler(frame) or is_importing(frame):
-            if _to_close:
-                send_again(number)
-                return
             end_at_once(EXIT_CODE_BASE + number)
         self._interrupts = False  # a second one must not interrupt the clearing up
         raise SystemExit(EXIT_CODE_BASE + number)

@@ -154,11 +154,12 @@ def test_each_role_and_the_recorder_may_be_elsewhere(apart: tuple[str, ...], rec
         check_recording(tmp_path / "bag")
 
 
-def test_a_recorder_that_stalls_before_its_end_records_what_waits_for_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize("heard", [1, STEPS - 50])
+def test_a_recorder_that_stalls_before_its_end_records_what_waits_for_it(heard: int, tmp_path: Path) -> None:
     with MixedRun(tmp_path, recorder="elsewhere") as run:
-        run.steps_of("motor", STEPS - 50)
+        run.steps_of("motor", heard)
         recorder = run.stall("recorder")
-        run.steps_of("motor", 50)
+        run.steps_of("motor", STEPS - heard)
         run.spin_for(0.3)
         recorder.terminate()
         recorder.send_signal(signal.SIGCONT)

@@ -162,13 +162,14 @@ class RecorderNode(TwinNode):
         return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
 
     def quiet_s(self) -> float:
-        """Return for how long nothing has come to be recorded; 0 while a topic lags, whose loss is being repaired."""
+        """Return for how long nothing has come to be recorded; 0 while a topic lags, whose loss is being repaired.
+
+        A topic whose publisher has not been heard lags too: a recorder may be matched before it hears.
+        """
         newest = max((each.sequence.last or 0 for each in self._steps.values()), default=0)
-        lags = (
-            newest - (each.sequence.last or 0) > UNDER_WAY and each.listener is not None and each.listener.publishers()
-            for each in self._steps.values()
-        )
-        return 0.0 if any(lags) else time.monotonic() - self._last_heard_s
+        heard = [each for each in self._steps.values() if each.listener is not None and each.listener.publishers()]
+        lags = any(each.sequence.last is None or newest - each.sequence.last > UNDER_WAY for each in heard)
+        return 0.0 if lags else time.monotonic() - self._last_heard_s
 
     def flush(self) -> None:
         """Publish what is held back, and listen anew: what waits was sent before the end."""
