@@ -13,7 +13,8 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass
 from typing import Any, NamedTuple, get_args, get_origin
 from unittest import mock
 
@@ -23,6 +24,7 @@ from mech_twin.cli import console
 from mech_twin.cli.main import main
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.files.plain_values import plain
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
 
@@ -105,8 +107,7 @@ def outcome_of(case: Case) -> Outcome:
 def end_of(words: list[str]) -> str:
     """Run one command in this process; return its good end, or what is wrong with it."""
     said, errors, infinite = io.StringIO(), io.StringIO(), list[str]()
-    whole = console._finite
-    noticing = mock.patch.object(console, "_finite", lambda document: whole(_noticed(document, infinite)))
+    noticing = mock.patch.object(console, "plain", lambda document: plain(_noticed(document, infinite)))
     with noticing, mock.patch.object(sys, "argv", ["mech-twin", *words]):
         try:
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(errors):
@@ -119,15 +120,22 @@ def end_of(words: list[str]) -> str:
 
 
 def _noticed(document: Any, infinite: list[str], name: str = "") -> Any:
-    if isinstance(document, dict):
-        for key, value in document.items():
+    inside = document
+    if is_dataclass(document):
+        inside = vars(document)
+    elif hasattr(document, "_asdict"):
+        inside = document._asdict()
+    elif hasattr(document, "tolist"):
+        inside = document.tolist()
+    if isinstance(inside, Mapping):
+        for key, value in inside.items():
             if key != "config":  # infinity is a word of some keys
                 _noticed(value, infinite, f"{name}.{key}")
-    elif isinstance(document, list | tuple):
-        for value in document:
+    elif isinstance(inside, list | tuple):
+        for value in inside:
             _noticed(value, infinite, name)
-    elif isinstance(document, float) and math.isinf(document):
-        infinite.append(f"{name} = {document}")
+    elif isinstance(inside, float) and math.isinf(inside):
+        infinite.append(f"{name} = {inside}")
     return document
 
 
