@@ -16,6 +16,7 @@ from catalogue import built
 from playwright.sync_api import expect
 
 from mech_twin.engine.rollout import roll_out
+from mech_twin.files.plain_values import plain
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
@@ -61,7 +62,7 @@ def kept(tmp_path_factory):
     feed = FeatureFeed(declared, tuple(SIGMA), run_up_s=declared.run_up_s)
     baseline, innovations = fitted_baseline(feed_channels(feed, {name: (times, x) for name, x in shown.items()}))
     setup = MonitorSetup(NAME, baseline, chart_limits(baseline, innovations, 1000.0), (), settling_cycles=1)
-    (folder / "healthy.json").write_text(json.dumps(setup.record()), encoding="utf-8")
+    (folder / "healthy.json").write_text(json.dumps(plain(setup)), encoding="utf-8")
     (folder / "map.yaml").write_text(yaml.safe_dump({"machine": NAME, "channels": CHANNELS}), encoding="utf-8")
     (folder / "wish.yaml").write_text(yaml.safe_dump(WISH), encoding="utf-8")
     return folder
