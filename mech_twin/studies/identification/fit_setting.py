@@ -13,16 +13,10 @@ from mech_twin.studies.identification.intervals import Linearised
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, stage_fit, stage_part
 from mech_twin.studies.identification.model_runs import ModelRuns
-from mech_twin.studies.identification.profile_likelihood import (
-    KeyProfile,
-    Profile,
-    Walk,
-    profile_of_keys,
-    profiled_keys,
-)
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.refits import KeyProfile, key_profile
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
-from mech_twin.studies.identification.unknowns import unknowns_of
+from mech_twin.studies.identification.unknowns import KEY, unknowns_of
 from mech_twin.studies.spreading import spread
 
 
@@ -62,16 +56,15 @@ def _stage(setting: FitSetting, share: float, start: tuple[int, Array]) -> tuple
     return place, fitted.x, fitted.comparison, fitted.cost
 
 
-def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, scheduler: str) -> Profile:
-    """Return the profile of a fit, each key followed by a worker of a cluster."""
-    places = profiled_keys(fitted)
-    one = partial(_followed, _alone(setting), fitted.x, fitted.comparison, found)
-    followed = sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
-    return profile_of_keys(len(fitted.x), followed)
+def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, scheduler: str) -> list[KeyProfile]:
+    """Return the profiles of the keys of a fit, each made by a worker of a cluster."""
+    places = list(map(int, fitted.problem.unknowns.places(KEY)))
+    one = partial(_profile, _alone(setting), fitted.x, fitted.comparison, found)
+    return sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
 
 
-def _followed(setting: FitSetting, x: Array, comparison: Weighting, found: Linearised, place: int) -> KeyProfile:
-    return Walk(Fitted(setting.problem(), x, comparison, 0.0), found).key_profile(place)
+def _profile(setting: FitSetting, x: Array, comparison: Weighting, found: Linearised, place: int) -> KeyProfile:
+    return key_profile(Fitted(setting.problem(), x, comparison, 0.0), found, place)
 
 
 def _alone(setting: FitSetting) -> FitSetting:

@@ -14,7 +14,7 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, noise_misfit, refutation
-from mech_twin.studies.identification.combinations import Combination, Sensitivity, base_keys
+from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.fit_setting import FitSetting, fits_spread, problem_of
 from mech_twin.studies.identification.held_out import Score, scored
@@ -26,7 +26,7 @@ from mech_twin.studies.identification.key_knowledge import (
     sensitivity_at,
     settled,
     verdicts_of,
-    with_fixed_as_configured,
+    with_others_as_configured,
 )
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, quiet, refined
@@ -133,7 +133,7 @@ def identified(
     everything = problem_of(question, KeyedConfiguration(question.machine, question.base, question.keys), fitted_runs)
     progress("which keys the channels see")
     places = list(range(len(question.keys)))
-    chosen = _chosen(sensitivity_at(everything.roughly(), everything.unknowns.start), places)
+    chosen = sensitivity_at(everything.roughly(), everything.unknowns.start).estimated(places)
     fitted, search = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, progress)
     if len(chosen) < len(places) and refutation(fitted) is not None:
         # what a key does where the search began says little of what it does elsewhere
@@ -142,7 +142,7 @@ def identified(
             (fitted, search), chosen = with_all, places
     around = predictable(question, around_fit(question, fitted), progress)
     for _ in range(CHOICES):
-        again, wanted = _chosen(around.seen, places), False
+        again, wanted = around.seen.estimated(places), False
         if set(again) != set(chosen):
             fewer = _fit_of_fewer(question, around, again, progress)
             # the key that is left out is wanted where the runs speak against the fit without it
@@ -155,7 +155,7 @@ def identified(
             around = around.with_all_of(chosen)
         progress("intervals")
         around, known = settled(question, around, chosen, progress)
-        if wanted or set(_chosen(around.seen, places)) == set(chosen):
+        if wanted or set(around.seen.estimated(places)) == set(chosen):
             break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known, search, progress)
@@ -202,11 +202,6 @@ def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[Fit
     return first, rest
 
 
-def _chosen(seen: Sensitivity, places: Sequence[int]) -> list[int]:
-    """Return the keys to estimate: those that have an effect, less those that only repeat the effect of others."""
-    return base_keys(seen, [i for i in places if seen.effects[i] >= seen.least_effects[i] and seen.left[i] > 0.0])
-
-
 def _best_fit(
     question: IdentificationQuestion, keys: Sequence[str], runs: Sequence[FitRun], progress: Progress
 ) -> tuple[Fitted, Search]:
@@ -227,9 +222,9 @@ def _fit_of_fewer(
     """
     names = tuple(question.keys[i] for i in chosen)
     problem = problem_of(question, KeyedConfiguration(question.machine, question.base, names), around.whole.runs)
-    values = with_fixed_as_configured(question, around, chosen)
+    values = with_others_as_configured(question, around, chosen)
     start = carried_over(around.fitted, problem.unknowns)
-    start[problem.unknowns.places(KEY)] = values[list(chosen)] / problem.unknowns.scales[: len(chosen)]
+    start[problem.unknowns.places(KEY)] = values / problem.unknowns.scales[: len(chosen)]
     return refined(problem, start, progress)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.channel_fits import refutation
-from mech_twin.studies.identification.combinations import Combination, Family, Sensitivity, combinations, sensitivity
+from mech_twin.studies.identification.combinations import Combination, Family, combinations
 from mech_twin.studies.identification.fit_setting import FitSetting, problem_of, profiles_spread
 from mech_twin.studies.identification.intervals import (
     Linearised,
@@ -20,19 +20,17 @@ from mech_twin.studies.identification.intervals import (
     moved_by_fixed,
     uncertainty,
 )
-from mech_twin.studies.identification.key_dependence import family
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
 from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, noise_floors, quiet, refined, spreads
-from mech_twin.studies.identification.profile_likelihood import Profile, Walk, no_profile, profiled
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.refits import KeyProfile, Refits, family, key_profiles
 from mech_twin.studies.identification.residuals import FitProblem
+from mech_twin.studies.identification.sensitivity import Sensitivity, sensitivity
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts, refuted
 
-LARGEST_ERROR = 0.5  # half width over the size of a key: of a combination that is stated
 REFITS = 2  # where a step or a profile shows that the fit had not ended
-FARTHEST = 1.0  # logarithm by which a key may move where another goes back to what is configured
 PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs, where derivatives over the whole contradict each other
 OFFSET = 0.1  # of a half width: a step left over that is longer
 
@@ -50,6 +48,10 @@ class AroundFit:
     def x(self) -> Array:
         """What was found, as unknowns of the whole."""
         return carried_over(self.fitted, self.whole.unknowns)
+
+    def refits(self) -> Refits:
+        """Return fits about it, by all free keys."""
+        return Refits(Fitted(self.whole, self.x, self.fitted.comparison, self.fitted.cost), self.line)
 
     def with_all_of(self, chosen: Sequence[int]) -> AroundFit:
         """Return the same where the runs speak against leaving any of these keys out."""
@@ -105,22 +107,16 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
     return around
 
 
-def with_fixed_as_configured(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int]) -> Array:
-    """Return values of all free keys that fit as well, those that are to be fixed as configured, shape (keys,).
-
-    Along a direction that the channels do not see, the fit does not change: on it the fixed keys go back.
-    """
-    keyed = KeyedConfiguration(question.machine, question.base, question.keys)
-    before, values = keyed.values(), around.whole.unknowns.keys(around.whole.unknowns.start)
-    logs = np.log(np.where(before * values > 0.0, before / np.where(values == 0.0, 1.0, values), 1.0))
-    sizes = np.linalg.norm(around.seen.jacobian, axis=0)
-    directions = around.seen.unseen / np.where(sizes > 0.0, sizes, np.inf)[:, None]
-    fixed = np.setdiff1d(np.arange(len(values)), np.array(chosen, dtype=np.intp))
-    along, *_ = np.linalg.lstsq(directions[fixed], logs[fixed], rcond=None)
-    moved = values * np.exp(np.clip(directions @ along, -FARTHEST, FARTHEST))
-    return np.asarray(
-        np.clip(np.where(np.isin(np.arange(len(values)), fixed), before, moved), *keyed.bounds(question.bounds))
+def with_others_as_configured(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int]) -> Array:
+    """Return values of the chosen keys that fit best where the other free keys are as configured, shape (chosen,)."""
+    whole = around.whole.unknowns
+    fixed = [i for i in range(len(question.keys)) if i not in chosen]
+    before = (
+        KeyedConfiguration(question.machine, question.base, question.keys).values() / whole.scales[: len(question.keys)]
     )
+    refits = around.refits()
+    follows = ~np.isin(np.arange(len(around.x)), fixed)
+    return whole.keys(refits.with_held(fixed, before[fixed], follows, [refits.fit]).x)[list(chosen)]
 
 
 def settled(
@@ -144,22 +140,25 @@ def settled(
         fitted = around.fitted
         own = around.line.of(kept).over(fitted.problem.unknowns.scales / around.whole.unknowns.scales[kept])
         known, left_over = uncertainty(own), _left_over(fitted, own)
-        profile = _profile(question, fitted, own, progress)
-        ended = profile.better is None and np.all(np.abs(left_over) <= OFFSET * known.half_widths[0])
+        profiles = _profiles(question, fitted, own, progress)
+        better = max(profiles, key=lambda each: each.won, default=None)
+        x = fitted.x if better is None or better.better is None else better.better
+        ended = x is fitted.x and np.all(np.abs(left_over) <= OFFSET * known.half_widths[0])
         if ended or left == 0:
             break
         progress("the fit once more, from where it had not ended")
-        x = fitted.x if profile.better is None else profile.better
         again = around_fit(question, refined(fitted.problem, x, progress))
         around = again.with_all_of(chosen) if around.seen.distinguished else again
-    return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profile)
+    return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profiles)
 
 
-def _profile(question: IdentificationQuestion, fitted: Fitted, own: Linearised, progress: Progress) -> Profile:
+def _profiles(
+    question: IdentificationQuestion, fitted: Fitted, own: Linearised, progress: Progress
+) -> list[KeyProfile]:
     if refutation(fitted) is not None:
-        return no_profile(len(fitted.x))
+        return []
     if question.scheduler is None:
-        return profiled(fitted, own, progress)
+        return key_profiles(fitted, own, progress)
     progress("profiles, on the cluster")
     setting = FitSetting(question, fitted.problem.model.keyed.keys, fitted.problem.runs)
     return profiles_spread(setting, fitted, own, question.scheduler)
@@ -175,10 +174,17 @@ def _left_over(fitted: Fitted, own: Linearised) -> Array:
 
 
 def _widened(
-    known: Uncertainty, own: Linearised, seen: Sensitivity, chosen: Sequence[int], left_over: Array, profile: Profile
+    known: Uncertainty,
+    own: Linearised,
+    seen: Sensitivity,
+    chosen: Sequence[int],
+    left_over: Array,
+    profiles: Sequence[KeyProfile],
 ) -> Uncertainty:
     """Return intervals that hold what keys fixed, steps left over and profiles add to them."""
-    ends = np.array([profile.lower, profile.upper])
+    ends = np.full(known.half_widths.shape, np.nan)
+    for each in profiles:
+        ends[:, each.place] = each.lower, each.upper
 
     def with_fixed(fixed: Sequence[int]) -> Array:
         moved = moved_by_fixed(own, seen.jacobian[:, list(fixed)])
@@ -193,42 +199,44 @@ def _widened(
     return replace(known, half_widths=halves, given_tied=given)
 
 
-def fixed_families(
-    walk: Walk,
+def combined(
+    question: IdentificationQuestion,
+    refits: Refits,
     seen: Sensitivity,
-    names: Sequence[str],
     chosen: Sequence[int],
-    bounds: Array,
+    half_widths: Array,
     progress: Progress = quiet,
-) -> list[Family]:
-    """Return what fits as well where keys that are fixed move, for each group of keys that are tied together.
+) -> list[Combination]:
+    """Return what is seen of keys that are tied together, from fits in which those that are fixed move.
 
     Parameters
     ----------
-    walk : Walk
+    question : IdentificationQuestion
+        What is asked.
+    refits : Refits
         About the fit, its first unknowns the free keys.
     seen : Sensitivity
         How the channels see them.
-    names : sequence of str
-        Their names.
     chosen : sequence of int
         Those that are fitted.
-    bounds : ndarray
-        Shape (2, keys): what fixed keys may be.
+    half_widths : ndarray
+        Shape (2, keys): of the 95 % interval of each where the fixed ones stay.
     progress : callable, optional
         Takes a line on the progress.
     """
-    count, found = len(names), []
-    scales = walk.problem.unknowns.scales[:count]
-    follows = ~np.isin(np.arange(len(walk.x)), np.setdiff1d(np.arange(count), np.array(chosen, dtype=np.intp)))
+    names, families, count = question.keys, [], len(question.keys)
+    scales = refits.problem.unknowns.scales[:count]
+    bounds = KeyedConfiguration(question.machine, question.base, names).bounds(question.bounds) / scales
+    follows = ~np.isin(np.arange(len(refits.x)), [i for i in range(count) if i not in chosen])
     for group in seen.groups():
         fixed, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
         if fixed and fitted:
             progress(f"what fits as well with other {', '.join(names[i] for i in fixed)}")
-            met = family(walk, fixed, follows, bounds / scales)
-            if met is not None:
-                found.append(Family(tuple(fitted), tuple(fixed), met[:, :count] * scales))
-    return found
+            points = family(refits, fixed, follows, bounds)
+            if points is not None:
+                families.append(Family(tuple(fitted), tuple(fixed), points[:, :count] * scales))
+    units = [unit_at(type(question.base), key) for key in names]
+    return combinations(families, names, units, half_widths)
 
 
 def verdicts_of(
@@ -251,15 +259,12 @@ def verdicts_of(
         estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
         errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
         given[:, i] = known.given_tied[:, place] * scale
-    bounds, lacking, combined = keyed.bounds(question.bounds), refutation(fitted), []
+    lacking, found = refutation(fitted), list[Combination]()
     if lacking is None:
-        walk = Walk(Fitted(around.whole, around.x, fitted.comparison, fitted.cost), around.line)
-        families = fixed_families(walk, seen, question.keys, chosen, bounds, progress)
-        units = [unit_at(type(question.base), key) for key in question.keys]
-        combined = combinations(families, question.keys, units, given, LARGEST_ERROR)
+        found = combined(question, around.refits(), seen, chosen, given, progress)
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
-        *(question.keys, before, estimates, errors, halves, bounds),
+        *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
         *(scales, seen, fixed, refuted(lacking, search)),
     )
-    return key_verdicts(evidence, combined), combined
+    return key_verdicts(evidence, found), found

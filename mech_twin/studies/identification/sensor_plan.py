@@ -20,16 +20,17 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.identification.combinations import Combination, base_keys, combinations, sensitivity
+from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
-from mech_twin.studies.identification.key_knowledge import LARGEST_ERROR, PREDICTABLE, fixed_families
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
+from mech_twin.studies.identification.key_knowledge import PREDICTABLE, combined
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.model_runs import ModelRuns
-from mech_twin.studies.identification.profile_likelihood import Walk
 from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.refits import Refits
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
+from mech_twin.studies.identification.sensitivity import sensitivity
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
 from mech_twin.studies.identification.verdicts import IDENTIFIED, KeyEvidence, KeyVerdict, key_verdicts
 
@@ -271,7 +272,7 @@ def _verdicts_of(
     if seen.contradicted and not contradicted:
         return None
     count = len(question.keys)
-    chosen = base_keys(seen, [i for i in range(count) if seen.effects[i] >= seen.least_effects[i]])
+    chosen = seen.estimated(range(count))
     kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
     share = float(stats.t.ppf(0.975, max(len(jacobian) - len(kept), 1)))
     errors, halves = np.full(count, np.nan), np.full(count, np.inf)
@@ -282,16 +283,14 @@ def _verdicts_of(
     values = keyed.values()
     fixed = frozenset(set(range(count)) - set(chosen))
     both = np.array([halves, halves])
-    combined: list[Combination] = []
+    found: list[Combination] = []
     if together:
         line = Linearised(jacobian, other, np.zeros(len(jacobian)), *(np.zeros(len(jacobian), dtype=np.int64),) * 3)
-        walk = Walk(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
-        units = [unit_at(type(question.base), key) for key in question.keys]
-        families = fixed_families(walk, seen, question.keys, chosen, bounds)
-        combined = combinations(families, question.keys, units, both, LARGEST_ERROR)
+        refits = Refits(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
+        found = combined(question, refits, seen, chosen, both)
     scales = unknowns.scales[:count]
     evidence = KeyEvidence(question.keys, values, values, errors, both, _open(bounds), scales, seen, fixed, None)
-    return key_verdicts(evidence, combined), combined
+    return key_verdicts(evidence, found), found
 
 
 def _open(bounds: Array) -> Array:

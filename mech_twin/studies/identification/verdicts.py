@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.combinations import ALONE, Combination, Sensitivity
+from mech_twin.studies.identification.combinations import Combination
+from mech_twin.studies.identification.sensitivity import ALONE, Sensitivity
 from mech_twin.studies.identification.staged_search import Search
 
 IDENTIFIED, ONE_SIDED, COMBINATION = "identified", "one-sided", "only_in_combination"

@@ -10,9 +10,9 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.acting_keys import acting_tree
-from mech_twin.studies.identification.combinations import base_keys, sensitivity
 from mech_twin.studies.identification.free_keys import assumed_keys
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.sensitivity import sensitivity
 
 
 def test_a_load_set_fills_the_carts_anew_when_one_of_its_numbers_changes() -> None:
@@ -42,7 +42,7 @@ def test_of_keys_that_repeat_each_other_the_one_with_the_larger_effect_is_estima
     shared, own = random.standard_normal((2, 200))
     jacobian = np.column_stack([1.0 * shared, 10.0 * shared, 5.0 * own])
     seen = sensitivity(jacobian, jacobian, np.arange(3), np.ones(3))
-    assert base_keys(seen, range(3)) == [1, 2]
+    assert seen.estimated(range(3)) == [1, 2]
     assert seen.groups() == [[0, 1]]
 
 
@@ -52,4 +52,4 @@ def test_no_direction_that_is_not_seen_is_left_free() -> None:
     jacobian = np.column_stack([10.0 * shared + 0.05 * apart, 5.0 * shared, 5.0 * own])
     seen = sensitivity(jacobian, jacobian + 0.05 * np.column_stack([own, -apart, apart]), np.arange(3), np.ones(3))
     assert seen.groups() == [[0, 1]]  # told apart by less than the two step lengths differ
-    assert base_keys(seen, range(3)) == [0, 2]
+    assert seen.estimated(range(3)) == [0, 2]

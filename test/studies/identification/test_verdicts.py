@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.combinations import Combination, Sensitivity
+from mech_twin.studies.identification.combinations import Combination
+from mech_twin.studies.identification.sensitivity import Sensitivity
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,

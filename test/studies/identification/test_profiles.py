@@ -12,7 +12,7 @@ from scipy import optimize, stats
 
 from mech_twin.studies.identification.intervals import Linearised
 from mech_twin.studies.identification.least_squares_fit import Fitted
-from mech_twin.studies.identification.profile_likelihood import profiled
+from mech_twin.studies.identification.refits import key_profile
 from mech_twin.studies.identification.unknowns import KEY, Unknown, Unknowns
 
 TIMES = np.linspace(0.0, 3.0, 120)
@@ -71,24 +71,23 @@ def profile_by_search(problem: Decay, found: Any, line: Linearised, sign: float)
 def test_the_ends_are_those_of_a_search_at_every_rate(rate: float, sign: float) -> None:
     problem = Decay((1.0, rate))  # nearly at its end at the first sample: the misfit is no parabola in the rate
     found, line = problem.fitted()
-    profile = profiled(found, line)
-    assert 1 in profile.followed
-    end = (profile.lower if sign < 0.0 else profile.upper)[1]
+    profile = key_profile(found, line, 1)
+    end = profile.lower if sign < 0.0 else profile.upper
     assert end == pytest.approx(profile_by_search(problem, found, line, sign), rel=0.15)
 
 
 def test_a_rate_of_which_only_the_least_is_told_is_open_above() -> None:
     problem = Decay((1.0, 150.0))
     found, line = problem.fitted()
-    profile = profiled(found, line)
-    assert profile.lower[1] == pytest.approx(profile_by_search(problem, found, line, -1.0), rel=0.15)
-    assert np.isinf(profile.upper[1])
+    profile = key_profile(found, line, 1)
+    assert profile.lower == pytest.approx(profile_by_search(problem, found, line, -1.0), rel=0.15)
+    assert np.isinf(profile.upper)
 
 
 def test_what_the_derivatives_tell_is_not_followed() -> None:
     problem = Decay((1.0, 1.2))
     found, line = problem.fitted()
-    assert profiled(found, line).followed == ()
+    assert all(np.isnan(key_profile(found, line, place).lower) for place in range(2))
 
 
 def test_a_fit_that_had_not_ended_is_told_of_a_better_place() -> None:
@@ -98,6 +97,6 @@ def test_a_fit_that_had_not_ended_is_told_of_a_better_place() -> None:
     rows, columns = problem.residuals(x), problem.jacobian(x)
     nothing = np.zeros(len(rows), dtype=np.int64)
     early = Fitted(problem, x, None, 0.0)  # type: ignore[arg-type]
-    better = profiled(early, Linearised(columns, columns, rows, nothing, nothing, nothing)).better
+    better = key_profile(early, Linearised(columns, columns, rows, nothing, nothing, nothing), 1).better
     assert better is not None
     assert np.sum(problem.residuals(better) ** 2) < np.sum(rows**2)

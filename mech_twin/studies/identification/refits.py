@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What fits with some unknowns held elsewhere and the others fitted anew: how far keys go, and how others follow.
+
+A profile moves one key until the cost has risen by ``t^2`` times the variance of the residuals (Raue et al. 2009,
+doi:10.1093/bioinformatics/btp358).  It is made of keys of which derivatives do not tell the interval: the misfit at its
+ends is no parabola.  A family moves keys that stay as configured, since others repeat their effect, by up to half of
+themselves; where the misfit rises by more than derivatives predict, the runs speak against the move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize, stats
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.studies.identification.intervals import FIXED_OFF, Linearised, inverse_information
+from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Progress, brought_on, quiet
+from mech_twin.studies.identification.unknowns import KEY
+
+LEAST_RISE, MOST_RISE = 0.6, 1.6  # of the rise that a parabola has: another one is followed
+WEAK = 0.03  # of the effect of a key that no other unknown repeats: less is followed whatever the rise
+WIDE = 0.5  # half width over value: may be open to one side
+POINTS = 8  # on either side
+CLOSE = 0.1  # of the root of the threshold: an end
+LEAST_GROWTH, MOST_GROWTH = 1.3, 3.0  # of the distance from point to point
+STEPS = 4  # with the same derivatives
+DERIVED = 3  # times that they are taken
+SETTLED = 0.02  # of the threshold: a step that wins less is the last
+IMPROVED = 0.1  # of the threshold: a point lower than the fit by more shows that the fit had not ended
+MOST_FIXED = 3  # keys of a family
+SHARES = (0.5, 1.0)  # of the way to where they go
+SHORTER = (1.0, 0.5, 0.25)  # of that way where its end is not reached
+MORE_RISE = 2.0  # times the root of the rise that derivatives predict
+FARTHEST = 2.0  # logarithm by which an unknown may follow
+
+Mask = npt.NDArray[np.bool_]
+
+
+class Refit(NamedTuple):
+    """Unknowns that fit best with some of them held, the rise of the cost there, and derivatives."""
+
+    x: Array
+    rise: float
+    jacobian: Array
+
+
+class Refits:
+    """Fits about one fit in which some unknowns are held at other values; remembers the best point met.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Where the fit ended.
+    found : Linearised
+        Derivatives there.
+    variance : float, optional
+        Of the rows; that of the residuals if absent.
+    """
+
+    def __init__(self, fitted: Fitted, found: Linearised, variance: float | None = None) -> None:
+        self.problem, self.comparison, self.x = fitted.problem, fitted.comparison, fitted.x
+        self.jacobian = found.jacobian
+        freedom = max(len(found.residuals) - len(self.x), 1)
+        if variance is None:
+            variance = float(found.residuals @ found.residuals) / freedom
+        share = float(stats.t.ppf(0.975, freedom))
+        self.threshold = variance * share**2
+        self.errors = np.sqrt(variance * np.diag(inverse_information(found.jacobian)))
+        self.reach = share * self.errors
+        self.bounds = fitted.problem.unknowns.bounds()
+        self.least = _cost(self._rows(self.x))
+        self.better: Array | None = None
+        self.lowest = -IMPROVED * self.threshold
+        self.fit = Refit(self.x, 0.0, self.jacobian)
+
+    def with_held(
+        self, held: Sequence[int], values: Array, follows: Mask, way: Sequence[Refit], most: float | None = None
+    ) -> Refit:
+        """Return the fit with unknowns held at values, others following, from fits on the way there.
+
+        A rise of at most ``most`` is enough: no other start is tried then, and one above it takes further derivatives.
+        """
+        starts: list[tuple[float, Array]] = []
+        for start in self._starts(list(held), values, follows, way):
+            starts.append((self.rise(start), start))
+            if most is not None and starts[-1][0] <= most:
+                break
+        rise, x = min(starts, key=lambda each: each[0])
+        jacobian, settled = way[-1].jacobian, SETTLED * self.threshold
+        for again in range(DERIVED if rise > settled else 0):  # else the others repeat what is held
+            if again:
+                jacobian = self.problem.jacobian(x, self.comparison) * _weights(self._rows(x))[:, None]
+            x, won, jacobian = self._descended(x, follows, jacobian)
+            rise = self.rise(x)
+            if won <= settled and (most is None or rise <= most):
+                break
+        return Refit(x, rise, jacobian)
+
+    def rise(self, x: Array) -> float:
+        """Return how much higher the cost is than where the fit ended, and remember the point if it is the best."""
+        rise = _cost(self._rows(x)) - self.least
+        if rise < self.lowest:
+            self.better, self.lowest = x.copy(), rise
+        return rise
+
+    def slopes(self, held: Sequence[int], follows: Mask) -> tuple[Array, Array]:
+        """Return derivatives by held unknowns, the others following: of those that follow, and of the rows."""
+        own, moved = self.jacobian[:, follows], self.jacobian[:, list(held)]
+        slopes = -inverse_information(own) @ (own.T @ moved)
+        return slopes, moved + own @ slopes
+
+    def _starts(self, held: list[int], values: Array, follows: Mask, way: Sequence[Refit]) -> Iterator[Array]:
+        """Yield where the other unknowns may be: by derivatives, straight on or by powers, and as on the way."""
+        here, now = self.x, way[-1].x
+        slopes, _ = self.slopes(held, follows)
+        moved, size = values - here[held], np.where(here == 0.0, 1.0, here)
+        found = [here[follows] + slopes @ moved]
+        if np.all(values * here[held] > 0.0):
+            rise = np.log(values / here[held])
+            powers = [slopes * here[held] / size[follows, None] @ rise]
+            if len(way) > 1 and np.all(now[held] * here[held] > 0.0):
+                logs = np.log(np.where(here * now > 0.0, now / size, 1.0))
+                powers.append(float(rise @ rise) / float(rise @ logs[held] or 1.0) * logs[follows])
+            found += [here[follows] * np.exp(np.clip(each, -FARTHEST, FARTHEST)) for each in powers]
+        if len(way) > 1:
+            share = float(moved @ moved) / float(moved @ (now - here)[held] or 1.0)
+            found += [(here + share * (now - here))[follows], now[follows]]
+        for each in found:
+            x = here.copy()
+            x[follows], x[held] = each, values
+            yield np.asarray(np.clip(x, *self.bounds))
+
+    def _descended(self, x: Array, follows: Mask, jacobian: Array) -> tuple[Array, float, Array]:
+        """Return where steps of these derivatives lead while the cost falls, what the last one won, and they anew."""
+        rows, won = self._rows(x), np.inf
+        for _ in range(STEPS):
+            weights, moved, own = _weights(rows), x.copy(), jacobian[:, follows]
+            moved[follows] -= inverse_information(own) @ (own.T @ (weights * rows))
+            moved = np.clip(moved, *self.bounds)
+            there = self._rows(moved)
+            jacobian = brought_on(jacobian, moved - x, weights * (there - rows))
+            gain = _cost(rows) - _cost(there)
+            if gain <= 0.0:
+                return x, 0.0 if won < np.inf else self.threshold, jacobian
+            x, rows, won = moved, there, gain
+            if won <= SETTLED * self.threshold:
+                break
+        return x, won, jacobian
+
+    def _rows(self, x: Array) -> Array:
+        return self.problem.residuals(x, self.comparison)
+
+
+@dataclass(frozen=True)
+class KeyProfile:
+    """How far a key can go, down and up, over its scale: nan where derivatives tell, inf where nothing ends it.
+
+    ``better`` fits better than where the fit ended by ``won``, if any such point was met.
+    """
+
+    place: int
+    lower: float
+    upper: float
+    better: Array | None
+    won: float
+
+
+def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
+    """Return the profile of one key, if derivatives do not tell its interval."""
+    refits, lower, upper = Refits(fitted, found), np.nan, np.nan
+    if refits.threshold > 0.0 and _is_doubtful(refits, place):
+        lower, upper = _end(refits, place, -1.0), _end(refits, place, 1.0)
+    return KeyProfile(place, lower, upper, refits.better, 0.0 if refits.better is None else -refits.lowest)
+
+
+def key_profiles(fitted: Fitted, found: Linearised, progress: Progress = quiet) -> list[KeyProfile]:
+    """Return the profiles of the keys of a fit, of which ``found`` are the derivatives where it ended."""
+    profiles = []
+    for place in map(int, fitted.problem.unknowns.places(KEY)):
+        progress(f"profile of {fitted.problem.unknowns.all[place].name}")
+        profiles.append(key_profile(fitted, found, place))
+    return profiles
+
+
+def _is_doubtful(refits: Refits, place: int) -> bool:
+    reach = float(refits.reach[place])
+    if not np.isfinite(reach) or reach <= 0.0:
+        return False
+    own = float(np.linalg.norm(refits.jacobian[:, place]))
+    others = np.arange(len(refits.x)) != place
+    slopes, left = refits.slopes([place], others)
+    if float(np.linalg.norm(left)) < WEAK * own or reach > WIDE * max(abs(float(refits.x[place])), 1.0):
+        return True
+    for away in (-reach, reach):
+        x = refits.x.copy()
+        x[place] += away
+        x[others] += slopes[:, 0] * away
+        if not LEAST_RISE <= refits.rise(np.clip(x, *refits.bounds)) / refits.threshold <= MOST_RISE:
+            return True
+    return False
+
+
+def _end(refits: Refits, place: int, sign: float) -> float:
+    """Return the distance at which the cost has risen by the threshold, inf where it does not."""
+    goal, others, way = float(np.sqrt(refits.threshold)), np.arange(len(refits.x)) != place, [refits.fit]
+
+    @cache
+    def missing(away: float) -> float:
+        way.append(refits.with_held([place], refits.x[[place]] + sign * away, others, way))
+        off = float(np.sqrt(max(way[-1].rise, 0.0))) - goal
+        return off if abs(off) > CLOSE * goal else 0.0
+
+    bound = float(abs(refits.bounds[int(sign > 0.0)][place] - refits.x[place]))
+    near, far = 0.0, min(float(refits.reach[place]), bound)
+    while missing(far) < 0.0:
+        if far >= bound or len(way) > POINTS:
+            return np.inf
+        growth = goal / (goal + missing(far)) if goal + missing(far) > 0.0 else MOST_GROWTH
+        near, far = far, min(far * float(np.clip(growth, LEAST_GROWTH, MOST_GROWTH)), bound)
+    return float(optimize.brentq(missing, near, far, rtol=CLOSE, maxiter=POINTS, disp=False))
+
+
+def family(refits: Refits, fixed: Sequence[int], follows: Mask, bounds: Array) -> Array | None:
+    """Return what fits as well where fixed keys are moved, singly and together.
+
+    Parameters
+    ----------
+    refits : Refits
+        About the fit, its first unknowns the free keys.
+    fixed : sequence of int
+        Places of the keys to move.
+    follows : ndarray of bool
+        Shape (unknowns,): those that follow.
+    bounds : ndarray
+        Shape (2, keys), over the scales.
+
+    Returns
+    -------
+    ndarray or None
+        Shape (points, unknowns), over the scales; the first is the fit.  None where the keys cannot be moved, or are
+        too many.
+    """
+    here = refits.x[list(fixed)]
+    if not 0 < len(fixed) <= MOST_FIXED or np.any(here == 0.0):
+        return None
+    for share in SHORTER:
+        away = share * FIXED_OFF * np.abs(here)
+        points = _moved(refits, fixed, follows, np.clip([here - away, here + away], *bounds[:, list(fixed)]))
+        if points is not None:
+            return np.array([refits.x, *points])
+    return None
+
+
+def _moved(refits: Refits, fixed: Sequence[int], follows: Mask, ends: Array) -> list[Array] | None:
+    """Return the fits on the way to either end of each range and to all corners; None where the runs speak against."""
+    here, found = refits.x[list(fixed)], []
+    sides = [np.where(np.arange(len(fixed)) == i, end, here) for i, both in enumerate(ends.T) for end in both]
+    corners = [np.array(corner) for corner in product(*ends.T)] if len(fixed) > 1 else []
+    left = refits.slopes(fixed, follows)[1]
+    for target in [each for each in (*sides, *corners) if np.any(each != here)]:
+        way = [refits.fit]
+        for share in SHARES:
+            moved = share * (target - here)
+            most = (np.sqrt(refits.threshold) + MORE_RISE * float(np.linalg.norm(left @ moved))) ** 2
+            way.append(refits.with_held(fixed, here + moved, follows, way, most))
+            if way[-1].rise > most:
+                return None
+        found += [each.x for each in way[1:]]
+    return found
+
+
+def _cost(rows: Array) -> float:
+    return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
+
+
+def _weights(rows: Array) -> Array:
+    return np.asarray((1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25)

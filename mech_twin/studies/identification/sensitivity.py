@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How the channels see the keys together: directions without effect, and the keys that are estimated.
+
+Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
+by singular values.  A direction whose effect is a small share of what its keys do singly may be an error of the
+model alone, so it counts as not seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from mech_twin.measurements.blocks import Array
+
+UNSEEN = 1.5e-3  # of the effect of its keys singly: an effect of a direction that is not to be trusted
+PART = 0.1  # of a unit vector: a key with less has no part in a direction
+LEAST_EFFECT = 2.0  # standard deviations that all channels together change by if a key changes by all of itself
+LEAST_OF_ZERO = 1e-3
+ALONE = 1e-3  # of the effect of a key that zeros, gains, lags and beginnings leave
+UNSURE = 0.3  # of an effect: where two step lengths differ by more, it is of the differences alone
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How the channels see the keys.
+
+    Attributes
+    ----------
+    effects : ndarray
+        Shape (keys,): norm of the derivatives by the logarithm of each key, in standard deviations.
+    left : ndarray
+        Shape (keys,): share of it that zeros, gains, lags and beginnings do not explain.
+    unseen : ndarray
+        Shape (keys, directions): unit vectors, in keys over their effects, that the channels do not see.
+    jacobian : ndarray
+        Shape (rows, keys): the cleared derivatives by logarithms.
+    least_effects : ndarray
+        Shape (keys,): less counts as none.  Of a key that is 0 nobody knows what much is.
+    contradicted : bool
+        Whether derivatives over two step lengths contradict each other in a direction that is seen: a motion that
+        forgets nothing, or a change of the order of events.
+    distinguished : bool
+        Whether the runs speak against leaving out a key that derivatives hardly tell from others.
+    """
+
+    effects: Array
+    left: Array
+    unseen: Array
+    jacobian: Array
+    least_effects: Array
+    contradicted: bool = False
+    distinguished: bool = False
+
+    def with_all_of(self, chosen: Sequence[int]) -> Sensitivity:
+        """Return the same with the directions seen that lie among these keys, if derivatives can be trusted."""
+        if self.contradicted:
+            return self
+        among = np.array([part <= set(chosen) for part in self.parts()], bool)
+        return replace(self, unseen=self.unseen[:, ~among], distinguished=True)
+
+    def parts(self) -> list[set[int]]:
+        """Return the keys of each unseen direction."""
+        return [set(np.flatnonzero(np.abs(direction) > PART).tolist()) for direction in self.unseen.T]
+
+    def groups(self) -> list[list[int]]:
+        """Return the keys that unseen directions tie together, group by group."""
+        groups: list[set[int]] = []
+        for part in self.parts():
+            touching = [group for group in groups if group & part]
+            groups = [group for group in groups if not group & part] + [part.union(*touching)]
+        return [sorted(group) for group in groups]
+
+    def estimated(self, among: Sequence[int]) -> list[int]:
+        """Return which of these keys to estimate so that no direction is unseen; the rest stay fixed.
+
+        Of keys that repeat each other's effect the one with the largest effect stays: one that hardly acts would have
+        to go to a bound to make up for an error of the others.
+        """
+        kept: list[int] = []
+        rest = {i: self.jacobian[:, i] for i in among if self.effects[i] >= self.least_effects[i]}
+        while rest:
+            best = max(rest, key=lambda i: float(np.linalg.norm(rest[i])))
+            column = rest.pop(best)
+            size = float(np.linalg.norm(column))
+            if size > UNSEEN * float(np.linalg.norm(self.jacobian[:, best])):
+                kept.append(best)
+                rest = {i: other - column * float(column @ other) / size**2 for i, other in rest.items()}
+        for part in self.parts():
+            if part and part <= set(kept):  # else one of them stays as configured already, and the direction with it
+                kept.remove(min(part, key=lambda i: float(np.linalg.norm(self.jacobian[:, i]))))
+        return sorted(kept)
+
+
+def sensitivity(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Array) -> Sensitivity:
+    """Return how the channels see the keys.
+
+    Parameters
+    ----------
+    jacobian : ndarray
+        Shape (rows, unknowns): derivatives by unknowns over their scales.
+    other : ndarray
+        The same from another step length of the differences.
+    keys : ndarray of int
+        Which of them are keys.
+    values : ndarray
+        Shape (keys,): the keys over their scales; that of a key that is 0 stands for its logarithm.
+    """
+    zero = values == 0.0
+    logs = np.where(zero, 1.0, np.abs(values))
+    own, again = jacobian[:, keys] * logs, other[:, keys] * logs
+    others = np.delete(jacobian, keys, axis=1)
+    others = others[:, np.linalg.norm(others, axis=0) > 0.0]
+    effects = np.linalg.norm(own, axis=0)
+    if others.shape[1]:
+        basis, _ = np.linalg.qr(others / np.linalg.norm(others, axis=0))
+        own, again = own - basis @ (basis.T @ own), again - basis @ (basis.T @ again)
+    remaining = np.linalg.norm(own, axis=0)
+    left = remaining / np.where(effects > 0.0, effects, 1.0)
+    least = np.where(zero, LEAST_OF_ZERO, LEAST_EFFECT)
+    seen = np.flatnonzero((effects >= least) & (left > ALONE))
+    unseen, contradicted = np.zeros((len(keys), 0)), False
+    if len(seen):
+        scaled, differing = own[:, seen] / remaining[seen], (own - again)[:, seen] / remaining[seen]
+        _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
+        unsure = np.linalg.norm(differing @ directions.T, axis=0) > UNSURE * singular
+        small = singular < UNSEEN * np.sqrt(len(seen))
+        contradicted = bool((unsure & ~small).any())
+        lost = directions[small | unsure]
+        unseen = np.zeros((len(keys), len(lost)))
+        unseen[seen] = lost.T
+    return Sensitivity(effects, left, unseen, own, least, contradicted)
