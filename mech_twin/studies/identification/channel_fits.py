@@ -39,15 +39,16 @@ class ChannelFit:
     autocorrelation: tuple[float, ...]
 
 
-def refutation(fitted: Fitted) -> str | None:
+def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
     """Return which channel is off by more than its sensor's noise, and by how much; None where the noise explains all.
 
     The residual counts over the noise that the sensor is known or seen to have, and not by chance (Ljung and Box).
+    A sensor may hide some of its noise from differences; where starts have not ``agreed``, a missed valley is likelier.
     """
     problem = fitted.problem
     for place, found in _scored(fitted):
         noise, known = channel_noise(problem, place)
-        most = noise * (KNOWN_NOISE if known else SEEN_NOISE)
+        most = noise * (KNOWN_NOISE if known else SEEN_NOISE if agreed else BURSTS)
         if not known:  # a filter in a sensor hides its noise from differences, but makes no bursts
             most = min(most, BURSTS * max(noise, float(fitted.comparison.sigmas[place])))
         if not np.isfinite(found.rms) or (found.rms > most and found.white_p < BY_CHANCE):

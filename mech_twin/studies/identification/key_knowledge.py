@@ -26,7 +26,7 @@ from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.refits import KeyProfile, Refits, family, key_profiles
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.sensitivity import Sensitivity, sensitivity
-from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.staged_search import BENDING, Search
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts, refuted
 
@@ -48,6 +48,12 @@ class AroundFit:
     def x(self) -> Array:
         """What was found, as unknowns of the whole."""
         return carried_over(self.fitted, self.whole.unknowns)
+
+    @property
+    def bends(self) -> bool:
+        """Whether derivatives tell nothing of where the keys lead: a small error of one has become large."""
+        problem = self.fitted.problem
+        return self.seen.contradicted or problem.curvature(self.fitted.x, self.fitted.comparison) > BENDING
 
     def refits(self) -> Refits:
         """Return fits about it, by all free keys."""
@@ -95,14 +101,14 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
     a valley narrower than any difference, and derivatives there say nothing of a key's interval.
     """
     problem, here = around.fitted.problem, around
-    for share in PREDICTABLE if around.seen.contradicted else ():
+    for share in PREDICTABLE if around.bends else ():
         progress(f"first {100.0 * share:.0f} % of the runs alone")
         runs = [
             run.within(run.from_s, run.first_s + share * (min(run.last_s, run.until_s) - run.first_s))
             for run in problem.runs
         ]
         here = around_fit(question, refined(problem.over(runs), around.fitted.x, progress))
-        if not here.seen.contradicted:
+        if not here.bends:
             return here
     return around
 
@@ -259,7 +265,7 @@ def verdicts_of(
         estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
         errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
         given[:, i] = known.given_tied[:, place] * scale
-    lacking, found = refutation(fitted), list[Combination]()
+    lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
     if lacking is None:
         found = combined(question, around.refits(), seen, chosen, given, progress)
     fixed = frozenset(set(range(count)) - set(chosen))
