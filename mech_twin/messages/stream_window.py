@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decimation of a stream of whole samples, in which impacts keep the samples on both their sides.
+"""Decimation of a stream: of whole samples those around impacts go out, of numbers the greatest of each window.
 
 ::
 
@@ -88,3 +88,32 @@ class StreamWindow(Generic[Kept]):
         if greatest is self._before:
             self._before = None
         return (greatest,)
+
+
+class PeakHoldWindow(Generic[Kept]):
+    """Which items of a stream go out: the greatest of each window, so that spikes survive.
+
+    Parameters
+    ----------
+    length : int
+        Items in a window.
+    """
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._seen = 0
+        self._largest = -1.0
+        self._kept: tuple[Kept, ...] = ()
+
+    def offer(self, magnitude: float, item: Kept) -> tuple[Kept, ...]:
+        """Take an item into account; at the end of a window return its greatest."""
+        if magnitude > self._largest:
+            self._largest, self._kept = magnitude, (item,)
+        self._seen += 1
+        return self.rest() if self._seen >= self._length else ()
+
+    def rest(self) -> tuple[Kept, ...]:
+        """End the window here and return its greatest, if it saw anything."""
+        kept = self._kept
+        self._seen, self._largest, self._kept = 0, -1.0, ()
+        return kept

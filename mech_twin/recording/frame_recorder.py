@@ -14,14 +14,20 @@ from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import blow, impact, scene
 from mech_twin.messages.frames import TOOL_FRAME, frame_id, transforms
 from mech_twin.messages.joint_state_cdr import StepMessage, encoded
-from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.stamped_cdr import clock_bytes, wrench_bytes
 from mech_twin.messages.step_codec import StepCodec, motor
 from mech_twin.messages.step_codec import body as body_messages
 from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_codec import linkage as linkage_messages
 from mech_twin.messages.step_message import revision_row
-from mech_twin.messages.stream_window import STREAM_RATE_HZ, StreamWindow, has_impact, steps_per_window, wrench_size
+from mech_twin.messages.stream_window import (
+    STREAM_RATE_HZ,
+    PeakHoldWindow,
+    StreamWindow,
+    has_impact,
+    steps_per_window,
+    wrench_size,
+)
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -111,8 +117,9 @@ class FrameRecorder:
         self._put(STEP_FORCES, force_messages.to_bytes(forces, marks))
         if body is not None:
             self._put(STEP_BODY, body_messages.to_bytes(body))
-            kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
-            self._put_pressing_force(kept)
+            self._put_pressing_force(
+                self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
+            )
         for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
             kept = self._wrenches[pin].offer(wrench_size(wrench), (forces.time_s, wrench))
             self._put_wrench(pin, kept)
@@ -173,15 +180,13 @@ class FrameRecorder:
         if self._machine.mechanism is not None:
             self._put(ROBOT_DESCRIPTION, String(data=urdf(self._machine.name, self._machine.mechanism)))
 
-    def _put_wrench(self, pin: str, kept: Any) -> None:
-        if kept is not None:
-            frame = frame_id(self._machine.name, pin)
-            self._put(pin_wrench(pin), wrench_bytes(kept[0], frame, *kept[1]))
+    def _put_wrench(self, pin: str, kept: tuple[Any, ...]) -> None:
+        for time_s, wrench in kept:
+            self._put(pin_wrench(pin), wrench_bytes(time_s, frame_id(self._machine.name, pin), *wrench))
 
-    def _put_pressing_force(self, kept: Any) -> None:
-        if kept is not None:
-            tool = frame_id(self._machine.name, TOOL_FRAME)
-            self._put(PRESSING_FORCE, wrench_bytes(kept[0], tool, kept[1]))
+    def _put_pressing_force(self, kept: tuple[Any, ...]) -> None:
+        for time_s, force_n in kept:
+            self._put(PRESSING_FORCE, wrench_bytes(time_s, frame_id(self._machine.name, TOOL_FRAME), force_n))
 
     def _put(self, topic: Topic, message: Any) -> None:
         name = full_name(self._machine.name, topic)

@@ -24,13 +24,12 @@ from rclpy.timer import Timer
 from mech_twin.declarations.quantity import LONGEST_RUN_S, Parameters, choice, quantity
 from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
 from mech_twin.messages.step_message import MessageError, source
-from mech_twin.messages.stream_window import STREAM_RATE_HZ
+from mech_twin.messages.stream_window import STREAM_RATE_HZ, PeakHoldWindow, StreamWindow
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
 from mech_twin.nodes.exchange.counting import (
     CountingPublisher,
-    JointStatePublisher,
+    DecimatedPublisher,
     NodeDiagnostics,
-    PeakHoldPublisher,
     StepPublisher,
     TopicStatistics,
     array_message,
@@ -267,15 +266,17 @@ class TwinNode(Node):
         self._added(made)
         return made
 
-    def peak_hold_output(self, topic: Topic, window: int, message: Callable[[Any], Any]) -> PeakHoldPublisher:
-        """Return a new publisher that keeps the greatest message of each window of steps."""
-        made = PeakHoldPublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
-        self._added(made)
-        return made
-
-    def joint_state_output(self, topic: Topic, window: int, message: Callable[[Any], bytes]) -> JointStatePublisher:
-        """Return a new publisher of joint states, one a window of steps and more around impacts."""
-        made = JointStatePublisher(self, topic, int(self.options.recorder), window, message, self._told(topic))
+    def decimated_output(
+        self,
+        topic: Topic,
+        window: StreamWindow[Any] | PeakHoldWindow[Any],
+        message: Callable[[Any], Any],
+        *,
+        exclusive: bool = False,
+    ) -> DecimatedPublisher:
+        """Return a new publisher of what a window lets through."""
+        listeners = int(self.options.recorder)
+        made = DecimatedPublisher(self, topic, listeners, window, message, self._told(topic), exclusive=exclusive)
         self._added(made)
         return made
 

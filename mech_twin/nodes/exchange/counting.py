@@ -18,12 +18,11 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 
 from mech_twin.engine.invariants import ResidualWindow, broken_lines
-from mech_twin.messages.peak_hold import PeakHoldWindow
 from mech_twin.messages.step_message import set_stamp
-from mech_twin.messages.stream_window import StreamWindow
+from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow
 from mech_twin.messages.topics import Topic
 from mech_twin.nodes.exchange.hand_over import HandedBytes, HandedStep, StepChannel
-from mech_twin.samples import Named, Sample
+from mech_twin.samples import Named
 
 OF_STEPS = ("missing", "repeated", "late", "early", "conflicting")
 KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "suspended")
@@ -261,35 +260,36 @@ class StepPublisher(CountingPublisher):
         self._channel.send(message, self._count, self._publisher.publish)
 
 
-class JointStatePublisher(CountingPublisher):
-    """A decimated topic of joint states; see `StreamWindow` for which samples go out.
+class DecimatedPublisher(CountingPublisher):
+    """A topic that fewer samples go out on than are offered.
 
     Parameters
     ----------
-    window : int
-        Steps per message where nothing strikes.
+    window : StreamWindow or PeakHoldWindow
+        Decides which.
     message : callable
-        Returns the bytes of the joint state of a sample.
+        Returns the message of a sample.
+    exclusive : bool
+        Whether nobody else may publish on the topic.
     """
-
-    exclusive = True
 
     def __init__(
         self,
         node: Node,
         topic: Topic,
         listeners: int,
-        window: int,
-        message: Callable[[Any], bytes],
+        window: StreamWindow[Any] | PeakHoldWindow[Any],
+        message: Callable[[Any], Any],
         on_incompatible: Callable[[Any], None] | None = None,
+        *,
+        exclusive: bool = False,
     ) -> None:
         super().__init__(node, topic, listeners, on_incompatible)
-        self._window = StreamWindow[Any](window)
-        self._message = message
+        self._window, self._message, self.exclusive = window, message, exclusive
 
-    def offer(self, sample: Sample, impact: bool, magnitude: float = 0.0) -> None:
-        """Take the sample of a step into account, and publish what goes out."""
-        self._send_all(self._window.offer(sample.step, sample, magnitude, impact))
+    def offer(self, *step: Any) -> None:
+        """Take a step into account as the window does, and publish what goes out."""
+        self._send_all(self._window.offer(*step))
 
     def flush(self) -> None:
         """Publish what the window holds so far."""
@@ -298,40 +298,3 @@ class JointStatePublisher(CountingPublisher):
     def _send_all(self, due: Iterable[Any]) -> None:
         for sample in due:
             self.send_made(partial(self._message, sample))
-
-
-class PeakHoldPublisher(CountingPublisher):
-    """A decimated topic: of each window the message of greatest magnitude goes out, so that spikes survive.
-
-    Parameters
-    ----------
-    window : int
-        Steps per message.
-    message : callable
-        Returns the message of what was offered.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        topic: Topic,
-        listeners: int,
-        window: int,
-        message: Callable[[Any], Any],
-        on_incompatible: Callable[[Any], None] | None = None,
-    ) -> None:
-        super().__init__(node, topic, listeners, on_incompatible)
-        self._window = PeakHoldWindow[Any](window)
-        self._message = message
-
-    def offer(self, magnitude: float, sample: Any) -> None:
-        """Take one step into account; the message of its sample goes out if it turns out to be the extreme."""
-        kept = self._window.offer(magnitude, sample)
-        if kept is not None:
-            self.send_made(lambda: self._message(kept))
-
-    def flush(self) -> None:
-        """Publish what the window holds so far."""
-        kept = self._window.rest()
-        if kept is not None:
-            self.send_made(lambda: self._message(kept))

@@ -71,7 +71,7 @@ class MotorNode(FollowerNode):
         self._asked_target = RATED
         self._forecasts = Ration(FORECAST_SHARE, FORECAST_BURST_S)
         self._out = self.step_output(STEP_MOTOR, 1)
-        self._states = self.joint_state_output(MOTOR_JOINT_STATES, self.stream_window, motor_messages.shown)
+        self._states = self.joint_state_output(MOTOR_JOINT_STATES, motor_messages.shown)
         self._rejoin = self.output(REJOIN, recorded=False)
         self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
         self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)
@@ -101,7 +101,7 @@ class MotorNode(FollowerNode):
 
     def show(self, question: LinkageSample, answer: MotorSample) -> None:
         """Offer the drive to its decimated topic."""
-        self._states.offer(answer, has_impact(question.events))
+        self._states.offer(answer.step, answer, 0.0, has_impact(question.events))
 
     def _on_last_sample(self, message: JointState) -> None:
         if self.target is not None:
@@ -195,11 +195,11 @@ class ForceNode(FollowerNode):
     ) -> None:
         super().__init__("force_analysis", machine_name, parameters, options, STEP_LINKAGE, "linkage")
         self._out = self.step_output(STEP_FORCES, 1)
-        self._states = self.joint_state_output(FORCE_JOINT_STATES, self.stream_window, force_messages.shown)
+        self._states = self.joint_state_output(FORCE_JOINT_STATES, force_messages.shown)
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         space = self.get_namespace()
         self._wrenches = [
-            self.peak_hold_output(topic, self.stream_window, partial(_wrench, frame_id(space, pin), place))
+            self.peak_hold_output(topic, partial(_wrench, frame_id(space, pin), place))
             for place, (pin, topic) in enumerate(topics.items())
         ]
 
@@ -224,7 +224,7 @@ class ForceNode(FollowerNode):
     def show(self, question: LinkageSample, answer: ForceSample) -> None:
         """Offer the forces to the decimated topics, all of them and pin by pin."""
         sizes = [wrench_size(wrench) for wrench in answer.wrenches]
-        self._states.offer(answer, has_impact(question.events), max(sizes, default=0.0))
+        self._states.offer(answer.step, answer, max(sizes, default=0.0), has_impact(question.events))
         for output, size in zip(self._wrenches, sizes, strict=True):
             output.offer(size, answer)
 
@@ -241,10 +241,10 @@ class BodyNode(FollowerNode):
     ) -> None:
         super().__init__("body", machine_name, parameters, options, STEP_FORCES, "force_analysis")
         self._out = self.step_output(STEP_BODY, 1)
-        self._states = self.joint_state_output(BODY_JOINT_STATES, self.stream_window, body_messages.shown)
+        self._states = self.joint_state_output(BODY_JOINT_STATES, body_messages.shown)
         self._impacts = self.output(IMPACTS)
         tool = frame_id(self.get_namespace(), TOOL_FRAME)
-        self._pressing = self.peak_hold_output(PRESSING_FORCE, self.stream_window, partial(_pressing_force, tool))
+        self._pressing = self.peak_hold_output(PRESSING_FORCE, partial(_pressing_force, tool))
         self._rejoining = False
         self._rejoin = self.output(REJOIN, recorded=False)
         self.subscribe(REJOIN_BODY, self._on_last_sample)
@@ -283,7 +283,7 @@ class BodyNode(FollowerNode):
         """Publish events, and offer joint states and pressing force to their decimated topics."""
         for event in answer.events:
             self._impacts.send(impact.to_bytes(event))
-        self._states.offer(answer, has_impact(answer.events) or has_impact(question.loads))
+        self._states.offer(answer.step, answer, 0.0, has_impact(answer.events) or has_impact(question.loads))
         self._pressing.offer(abs(answer.pressing_force_n), answer)
 
     def _on_last_sample(self, message: JointState) -> None:

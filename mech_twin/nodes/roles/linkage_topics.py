@@ -351,7 +351,7 @@ class LinkageOutputs:
         self._node = node
         self._frame = frame_id(node.get_namespace(), scene.FRAME)
         self._steps = node.step_output(STEP_LINKAGE, PEERS_THAT_STEP)
-        self._states = node.joint_state_output(JOINT_STATES, node.stream_window, linkage_messages.shown)
+        self._states = node.joint_state_output(JOINT_STATES, linkage_messages.shown)
         self._clock = node.output(OWN_CLOCK)
         self.shared_clock = SharedClock(node)
         self._impacts = node.output(IMPACTS)
@@ -375,7 +375,7 @@ class LinkageOutputs:
         for event in sample.events:
             self._impacts.send(impact.to_bytes(event))
         self._send_blows(sample.events)
-        self._states.offer(sample, has_impact(sample.events))
+        self._states.offer(sample.step, sample, 0.0, has_impact(sample.events))
         if sample.step % self._node.stream_window == 0:
             now = clock_bytes(sample.time_s)
             self._clock.send(now)

@@ -27,8 +27,10 @@ from mech_twin.engine.run import warm_up
 from mech_twin.messages.joint_state_cdr import received_message
 from mech_twin.messages.step_codec import StepCodec, arranged, body, force, motor
 from mech_twin.messages.step_message import ANONYMOUS, SOURCE, Row, revision_row
-from mech_twin.messages.stream_window import steps_per_window
+from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow, steps_per_window
+from mech_twin.messages.topics import Topic
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.counting import DecimatedPublisher
 from mech_twin.parameters.declared_keys import keys
 from mech_twin.parameters.load import catalogue_entry, is_of_ros
 from mech_twin.roles import Machine
@@ -192,6 +194,14 @@ class RoleNode(TwinNode):
             self._marked = self.revision, self.described_by
             self._marks = revision_row(*self._marked), self.signature
         return self._marks
+
+    def peak_hold_output(self, topic: Topic, message: Callable[[Any], Any]) -> DecimatedPublisher:
+        """Return a new publisher of the greatest message of each window of steps; offer it magnitude and item."""
+        return self.decimated_output(topic, PeakHoldWindow(self.stream_window), message)
+
+    def joint_state_output(self, topic: Topic, message: Callable[[Any], bytes]) -> DecimatedPublisher:
+        """Return a new publisher of joint states, one a window of steps and more around impacts; see `StreamWindow`."""
+        return self.decimated_output(topic, StreamWindow(self.stream_window), message, exclusive=True)
 
     def built(self, parameters: Parameters) -> Machine:
         """Return the machine of these parameters, with a user's classes in the place of its roles."""
