@@ -123,6 +123,22 @@ def gap_limits(times_s: Array, begin_s: float, end_s: float) -> tuple[float, flo
 
 
 @kernel
+def sample_quality(times_s: Array, values: Array) -> tuple[float, int, float]:
+    """Return lower quartile of the spacing (s), longest run of equal values, and how far a sample stands out."""
+    count, longest, run, isolation = len(values), 1, 1, 0.0
+    spacings_s = np.empty(count - 1)
+    for i in range(count - 1):
+        spacings_s[i] = times_s[i + 1] - times_s[i]
+        run = run + 1 if values[i + 1] - values[i] == 0.0 else 1
+        longest = max(longest, run)
+    for i in range(1, count - 1):
+        apart = abs(values[i] - 0.5 * (values[i - 1] + values[i + 1])) - 2.0 * abs(values[i + 1] - values[i - 1])
+        isolation = max(isolation, apart)
+    place = (count - 2) // 4
+    return np.partition(spacings_s, place)[place], longest, isolation
+
+
+@kernel
 def crossed_turn(
     times_s: Array, angles_rad: Array, first: int, boundary_rad: float, about_rad: float
 ) -> tuple[float, float]:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.capabilities.cycle_kernels import sample_quality
 
 PLATEAU = 0.3  # of a cycle: a channel that stands still for longer while it is healthy is no stuck one
 LOST = 0.1  # of the samples, beyond what the baseline loses
@@ -39,12 +40,8 @@ def channel_quality(times_s: Array, values: Array) -> ChannelQuality:
     """Return the quality of the samples (n,) of a channel within a cycle."""
     if len(values) < 3:
         return ChannelQuality(len(values), float("nan"), 0.0, 0.0)
-    changes = np.flatnonzero(np.diff(values))
-    longest = int(np.diff(np.concatenate([[-1], changes, [len(values) - 1]])).max())
-    apart = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])) - 2.0 * np.abs(values[2:] - values[:-2])
-    spacings_s, place = np.diff(times_s), (len(times_s) - 2) // 4
-    quartile_s = float(np.partition(spacings_s, place)[place])
-    return ChannelQuality(len(values), quartile_s, longest / len(values), float(max(apart.max(), 0.0)))
+    spacing_s, longest, isolation = sample_quality(times_s, values)
+    return ChannelQuality(len(values), spacing_s, longest / len(values), isolation)
 
 
 class SensorLimits(NamedTuple):
