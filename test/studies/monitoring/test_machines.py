@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from runpy import run_path
 
 import numpy as np
 import pytest
 
-from mech_twin.capabilities.faults import MachineFault, value_at
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.measurement_map import read_map
@@ -19,9 +17,9 @@ from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.results.opened_runs import columns_of
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import PROMPT_CYCLES, fitted_setup, sensor_design, simulated_vectors
+from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
-from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.monitoring.monitor import Monitor
 from mech_twin.studies.monitoring.report import judged
 from mech_twin.studies.monitoring.sensing import (
     MonitoredMachine,
@@ -33,8 +31,6 @@ from mech_twin.studies.monitoring.sensing import (
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 MONITORED = [name for name in CATALOGUE if (SENSORS / f"{name}.yaml").exists()]
-monitored_in_the_proof = run_path(str(SENSORS.parent / "plants.py"))["monitored_machine"]  # a press with a motor
-HEALTHY = {"winding_drum": 150}  # cycles: its package runs off
 SIX = {"mb10_breaker", "compaction_press", "vibration_crank", "impact_mass", "roller_former", "winding_drum"}
 
 
@@ -88,28 +84,6 @@ def test_each_fault_is_a_legal_configuration_at_every_size(name: str) -> None:
             changes = fault.changes(machine.parameters, size)
             assert changes or fault.command(size) != 1.0
             assert machine.varied(changes) != machine.parameters or not changes, (fault.name, size)
-
-
-def change_text(machine: MonitoredMachine, fault: MachineFault, size: float, time_s: float) -> str:
-    """Return what `--change` is given, for a fault that is a supply's alone the command."""
-    if not fault.changes(machine.parameters, size):
-        return f"motor.command={fault.command(size)!r}@{time_s!r}"
-    return f"{fault.name}={100.0 * size!r}%@{time_s!r}" if fault.unit == "1" else f"{fault.name}={size!r}@{time_s!r}"
-
-
-@pytest.mark.parametrize("name", MONITORED)
-def test_each_fault_at_each_size_can_be_made_by_a_change_in_a_run(name: str) -> None:
-    machine = monitored(name)
-    healthy = machine.entry.build(machine.parameters)
-    for fault in machine.faults:
-        for size in fault.sizes:
-            text = change_text(machine, fault, size, 1.0)
-            run = ChangingMachine(healthy, live_changes([text]))
-            later = run.revisions[-1][1].parameters
-            for key, wanted in fault.changes(machine.parameters, size).items():
-                made = value_at(later, key) if wanted is not None else None
-                assert made == (pytest.approx(wanted, rel=1e-12) if isinstance(wanted, float) else wanted), text
-            assert run.command(round(2.0 / healthy.coupling_step_s)) == pytest.approx(fault.command(size))
 
 
 def test_the_size_of_a_fault_is_asked_for_in_its_unit() -> None:
@@ -195,40 +169,3 @@ def test_a_fifth_off_the_breakers_spring_rate_is_found_within_fifty_blows() -> N
     spring = next(candidate for candidate in alarm.candidates if candidate.name == "spring_soft")
     assert spring.low_95 <= -0.2 <= spring.high_95
     assert {candidate.name for candidate in alarm.candidates} <= {"spring_soft", "preload_lost"}
-
-
-def last_told(machine: MonitoredMachine, setup: MonitorSetup, fault: MachineFault, size: float) -> Findings:
-    """Return what is said 80 cycles after a fault has come, in a run that was healthy until then."""
-    begin_s, period_s = machine.declared.run_up_s, setup.baseline.period_s
-    change_s, healthy = begin_s + 20.4 * period_s, machine.entry.build(machine.parameters)
-    made = ChangingMachine(healthy, live_changes([change_text(machine, fault, size, change_s)]))
-    step_s, end_s = healthy.coupling_step_s, change_s + 81.0 * period_s
-    seen = seen_run(
-        healthy, machine.sensors, end_s, random=np.random.default_rng(7), begin_s=begin_s,
-        command=np.array([made.command(step) for step in range(round(end_s / step_s) + 1)]),
-        changes=[(step * step_s, revision) for step, revision in made.revisions[1:]],
-    )  # fmt: skip
-    findings = told(machine.vectors(seen), Monitor(setup))
-    assert not any(found.alarm for found in findings if found.time_s < change_s)
-    return findings[-1]
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", MONITORED)
-def test_each_fault_that_the_sensors_are_said_to_find_is_named_when_made_by_its_name(name: str) -> None:
-    """At the size that `--design` tells of; or what it tells that they cannot tell apart from it."""
-    machine = monitored_in_the_proof(name)
-    setup = fitted_setup(machine, simulated_vectors(machine, HEALTHY.get(name, 600), 1), 24.0)
-    designs = {design.name: design for design in sensor_design(setup).faults}
-    wrong, found = {}, 0
-    for fault in machine.faults:
-        design = designs[fault.name]
-        if design.delay_cycles > PROMPT_CYCLES:
-            continue
-        told = last_told(machine, setup, fault, design.size)
-        names, found = {candidate.name for candidate in told.candidates}, found + 1
-        if fault.name not in names and not (names and names <= {*design.alike}):
-            wrong[fault.name] = (design.size, told.verdict, names)
-    assert wrong == {}
-    assert found >= 2
