@@ -114,7 +114,7 @@ class StepCodec(Generic[SampleOf]):
         columns = zeros.copy()
         columns[at] = row_of(sample)
         columns[more_at] = numbers
-        return b"".join((HEAD, STAMP.pack(*stamp_of(sample[1])), block, columns[:-1]))
+        return b"".join((HEAD, STAMP.pack(*stamp_of(sample[1])), block, columns.data[:-1]))
 
     def to_message(self, sample: Any) -> JointState:
         """Return a sample as a message of the middleware."""
