@@ -29,7 +29,7 @@ def published(name: str, rate_hz: float, seconds: float, ready: Any) -> None:
     from sensor_msgs.msg import JointState
 
     from mech_twin.engine.rollout import roll_out
-    from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+    from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
     from mech_twin.messages.topics import DATA
     from mech_twin.parameters.load import machine
 
@@ -58,7 +58,7 @@ def measured(name: str, rate_hz: float, seconds: float) -> tuple[np.ndarray, int
     import rclpy
 
     from mech_twin.measurements.measurement_map import MeasurementMap
-    from mech_twin.messages.joint_state_cdr import received_message
+    from mech_twin.messages.cdr import received_message
     from mech_twin.messages.topics import ESTIMATED, full_name
     from mech_twin.nodes.exchange.spinner import Spinner
     from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup

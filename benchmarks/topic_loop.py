@@ -19,7 +19,7 @@ from comparison import Table, measure, ratio, told_in_turn
 from mech_twin.engine.coupling import next_body
 from mech_twin.engine.run import frames
 from mech_twin.messages.step_codec import body, force, linkage, motor
-from mech_twin.messages.step_message import Row, revision_row
+from mech_twin.messages.step_message import Row
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.run.composition import run_in_process
@@ -30,7 +30,7 @@ from mech_twin.samples import Frame, LinkageSample
 NAME = "mb10_breaker"
 CALLS, LOOPS, STEPS, ROUNDS = 500, 7, 2000, 5
 BEGIN = 500  # first step that is measured
-MARKS = (revision_row(1, 17.0), Row("~source", 17.0))
+MARKS = (Row("~revision", 1.0, 17.0), Row("~source", 17.0))
 BARE, OURS = "bare nodes, message objects", "role nodes"
 
 

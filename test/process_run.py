@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
-from mech_twin.messages.joint_state_cdr import Decoder
+from mech_twin.messages.cdr import received_message
 from mech_twin.messages.step_codec import linkage as linkage_messages
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, STEP_LINKAGE, Topic, full_name
 from mech_twin.nodes.exchange.base_node import RunOptions
@@ -81,13 +81,12 @@ class ProcessRun:
 
     def _hear_steps(self) -> None:
         # a witness slower than the run would lose what a killed linkage has not delivered yet
-        self._decode = Decoder()
         self.witness.create_subscription(JointState, STEP_LINKAGE.name, self._on_linkage, EVERY, raw=True)
         for topic in ("step/motor", "step/forces", "step/body"):
             self.witness.create_subscription(JointState, topic, lambda message: None, 1, raw=True)
 
     def _on_linkage(self, raw: bytes) -> None:
-        sample = linkage_messages.from_message(self._decode(raw))
+        sample = linkage_messages.from_message(received_message(raw))
         if sample.step <= self.step:
             self.repeated += 1
         else:

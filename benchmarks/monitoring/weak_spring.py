@@ -34,7 +34,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, received_message
+from mech_twin.messages.cdr import Header, StepMessage, encoded, received_message
 from mech_twin.messages.topics import (
     DATA,
     DECISIONS,

@@ -75,8 +75,9 @@ class CompiledMachine:
     @cached_property
     def widths(self) -> Widths:
         """Columns of the tables of events."""
+        linkage = self.layout.linkage.events.width
         body = EVENT_WIDTH if self.layout.body is None else self.layout.body.events.width
-        return Widths(self.layout.linkage.events.width, body, TABLE_EXTRA + self.layout.table_width)
+        return Widths(linkage, body, TABLE_EXTRA + max(linkage, body))
 
     def run(
         self, first: int, row: Array, targets: Array, picked: Indices, columns: Array, worst: Array

@@ -110,9 +110,9 @@ class CompiledForces(_Compiled[ForceLayout]):
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
         layout, out = self.layout, np.empty(self.layout.size)
-        events = layout.loads.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
+        events = layout.events.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
         loads, count = held_force_step(self.held, linkage.step, row_of(linkage), events, len(events), out, no_loads())
-        told = layout.load_samples(loads[:count]) if count else ()
+        told = layout.events.loads(loads[:count]) if count else ()
         return layout.of_row(linkage.step, linkage.time_s, out, told)
 
 
@@ -134,7 +134,8 @@ class CompiledBody(_Compiled[BodyLayout]):
         layout, out = self.layout, np.empty(self.layout.size)
         acting, loads = NO_NUMBERS, NO_LOADS
         if self.force_layout is not None:
-            acting, loads = row_of(forces), self.force_layout.load_rows(forces.loads)
+            acting = row_of(forces)
+            loads = self.force_layout.events.rows(forces.loads) if forces.loads else NO_LOADS
         log, count = held_body_step(
             self.held, forces.step, row_of(body), acting, loads, len(loads), out, layout.events.table()
         )

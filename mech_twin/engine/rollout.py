@@ -23,15 +23,7 @@ from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.invariants import Residual, RunInvariants, residuals_of_run
-from mech_twin.engine.sample_vectors import (
-    Array,
-    BodyLayout,
-    EventNumbers,
-    ForceLayout,
-    FrameLayout,
-    LinkageLayout,
-    MotorLayout,
-)
+from mech_twin.engine.sample_vectors import LAYOUTS, Array, EventNumbers, FrameLayout
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.roles import Machine
 from mech_twin.samples import EffortCommand, Event, Frame
@@ -350,13 +342,5 @@ def _run_by_roles(
 
 def layout_of(frame: Frame) -> FrameLayout:
     """Return where the numbers of a frame stand in a row, from the names it carries."""
-    linkage, motor, forces, body = frame
-    told = None
-    if body is not None:
-        told = BodyLayout(body.joints, body.memory.names, body.residuals.names)
-    return FrameLayout(
-        LinkageLayout(linkage.joints, linkage.memory.names, linkage.residuals.names),
-        MotorLayout(motor.joints),
-        ForceLayout(forces.pins, forces.quantities.names, forces.residuals.names),
-        told,
-    )
+    roles = [(LAYOUTS[type(sample)], sample) for sample in frame if sample is not None]
+    return FrameLayout(*[layout(*layout.of(sample)) for layout, sample in roles])

@@ -15,13 +15,12 @@ Step and time are not in a row: a kernel is told the step, and the time is the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import accumulate, chain
 from operator import itemgetter
-from types import MappingProxyType
-from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +41,7 @@ from mech_twin.samples import (
 )
 
 Array = NDArray[np.float64]
+Made = TypeVar("Made")
 SampleOf = TypeVar("SampleOf", bound=tuple[Any, ...])
 # columns of a row of the event table; then position, velocity, effort of each coordinate before, and after
 TIME, KIND, CONTACT, PRE_VELOCITY, POST_VELOCITY, IMPULSE, PERIOD, SIDES = range(8)
@@ -68,12 +68,30 @@ class EventNumbers(NamedTuple):
     impulse_ns: Array
 
 
+def threes(make: Callable[[float, float, float], Made], numbers: Sequence[float]) -> tuple[Made, ...]:
+    """Return what is made of each three numbers."""
+    return tuple(map(make, numbers[::3], numbers[1::3], numbers[2::3]))
+
+
+def event_of(kind: str, contact: str, before: int, numbers: Sequence[float]) -> Event:
+    """Return the event of its numbers in the order of its fields, ``before`` coordinates on the side before it."""
+    time_s, pre, post, impulse, period, *told = numbers
+    sides = threes(Coordinate, told)
+    return Event(time_s, kind, contact, pre, post, impulse, int(period), sides[:before], sides[before:])
+
+
+def load_of(kind: str, contact: str, numbers: Sequence[float]) -> Load:
+    """Return the load of its numbers in the order of its fields."""
+    return Load(numbers[0], kind, contact, *numbers[1:])
+
+
 @dataclass(frozen=True)
 class EventLayout:
     """Kinds and contacts of a role's events by their number in a table, and coordinates on either side of one.
 
     A row: time (s), kind, contact, velocities before and after (m/s), impulse (N s), period, 1 if the coordinates on
-    either side are told; then position, velocity, effort of each coordinate before, and of each after.
+    either side are told; then position, velocity, effort of each coordinate before, and of each after.  A row of the
+    loads that stand for such events: time (s), kind, contact, moments before and after (N m), impulse (N m s).
     """
 
     kinds: tuple[str, ...] = ()
@@ -85,45 +103,44 @@ class EventLayout:
         """Columns of the table."""
         return EVENT_WIDTH + 6 * self.coordinates
 
-    def table(self, rows: int = FEW_ROWS) -> Array:
-        """Return an empty table."""
-        return np.empty((rows, self.width))
+    def table(self) -> Array:
+        """Return a table with room for a few events."""
+        return np.empty((FEW_ROWS, self.width))
 
     def events(self, rows: Array) -> tuple[Event, ...]:
         """Return the events of a table."""
         return tuple(map(self._event, rows.tolist()))
 
     def _event(self, row: list[float]) -> Event:
-        time, kind, contact, before, after, impulse, period, sides = row[:EVENT_WIDTH]
-        pre: tuple[Coordinate, ...] = ()
-        post = pre
-        if sides:
-            told = [Coordinate(*row[i : i + 3]) for i in range(EVENT_WIDTH, len(row), 3)]
-            pre, post = tuple(told[: self.coordinates]), tuple(told[self.coordinates :])
-        return Event(
-            time, self._kinds[int(kind)], self._contacts[int(contact)], before, after, impulse, int(period), pre, post
-        )
+        sides = row[EVENT_WIDTH:] if row[SIDES] else []
+        return event_of(*self._names(row), self.coordinates, [row[TIME], *row[PRE_VELOCITY:SIDES], *sides])
+
+    def loads(self, rows: Array) -> tuple[Load, ...]:
+        """Return the loads of a table."""
+        return tuple(load_of(*self._names(row), [row[0], *row[3:]]) for row in rows.tolist())
+
+    def _names(self, row: Sequence[float]) -> tuple[str, str]:
+        return self._kinds[int(row[KIND])], self._contacts[int(row[CONTACT])]
 
     def kind_names(self, rows: Array) -> NDArray[np.str_]:
         """Return the kinds of a table's events."""
         return np.array(self._kinds)[rows[:, KIND].astype(np.int64)]
 
-    def rows(self, events: Sequence[Event]) -> Array:
-        """Return the table of events.
+    def rows(self, told: Sequence[Event] | Sequence[Load]) -> Array:
+        """Return the table of events, or of loads; there is at least one.
 
         Raises
         ------
         ValueError
-            If an event's kind or contact is none of the role's.
+            If a kind or contact is none of the role's.
         """
-        table = np.zeros((len(events), self.width))
-        for row, event in zip(table, events, strict=True):
-            kind, contact = self._kinds.index(event.kind), self._contacts.index(event.contact)
-            row[:SIDES] = event.time_s, kind, contact, *event[3:7]
-            row[SIDES] = bool(event.pre)
-            if event.pre:
-                row[EVENT_WIDTH:] = [number for side in (*event.pre, *event.post) for number in side]
-        return table
+        table = []
+        for one in told:
+            row = [one.time_s, self._kinds.index(one.kind), self._contacts.index(one.contact), *one[3:7]]
+            if isinstance(one, Event):
+                row += [1.0, *chain(*one.pre, *one.post)] if one.pre else [0.0] * (self.width - SIDES)
+            table.append(row)
+        return np.array(table, np.float64)
 
     @cached_property
     def _kinds(self) -> tuple[str, ...]:
@@ -137,8 +154,10 @@ class EventLayout:
 BODILY = ("position", "velocity", "effort")  # what a joint has three of, and the columns of a message
 EFFORT = 2
 MARK = "~"  # before the rows of a message that are no joints and no efforts of their own
-MOST_REMEMBERED = 256  # a recorder that writes in batches reads them again
+MOST_REMEMBERED = 1024  # a recorder that writes in batches reads them again
 NUMBERED = 3  # fields of a sample before its numbers: step, time, names
+WORDS = {"memory": "memory", "quantities": "", "residuals": "residual"}  # before each name of a list
+LAYOUTS: dict[type, Any] = {}  # of the samples of a role
 
 
 class RowNumber(NamedTuple):
@@ -146,37 +165,44 @@ class RowNumber(NamedTuple):
 
     column: str
     row: str
-    place: int = 0
-
-
-def _wrenches(numbers: tuple[float, ...]) -> tuple[Wrench, ...]:
-    return tuple(map(Wrench, numbers[::3], numbers[1::3], numbers[2::3]))
+    place: int
 
 
 @dataclass(frozen=True)
 class SampleLayout(Generic[SampleOf]):
     """What the samples of a role hold, in the order of a row: single numbers, threes, named numbers.
 
+    Each class is of one sample (``kind``) and takes ``scalars``, its single numbers, and ``lists``, its named ones,
+    from the fields of that.
+
     Attributes
     ----------
-    kind : type
-        The sample.
-    scalars : mapping
-        Fields that are one number, and what each is where a message does not say: a whole number, a number, or None.
-    bodies, threes
-        Field that names joints or pins, and what each of them has three of.
-    lists : mapping
-        Fields of named numbers, and the word before each name; none where the name stands alone.
-    place : int
-        Column of a message for numbers that are no joint's.
+    bodies : tuple of str
+        Names of the joints, or pins, each of which has ``threes``.
+    named, residuals : tuple of str
+        Names in the memory, or of the quantities, and of the residuals.
+    events : EventLayout
+        What happens to the role, or what its loads may stand for.
     """
 
     kind: ClassVar[Any]
-    scalars: ClassVar[Mapping[str, float | None]]
-    bodies: ClassVar[str] = "joints"
-    threes: ClassVar[tuple[str, str, str]] = BODILY
-    lists: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    place: ClassVar[int] = 0
+    scalars: ClassVar[tuple[str, ...]]
+    lists: ClassVar[tuple[str, ...]]
+    of_pins: ClassVar[bool]
+    threes: ClassVar[tuple[str, ...]]
+    bodies: tuple[str, ...]
+    named: tuple[str, ...] = ()
+    residuals: tuple[str, ...] = ()
+    events: EventLayout = EventLayout()
+
+    def __init_subclass__(cls, kind: Any, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        fields = [*get_type_hints(kind).items()][NUMBERED:]
+        cls.kind, cls.of_pins = kind, "pins" in kind._fields
+        cls.scalars = tuple(name for name, of in fields if of in (int, float))
+        cls.lists = tuple(name for name, of in fields if of is Named)
+        cls.threes = Wrench._fields if cls.of_pins else BODILY
+        LAYOUTS[kind] = cls
 
     @classmethod
     def of(cls, sample: SampleOf) -> tuple[tuple[str, ...], ...]:
@@ -186,23 +212,24 @@ class SampleLayout(Generic[SampleOf]):
     @classmethod
     def numbers(cls, sample: SampleOf) -> Array:
         """Return a sample as a row."""
-        threes = sample[NUMBERED] if cls.bodies == "pins" else zip(*sample[NUMBERED : NUMBERED + 3], strict=True)
+        bodily = sample[NUMBERED] if cls.of_pins else zip(*sample[NUMBERED : NUMBERED + 3], strict=True)
         single = [getattr(sample, name) for name in cls.scalars]
         lists = [getattr(sample, name).values for name in cls.lists]
-        return np.array([*single, *chain.from_iterable(threes), *chain.from_iterable(lists)], np.float64)
+        return np.array([*single, *chain.from_iterable(bodily), *chain.from_iterable(lists)], np.float64)
 
     @cached_property
     def entries(self) -> tuple[RowNumber, ...]:
         """What each number of a row is."""
-        found = [RowNumber(name, MARK + name, self.place) for name in self.scalars]
-        for body in getattr(self, self.bodies):
-            if self.bodies == "pins":
-                found += [RowNumber(f"{body}.{what}", f"{body}/{what}", EFFORT) for what in self.threes]
-            else:
-                found += [RowNumber(f"{body}.{what}", body, place) for place, what in enumerate(self.threes)]
-        for (_, word), names in zip(self.lists.items(), self._names[1:], strict=True):
+        place = EFFORT if self.of_pins else 0
+        found = [RowNumber(name, MARK + name, place) for name in self.scalars]
+        for body in self.bodies:
+            for column, what in enumerate(self.threes):
+                row = (f"{body}/{what}", EFFORT) if self.of_pins else (body, column)
+                found.append(RowNumber(f"{body}.{what}", *row))
+        for field, names in zip(self.lists, (self.named, self.residuals), strict=False):
+            word = WORDS[field]
             marked = f"{MARK}{word}/" if word else ""
-            found += [RowNumber(f"{word}.{name}" if word else name, marked + name, self.place) for name in names]
+            found += [RowNumber(f"{word}.{name}" if word else name, marked + name, place) for name in names]
         return tuple(found)
 
     @property
@@ -216,7 +243,7 @@ class SampleLayout(Generic[SampleOf]):
         parts = [*picked(tuple(row))]
         for place, make in makes:
             parts[place] = make(parts[place])
-        made: SampleOf = self.kind(step, time_s, self._names[0], *parts, *more)
+        made: SampleOf = self.kind(step, time_s, self.bodies, *parts, *more)
         return made
 
     def of_row(self, step: int, time_s: float, row: Array, *more: Any) -> SampleOf:
@@ -226,107 +253,53 @@ class SampleLayout(Generic[SampleOf]):
         return made
 
     @cached_property
-    def _names(self) -> tuple[tuple[str, ...], ...]:
-        return tuple(getattr(self, name) for name in (self.bodies, *self.lists))
-
-    @cached_property
     def _cuts(self) -> tuple[Any, list[tuple[int, Any]]]:
         """What picks the fields of a sample from a row (a tuple), and those that are made of what was picked."""
         single = len(self.scalars)
-        begin = single + 3 * len(self._names[0])
-        ends = [*accumulate(map(len, self._names[1:]), initial=begin)]
-        places: dict[str, int | slice] = {name: place for place, name in enumerate(self.scalars)}
-        places |= {name: slice(*ends[place : place + 2]) for place, name in enumerate(self.lists)}
-        places |= {name: slice(single + place, begin, 3) for place, name in enumerate(BODILY)}
-        places["wrenches"] = slice(single, begin)
-        makes: dict[str, Any] = {name: int for name, value in self.scalars.items() if isinstance(value, int)}
-        makes |= {name: partial(Named, names) for name, names in zip(self.lists, self._names[1:], strict=True)}
-        makes["wrenches"] = _wrenches
-        fields = [name for name in self.kind._fields[NUMBERED:] if name in places]
-        picked = itemgetter(*[places[name] for name in fields])
-        return picked, [(place, makes[name]) for place, name in enumerate(fields) if name in makes]
+        begin = single + 3 * len(self.bodies)
+        end = begin + len(self.named)
+        cuts: dict[str, tuple[int | slice, Any]] = {name: (place, None) for place, name in enumerate(self.scalars)}
+        cuts["regime"] = REGIME, int
+        cuts |= {name: (slice(single + place, begin, 3), None) for place, name in enumerate(BODILY)}
+        cuts["wrenches"] = slice(single, begin), partial(threes, Wrench)
+        cuts["memory"] = cuts["quantities"] = slice(begin, end), partial(Named, self.named)
+        cuts["residuals"] = slice(end, end + len(self.residuals)), partial(Named, self.residuals)
+        found = [cuts[name] for name in self.kind._fields[NUMBERED:] if name in cuts]
+        return itemgetter(*[cut for cut, _ in found]), [(at, make) for at, (_, make) in enumerate(found) if make]
 
 
-@dataclass(frozen=True)
-class _StatefulLayout(SampleLayout[SampleOf]):
-    """Row of a sample that has joints, memory and residuals."""
-
-    lists = MappingProxyType({"memory": "memory", "residuals": "residual"})
-    joints: tuple[str, ...]
-    memory: tuple[str, ...]
-    residuals: tuple[str, ...]
-    events: EventLayout = EventLayout()
-
-
-class LinkageLayout(_StatefulLayout[LinkageSample]):
+class LinkageLayout(SampleLayout[LinkageSample], kind=LinkageSample):
     """Row of a linkage sample."""
 
-    kind = LinkageSample
-    scalars = MappingProxyType({"regime": 0, "command": 1.0})
 
-
-class BodyLayout(_StatefulLayout[BodySample]):
-    """Row of a body sample."""
-
-    kind = BodySample
-    scalars = MappingProxyType({"regime": 0, "pressing_force_n": None})
-
-
-@dataclass(frozen=True)
-class MotorLayout(SampleLayout[MotorSample]):
+class MotorLayout(SampleLayout[MotorSample], kind=MotorSample):
     """Row of a motor sample; the effort asked of it is not in it."""
 
-    kind = MotorSample
-    scalars = MappingProxyType({"command": 1.0})
-    joints: tuple[str, ...]
-
 
 @dataclass(frozen=True)
-class ForceLayout(SampleLayout[ForceSample]):
-    """Row of a force sample; ``loads`` are the events a load may stand for, ``reads_events`` whether they matter."""
+class ForceLayout(SampleLayout[ForceSample], kind=ForceSample):
+    """Row of a force sample; ``reads_events`` says whether the linkage's events matter."""
 
-    kind = ForceSample
-    scalars = MappingProxyType({"body_moment_nm": None})
-    bodies = "pins"
-    threes = Wrench._fields
-    lists = MappingProxyType({"quantities": "", "residuals": "residual"})
-    place = EFFORT
-    pins: tuple[str, ...]
-    quantities: tuple[str, ...]
-    residuals: tuple[str, ...]
-    loads: EventLayout = EventLayout()
     reads_events: bool = False
 
-    def load_rows(self, loads: Sequence[Load]) -> Array:
-        """Return loads as a table, (loads, 6)."""
-        kinds, contacts = self.loads._kinds, self.loads._contacts
-        rows = [(load[0], kinds.index(load.kind), contacts.index(load.contact), *load[3:]) for load in loads]
-        return np.array(rows, dtype=float).reshape(len(rows), LOAD_WIDTH)
 
-    def load_samples(self, rows: Array) -> tuple[Load, ...]:
-        """Return a table as loads."""
-        kinds, contacts = self.loads._kinds, self.loads._contacts
-        return tuple(Load(row[0], kinds[int(row[1])], contacts[int(row[2])], *row[3:]) for row in rows.tolist())
+class BodyLayout(SampleLayout[BodySample], kind=BodySample):
+    """Row of a body sample."""
 
 
-LAYOUTS: dict[type, Any] = {
-    LinkageSample: LinkageLayout, MotorSample: MotorLayout, ForceSample: ForceLayout, BodySample: BodyLayout
-}  # fmt: skip
 # rows of the newest samples, which are held so that no other takes their place
-_newest: dict[int, tuple[Sample, Array]] = {}
-_older: dict[int, tuple[Sample, Array]] = {}
+_remembered: dict[int, tuple[Sample, Array]] = {}
 
 
 def _remember(sample: Any, row: Array) -> None:
-    global _newest, _older
-    if len(_newest) >= MOST_REMEMBERED:
-        _older, _newest = _newest, {}
-    _newest[id(sample)] = sample, row
+    if len(_remembered) >= MOST_REMEMBERED:
+        _remembered.clear()
+    _remembered[id(sample)] = sample, row
 
 
 def row_of(sample: Sample) -> Array:
     """Return a sample as a row, which is not to be changed: several read it."""
-    known = _newest.get(id(sample)) or _older.get(id(sample))
+    known = _remembered.get(id(sample))
     if known is None:
         known = sample, LAYOUTS[type(sample)].numbers(sample)
         _remember(*known)
@@ -355,14 +328,13 @@ class FrameLayout:
     @cached_property
     def roles(self) -> dict[str, SampleLayout[Any]]:
         """The rows in their order."""
-        always: dict[str, SampleLayout[Any]] = {"linkage": self.linkage, "motor": self.motor, "forces": self.forces}
-        return always if self.body is None else {**always, "body": self.body}
+        return {name: role for name in Frame._fields if (role := getattr(self, name)) is not None}
 
     @cached_property
     def places(self) -> Places:
         """Where each role's row begins."""
-        sizes = [layout.size for layout in self.roles.values()]
-        return Places(*accumulate([1, *sizes, *[0] * (len(Places._fields) - 1 - len(sizes))]))
+        sizes = [self.roles[name].size if name in self.roles else 0 for name in Frame._fields]
+        return Places(*accumulate(sizes, initial=1))
 
     @cached_property
     def columns(self) -> dict[str, int]:
@@ -370,31 +342,14 @@ class FrameLayout:
         names = [f"{role}.{number.column}" for role, layout in self.roles.items() for number in layout.entries]
         return {name: place for place, name in enumerate(("time_s", *names))}
 
-    @property
-    def table_width(self) -> int:
-        """Columns of a table that takes the events of linkage and body."""
-        return max(self.linkage.events.width, EVENT_WIDTH if self.body is None else self.body.events.width)
-
     def row(self, frame: Frame) -> Array:
         """Return a frame as a row."""
         return np.concatenate([[frame.linkage.time_s], *[row_of(getattr(frame, role)) for role in self.roles]])
 
     def frame(
-        self,
-        step: int,
-        row: Sequence[float],
-        events: tuple[Event, ...] = (),
-        body_events: tuple[Event, ...] = (),
-        loads: tuple[Load, ...] = (),
+        self, step: int, row: Sequence[float], events: tuple[Event, ...] = (), body_events: tuple[Event, ...] = ()
     ) -> Frame:
         """Return a row (a list) as a frame."""
-        at, time_s = self.places, row[0]
-        body = None
-        if self.body is not None:
-            body = self.body.sample(step, time_s, row[at.body :], body_events)
-        return Frame(
-            self.linkage.sample(step, time_s, row[1 : at.motor], events),
-            self.motor.sample(step, time_s, row[at.motor : at.forces]),
-            self.forces.sample(step, time_s, row[at.forces : at.body], loads),
-            body,
-        )
+        cuts = zip(self.roles.values(), self.places, self.places[1:], ((events,), (), (), (body_events,)), strict=False)
+        samples = [role.sample(step, row[0], row[begin:end], *more) for role, begin, end, more in cuts]
+        return Frame(*samples, *[None] * (len(Frame._fields) - len(samples)))

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Event
 

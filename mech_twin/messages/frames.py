@@ -13,7 +13,7 @@ from functools import lru_cache
 from geometry_msgs.msg import TransformStamped
 
 from mech_twin.capabilities.mechanism import FrameTree, Pose, moved
-from mech_twin.messages.stamped_cdr import transform_bytes
+from mech_twin.messages.cdr import stamped_bytes
 
 TOOL_FRAME = "tool"
 
@@ -54,7 +54,7 @@ def transforms(mechanism: FrameTree, positions: Mapping[str, float], time_s: flo
     found = []
     for joint in mechanism.joints:
         parent, child = frame_id(namespace, joint.parent), frame_id(namespace, joint.child)
-        found.append(transform_bytes(time_s, parent, child, _numbers(moved(joint, positions))))
+        found.append(stamped_bytes(time_s, parent, child, numbers=_numbers(moved(joint, positions))))
     return found
 
 

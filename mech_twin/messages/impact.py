@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from geometry_msgs.msg import Vector3Stamped
 
-from mech_twin.messages.stamped_cdr import stamped_bytes
+from mech_twin.messages.cdr import stamped_bytes
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Event
 
@@ -17,7 +17,7 @@ from mech_twin.samples import Event
 def to_bytes(event: Event) -> bytes:
     """Return the bytes of `to_message`."""
     numbers = (event.pre_velocity_m_per_s, event.post_velocity_m_per_s, event.impulse_ns)
-    return stamped_bytes(event.time_s, f"{event.contact}/{event.kind}", numbers)
+    return stamped_bytes(event.time_s, f"{event.contact}/{event.kind}", numbers=numbers)
 
 
 def to_message(event: Event) -> Vector3Stamped:

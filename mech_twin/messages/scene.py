@@ -17,7 +17,7 @@ from itertools import chain
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mech_twin.messages.joint_state_cdr import HEAD, STAMP, stamp_of
+from mech_twin.messages.cdr import HEAD, STAMP, stamp_of, words
 from mech_twin.messages.step_message import MessageError, stamp_s
 from mech_twin.samples import Drawing, Shape
 
@@ -34,16 +34,7 @@ POSE_TO_POINTS = struct.Struct("<7d3d4f12xI")  # pose, scale, colour, lifetime, 
 ALIGNMENT = 8
 
 
-def _word(text: str) -> bytes:
-    letters = text.encode() + b"\0"
-    return COUNT.pack(len(letters)) + letters
-
-
-def _aligned(raw: bytes, size: int = 4) -> bytes:
-    return raw + bytes(-len(raw) % size)
-
-
-NOTHING = _aligned(_word(""))
+NOTHING = words("")
 BEFORE_TEXT = bytes(4) + NOTHING + bytes(STAMP.size) + NOTHING + NOTHING + bytes(8)  # colours, texture
 AFTER_TEXT = NOTHING + NOTHING + bytes(5)  # mesh
 
@@ -61,7 +52,7 @@ def to_bytes(drawing: Drawing, frame: str = FRAME) -> bytes:
     end = COUNT.size  # counted from the end of the head
     for index, shape in enumerate(drawing.shapes):
         gap, opening = _opening(end % ALIGNMENT, frame, shape.name, index, shape.kind)
-        marker = b"".join((gap, stamp, opening, _body(shape), BEFORE_TEXT, _aligned(_word(shape.text)), AFTER_TEXT))
+        marker = b"".join((gap, stamp, opening, _body(shape), BEFORE_TEXT, words(shape.text), AFTER_TEXT))
         parts.append(marker)
         end += len(marker)
     return HEAD + b"".join(parts)
@@ -71,8 +62,8 @@ def to_bytes(drawing: Drawing, frame: str = FRAME) -> bytes:
 def _opening(begin: int, frame: str, name: str, index: int, kind: str) -> tuple[bytes, bytes]:
     """Return what a marker that begins there has before its stamp, and after it up to its pose."""
     gap = bytes(-begin % 4)
-    words = _aligned(_word(frame)) + _aligned(_word(name)) + NUMBERS.pack(index, TYPES[kind], Marker.ADD)
-    return gap, words + bytes(-(begin + len(gap) + STAMP.size + len(words)) % ALIGNMENT)
+    named = words(frame, name) + NUMBERS.pack(index, TYPES[kind], Marker.ADD)
+    return gap, named + bytes(-(begin + len(gap) + STAMP.size + len(named)) % ALIGNMENT)
 
 
 def _body(shape: Shape) -> bytes:

@@ -11,78 +11,53 @@ from __future__ import annotations
 
 from functools import lru_cache
 from operator import itemgetter
-from typing import Any, Generic, NamedTuple
+from typing import Any, Generic
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from mech_twin.engine.sample_vectors import (
-    MARK,
-    Array,
-    BodyLayout,
-    ForceLayout,
-    LinkageLayout,
-    MotorLayout,
-    SampleLayout,
-    SampleOf,
-    row_of,
-)
-from mech_twin.messages.joint_state_cdr import HEAD, STAMP, AnyStep, received_message, row_layout, stamp_of
-from mech_twin.messages.step_message import STEP, MessageError, Row, numbers_of, step_and_time
+from mech_twin.engine.sample_vectors import LAYOUTS, MARK, WORDS, Array, SampleLayout, SampleOf, row_of
+from mech_twin.messages.cdr import HEAD, STAMP, AnyStep, received_message, row_layout, stamp_of
+from mech_twin.messages.step_message import STEP, MessageError, Row, numbers_of, stamp_s, step_and_time
 from mech_twin.messages.step_parts import parts_of, rows_of
+from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 
 Names = tuple[str, ...]
-
-
-class WriteForm(NamedTuple):
-    """Bytes from the stamp up to the numbers, the columns (all 0), and where a row, and step and more, go in them."""
-
-    block: bytes
-    columns: Array
-    of_row: NDArray[np.int64]
-    read: NDArray[np.int64] | slice
-    more: NDArray[np.int64]
-
-    def written(self, time_s: float, columns: Array) -> bytes:
-        """Return the bytes of a message at a time with these columns."""
-        return b"".join((HEAD, STAMP.pack(*stamp_of(time_s)), self.block, columns.tobytes()))
+Indices = NDArray[np.int64]
+ABSENT = {"~regime": 0.0, "~command": 1.0}  # what is meant where a message does not say
 
 
 @lru_cache(maxsize=1024)
-def _write_form(layout: Any, of: tuple[Names, ...], more: Names, joints_only: bool) -> WriteForm:
-    entries = layout(*of).entries
-    own = dict.fromkeys(entry.row for entry in entries if not entry.row.startswith(MARK))
-    marked = dict.fromkeys(entry.row for entry in entries if entry.row.startswith(MARK))
-    names = tuple(own) if joints_only else (*own, STEP, *marked, *more)
-    rows, column = row_layout(names), len(names) + 1  # the number of rows stands between two columns
-    zeros = [0.0] * len(names)
-    numbers = rows.columns.pack(len(names), *zeros, len(names), *zeros, len(names), *zeros)
-    begin = rows.position_at - rows.start
+def _write_form(kind: Any, of: tuple[Names, ...], more: Names) -> tuple[bytes, Array, Indices, Indices]:
+    """Return bytes from the frame up to the numbers, the columns (all 0), where a row, and step and more, go in them.
+
+    One number follows the columns: what of a row is not in the message goes there.
+    """
+    entries = kind(*of).entries
+    own = dict.fromkeys(entry.row for entry in entries)
+    names = tuple(row for row in own if not row.startswith(MARK))
+    if more:
+        names = (*names, more[0], *(row for row in own if row.startswith(MARK)), *more[1:])
+    rows, (block, columns) = len(names), row_layout(names)
+    zeros, stride = [0.0] * rows, rows + 1  # the number of rows stands between two columns
+    raw = block + columns.pack(*zeros, rows, *zeros, rows, *zeros)
+    begin = len(raw) - 8 * (3 * stride - 1)
     at = {name: place for place, name in enumerate(names)}
-    read = [place for place, entry in enumerate(entries) if entry.row in at]
-    return WriteForm(
-        rows.block + numbers[:begin],
-        np.frombuffer(numbers, np.float64, offset=begin),
-        np.array([at[entries[place].row] + column * entries[place].place for place in read], np.int64),
-        slice(None) if len(read) == len(entries) else np.array(read, np.int64),
-        np.array([at[name] + column * place for name in (STEP, *more) if name in at for place in range(3)], np.int64),
+    return (
+        raw[:begin],
+        np.frombuffer(raw + bytes(8), np.float64, offset=begin).copy(),
+        np.array([at[entry.row] + stride * entry.place if entry.row in at else -1 for entry in entries], np.int64),
+        np.array([at[name] + stride * column for name in more for column in range(3)], np.int64),
     )
 
 
-class ReadForm(NamedTuple):
-    """Messages with these row names: layout of the sample, its numbers, those of the step, events or loads."""
-
-    layout: SampleLayout[Any]
-    row: Any
-    step: int | None
-    parts: Any
-
-
 @lru_cache(maxsize=1024)
-def _read_form(kind: Any, names: Names) -> ReadForm:
-    """Return where everything stands; the defaults of the layout stand behind the numbers of the message.
+def _read_form(kind: Any, names: Names) -> tuple[SampleLayout[Any], Any, int | None, Any]:
+    """Return the layout of a sample, what picks its row, where its step is, what makes its last field.
+
+    All of them stand in the numbers of a message, which those of `ABSENT` follow.
 
     Raises
     ------
@@ -92,32 +67,24 @@ def _read_form(kind: Any, names: Names) -> ReadForm:
     if len(set(names)) != len(names):
         double = next(name for i, name in enumerate(names) if name in names[:i])
         raise MessageError(f"row name '{double}' stands twice")
-    at = {name: place for place, name in enumerate(names)}
-    plain = tuple(name for name in names if not name.startswith(MARK))
-    bodies, first, of_pins = plain, f"/{kind.threes[0]}", set[str]()
-    if kind.bodies == "pins":
+    bodies = plain = tuple(name for name in names if not name.startswith(MARK))
+    first, of_pins = f"/{kind.threes[0]}", set[str]()
+    if kind.of_pins:
         bodies = tuple(name.removesuffix(first) for name in plain if name.endswith(first))
         of_pins = {f"{pin}/{what}" for pin in bodies for what in kind.threes}
-        plain = tuple(name for name in plain if name not in of_pins)
-    lists = [
-        tuple(name.removeprefix(f"{MARK}{word}/") for name in names if name.startswith(f"{MARK}{word}/"))
-        if word
-        else plain
-        for word in kind.lists.values()
-    ]
-    layout = kind(bodies, *lists)
-    defaults = {MARK + name: value for name, value in kind.scalars.items() if value is not None}
-    places = []
-    for entry in layout.entries:
-        if entry.row in at:
-            places.append(at[entry.row] + len(names) * entry.place)
-        elif entry.row in defaults:
-            places.append(3 * len(names) + list(defaults).index(entry.row))
-        else:
-            pin = f"; a pin has {', '.join(kind.threes)}" if entry.row in of_pins else ""
-            raise MessageError(f"row '{entry.row}' is missing{pin}")
-    pick = itemgetter(*places) if len(places) > 1 else lambda numbers: [numbers[place] for place in places]
-    return ReadForm(layout, pick, at.get(STEP), parts_of(kind.kind, names))
+    lists = []
+    for word in map(WORDS.get, kind.lists):
+        mark = f"{MARK}{word}/" if word else ""
+        listed = [name for name in (names if word else plain) if name.startswith(mark) and name not in of_pins]
+        lists.append(tuple(name.removeprefix(mark) for name in listed))
+    layout, stride = kind(bodies, *lists), len(names) + 1
+    at = {name: place for place, name in enumerate(ABSENT, 3 * stride - 1)}
+    at |= {name: place for place, name in enumerate(names)}
+    for row in (entry.row for entry in layout.entries if entry.row not in at):
+        pin = f"; a pin has {', '.join(kind.threes)}" if row in of_pins else ""
+        raise MessageError(f"row '{row}' is missing{pin}")
+    places = [at[entry.row] + stride * entry.place for entry in layout.entries]
+    return layout, itemgetter(*places, 0), at.get(STEP), parts_of(kind.kind, names)  # one more: a tuple in any case
 
 
 class StepCodec(Generic[SampleOf]):
@@ -125,29 +92,29 @@ class StepCodec(Generic[SampleOf]):
 
     Parameters
     ----------
-    layout : type
-        What the samples hold.
+    kind : type
+        The sample.
     """
 
-    def __init__(self, layout: type[SampleLayout[SampleOf]]) -> None:
-        self.layout: Any = layout
-        self._defaults = tuple(value for value in layout.scalars.values() if value is not None)
+    def __init__(self, kind: type[SampleOf]) -> None:
+        self.layout: Any = LAYOUTS[kind]
 
     def to_bytes(self, sample: Any, marks: tuple[Row, ...] = ()) -> bytes:
         """Return the bytes of a sample as a step message, with the rows the publishing node adds; padding is 0."""
         more = (*rows_of(sample), *marks)
-        form = _write_form(self.layout, self.layout.of(sample), tuple([row[0] for row in more]), False)
-        columns = form.columns.copy()
-        columns[form.of_row] = row_of(sample)
-        columns[form.more] = (*sample[:2], 0.0, *[number for row in more for number in row[1:]])
-        return form.written(sample.time_s, columns)
+        numbers = (*sample[:2], 0.0, *[number for row in more for number in row[1:]])
+        return self._written(sample, (STEP, *[row[0] for row in more]), numbers)
 
     def shown(self, sample: Any) -> bytes:
         """Return the bytes of a plain joint state: the joints of a sample, or its efforts, and no more."""
-        form = _write_form(self.layout, self.layout.of(sample), (), True)
-        columns = form.columns.copy()
-        columns[form.of_row] = row_of(sample)[form.read]
-        return form.written(sample.time_s, columns)
+        return self._written(sample, (), ())
+
+    def _written(self, sample: Any, more: Names, numbers: tuple[float, ...]) -> bytes:
+        block, zeros, at, more_at = _write_form(self.layout, self.layout.of(sample), more)
+        columns = zeros.copy()
+        columns[at] = row_of(sample)
+        columns[more_at] = numbers
+        return b"".join((HEAD, STAMP.pack(*stamp_of(sample[1])), block, columns.data[:-1]))
 
     def to_message(self, sample: Any) -> JointState:
         """Return a sample as a message of the middleware."""
@@ -164,12 +131,11 @@ class StepCodec(Generic[SampleOf]):
         MessageError
             If the message is no sample of the role.
         """
-        names = tuple(message.name)
-        position, velocity, effort = columns = numbers_of(message, names)
-        form = _read_form(self.layout, names)
-        step, time_s = step_and_time(message, position, velocity, form.step, step_s)
-        row = form.row((*position, *velocity, *effort, *self._defaults))
-        made: SampleOf = form.layout.sample(step, time_s, row, *form.parts(columns))
+        names, numbers = tuple(message.name), numbers_of(message, *ABSENT.values())
+        layout, pick, at, told = _read_form(self.layout, names)
+        said = None if at is None else (numbers[at], numbers[at + len(names) + 1])
+        step, time_s = step_and_time(stamp_s(message.header), said, step_s)
+        made: SampleOf = layout.sample(step, time_s, pick(numbers), told(numbers))
         return made
 
     def received(self, raw: bytes, step_s: float, joints: Names | None = None) -> SampleOf:
@@ -194,8 +160,8 @@ def _received(codec: StepCodec[Any], raw: bytes, step_s: float, joints: Names | 
     return sample if joints is None else arranged(sample, joints)
 
 
-linkage, motor = StepCodec(LinkageLayout), StepCodec(MotorLayout)
-force, body = StepCodec(ForceLayout), StepCodec(BodyLayout)
+linkage, motor = StepCodec(LinkageSample), StepCodec(MotorSample)
+force, body = StepCodec(ForceSample), StepCodec(BodySample)
 
 
 def arranged(sample: Any, joints: Names) -> Any:

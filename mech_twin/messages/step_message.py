@@ -7,10 +7,10 @@ A publishing node adds its own number, and the configuration the sample was comp
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from mech_twin.messages.joint_state_cdr import AnyStep, StepMessage, stamp_of
+from mech_twin.engine.sample_vectors import BODILY
+from mech_twin.messages.cdr import AnyStep, stamp_of
 
 STEP = "~step"
 REVISION = "~revision"
@@ -21,7 +21,6 @@ SOURCE = "~source"
 EVENT = "~event/"
 LOAD = "~load/"
 LARGEST_STEP = 2.0**53
-COLUMNS = ("position", "velocity", "effort")
 SHOWN_NAMES = 6
 ANONYMOUS = 0.0  # the source of who does not sign
 
@@ -49,6 +48,11 @@ class Row(NamedTuple):
     effort: float = 0.0
 
 
+def marked(message: AnyStep, name: str, absent: float = 0.0, column: str = "position") -> float:
+    """Return a number a node has added to a step message, or ``absent`` if it has not."""
+    return float(getattr(message, column)[message.name.index(name)]) if name in message.name else absent
+
+
 def step_index(message: AnyStep) -> int | None:
     """Return the step of a message that is not decoded any further; None if it has no step row.
 
@@ -57,42 +61,12 @@ def step_index(message: AnyStep) -> int | None:
     MessageError
         If its columns have not one entry a row, or the step is no whole number a float64 holds exactly.
     """
-    names, position = message.name, message.position
-    if len(names) != len(position):
-        raise MessageError(f"{len(names)} rows, but {len(position)} positions")
-    if STEP not in names:
-        return None
-    return checked_step(float(position[names.index(STEP)]))
-
-
-def checked_step(step: float) -> int:
-    """Return a step index.
-
-    Raises
-    ------
-    MessageError
-        If it is no whole number a float64 holds exactly.
-    """
+    if len(message.name) != len(message.position):
+        raise MessageError(f"{len(message.name)} rows, but {len(message.position)} positions")
+    step = marked(message, STEP)
     if not abs(step) < LARGEST_STEP or step != int(step):
         raise MessageError(f"step {step} is no step index")
-    return int(step)
-
-
-def marked(message: AnyStep, name: str, absent: float) -> float:
-    """Return a number a node has added to a step message, or ``absent`` if it has not."""
-    names = message.name
-    return float(message.position[names.index(name)]) if name in names else absent
-
-
-def source(message: AnyStep) -> float:
-    """Return the number the publishing node signs with; 0 if it does not."""
-    names = message.name
-    return float(message.position[-1]) if names and names[-1] == SOURCE else marked(message, SOURCE, ANONYMOUS)
-
-
-def revision(message: AnyStep) -> int:
-    """Return how many parameter changes the sample was computed with; 0 if the message does not say."""
-    return int(marked(message, REVISION, 0.0))
+    return int(step) if STEP in message.name else None
 
 
 class ConfigurationMark(NamedTuple):
@@ -104,66 +78,51 @@ class ConfigurationMark(NamedTuple):
 
 def configuration_mark(message: AnyStep) -> ConfigurationMark:
     """Return which configuration the sample was computed with; revision 0 if the message does not say."""
-    names = message.name
-    if len(names) > 1 and names[-2] == REVISION:  # where the twin's own nodes write it
-        return ConfigurationMark(int(message.position[-2]), float(message.velocity[-2]))
-    if REVISION not in names:
-        return ConfigurationMark()
-    row = names.index(REVISION)
-    return ConfigurationMark(int(message.position[row]), float(message.velocity[row]))
+    return ConfigurationMark(int(marked(message, REVISION)), marked(message, REVISION, column="velocity"))
 
 
-def revision_row(number: int, source: float = 0.0) -> Row:
-    """Return the row that says which configuration a sample was computed with."""
-    return Row(REVISION, float(number), source)
-
-
-def numbers_of(message: AnyStep, names: tuple[str, ...]) -> tuple[Sequence[float], ...]:
-    """Return the columns of a step message.
+def numbers_of(message: AnyStep, *more: float) -> tuple[float, ...]:
+    """Return the columns of a step message with a number between each two, as they stand in its bytes, and more.
 
     Raises
     ------
     MessageError
         If they have not one entry a row, or hold a number that is not finite.
     """
+    names, columns = message.name, (message.position, message.velocity, message.effort)
     if not names:
         raise MessageError("no rows: 'name' is empty")
-    columns: tuple[Sequence[float], ...] = (message.position, message.velocity, message.effort)
-    if not isinstance(message, StepMessage):
-        columns = tuple(column.tolist() for column in (message.position, message.velocity, message.effort))
-    if all(len(column) == len(names) for column in columns) and math.isfinite(sum(map(sum, columns))):
-        return columns
-    for title, column in zip(COLUMNS, columns, strict=True):
+    numbers = (*columns[0], 0.0, *columns[1], 0.0, *columns[2], *more)
+    if all(len(column) == len(names) for column in columns) and math.isfinite(sum(numbers)):
+        return numbers
+    for title, column in zip(BODILY, columns, strict=True):
         if len(column) != len(names):
-            found = "is empty" if not column else f"has {len(column)} number{'' if len(column) == 1 else 's'}"
+            found = f"has {len(column)} number{'' if len(column) == 1 else 's'}" if column else "is empty"
             shown = ", ".join(names[:SHOWN_NAMES]) + (", ..." if len(names) > SHOWN_NAMES else "")
             raise MessageError(f"column {title} {found}, expected {len(names)}: one for each of {shown}")
-        wrong = [row for row, number in enumerate(column) if not math.isfinite(number)]
-        if wrong:
-            raise MessageError(f"{title} of '{names[wrong[0]]}' is {column[wrong[0]]}, not finite")
-    return columns
+        for name, number in zip(names, column, strict=True):
+            if not math.isfinite(number):
+                raise MessageError(f"{title} of '{name}' is {number}, not finite")
+    return numbers
 
 
-def step_and_time(
-    message: AnyStep, position: Sequence[float], velocity: Sequence[float], row: int | None, step_s: float | None
-) -> tuple[int, float]:
-    """Return the step index and its exact time: from the step's row, else from the stamp and the step's length.
+def step_and_time(stamp: float, told: tuple[float, float] | None, step_s: float | None) -> tuple[int, float]:
+    """Return the step index and its exact time: as the step's row tells them, else from stamp and step's length (s).
 
     Raises
     ------
     MessageError
         If neither is known, or the stamp contradicts the row, or the stamp lies off the grid.
     """
-    stamp = stamp_s(message.header)
-    if row is not None:
-        step, time_s = int(position[row]), velocity[row]
+    if told is not None:
+        step, time_s = int(told[0]), told[1]
     elif step_s is not None:
         step = round(stamp / step_s)
         time_s = step * step_s
     else:
         raise MessageError("no step row, and the coupling step is not known")
     if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
-        if row is None:
+        if told is None:
             raise MessageError(
                 f"stamp {stamp:.9f} s lies between steps of {step_s:g} s; expected that of the step answered"
             )

@@ -4,29 +4,46 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from functools import partial
+from itertools import groupby
+from operator import itemgetter
+from typing import Any
 
+from mech_twin.engine.sample_vectors import event_of, load_of
 from mech_twin.messages.step_message import ASKED, EVENT, HELD, LOAD, MessageError, Row
-from mech_twin.samples import Coordinate, EffortCommand, Event, ForceSample, Load, MotorSample, Sample
+from mech_twin.samples import EffortCommand, Event, ForceSample, Load, MotorSample, Sample
 
-LOAD_COLUMNS = ("time_s", "moment_before_nm", "moment_after_nm", "impulse_nms")
-Columns = tuple[Sequence[float], ...]
+LOAD_COLUMNS = (Load._fields[0], *Load._fields[3:])
+Numbers = Sequence[float]
 
 
 def rows_of(sample: Sample) -> tuple[Row, ...]:
     """Return the rows of what a sample has some of."""
-    if not sample[-1]:
+    told: Any = sample[-1]
+    if not told:
         return ()
-    if isinstance(sample, MotorSample):
-        asked = sample.asked
-        return () if asked is None else (Row(ASKED, *asked[:2]), Row(HELD, *asked[2:]))
-    if isinstance(sample, ForceSample):
-        return tuple(row for index, load in enumerate(sample.loads) for row in _load_rows(index, load))
-    return tuple(row for index, event in enumerate(sample.events) for row in _event_rows(index, event))
+    if isinstance(told, EffortCommand):
+        return Row(ASKED, *told[:2]), Row(HELD, *told[2:])
+    return tuple([row for index, part in enumerate(told) for row in _part_rows(str(index), part)])
 
 
-def parts_of(kind: type[Sample], names: tuple[str, ...]) -> Callable[[Columns], tuple[Any, ...]]:
-    """Return what makes the last field of a role's sample of the columns of a message with these row names.
+def _part_rows(index: str, part: Event | Load) -> list[Row]:
+    """Return the rows of an event or a load, which stand together."""
+    if isinstance(part, Load):
+        head = f"{LOAD}{index}/{part.kind}/{part.contact}"
+        numbers = zip(LOAD_COLUMNS, (part.time_s, *part[3:]), strict=True)
+        return [Row(f"{head}/{column}", 0.0, 0.0, number) for column, number in numbers]
+    head = f"{EVENT}{index}"
+    return [
+        Row(f"{head}/{part.kind}/{part.contact}", part.time_s, part.pre_velocity_m_per_s, part.impulse_ns),
+        Row(f"{head}/after", float(part.period), part.post_velocity_m_per_s),
+        *[Row(f"{head}/pre/{k}", *coordinate) for k, coordinate in enumerate(part.pre)],
+        *[Row(f"{head}/post/{k}", *coordinate) for k, coordinate in enumerate(part.post)],
+    ]
+
+
+def parts_of(kind: type[Sample], names: tuple[str, ...]) -> Callable[[Numbers], Any]:
+    """Return what makes the last field of a role's sample of the numbers of a message with these row names.
 
     Raises
     ------
@@ -37,79 +54,25 @@ def parts_of(kind: type[Sample], names: tuple[str, ...]) -> Callable[[Columns], 
         rows = [names.index(name) for name in (ASKED, HELD) if name in names]
         if len(rows) == 1:
             raise MessageError(f"one of the rows '{ASKED}' and '{HELD}' is missing")
-        return lambda of: (EffortCommand(*(column[row] for row in rows for column in of[:2])),) if rows else ()
-    if kind is ForceSample:
-        heads = [_load(names, row) for row, name in enumerate(names) if _is_load(name)]
-        return lambda of: (
-            tuple([Load(of[2][at], kind, contact, *of[2][at + 1 : at + 4]) for kind, contact, at in heads]),
-        )
-    places = _event_places(names)
-    return lambda of: (tuple([_event(place, of) for place in places]),)
+        pick = itemgetter(*[row + column for row in rows for column in (0, len(names) + 1)]) if rows else None
+        return lambda numbers: pick and EffortCommand(*pick(numbers))
+    word = LOAD if kind is ForceSample else EVENT
+    rows = [row for row, name in enumerate(names) if name.startswith(word)]
+    parts = [_part(names, [*group]) for _, group in groupby(rows, lambda row: names[row].split("/")[1])]
+    return lambda numbers: tuple([make(pick(numbers)) for pick, make in parts])
 
 
-def _is_load(name: str) -> bool:
-    return name.startswith(LOAD) and name.endswith(f"/{LOAD_COLUMNS[0]}")
-
-
-def _load_rows(index: int, load: Load) -> list[Row]:
-    head = f"{LOAD}{index}/{load.kind}/{load.contact}"
-    values = (load.time_s, load.moment_before_nm, load.moment_after_nm, load.impulse_nms)
-    return [Row(f"{head}/{column}", 0.0, 0.0, value) for column, value in zip(LOAD_COLUMNS, values, strict=True)]
-
-
-def _load(names: tuple[str, ...], row: int) -> tuple[str, str, int]:
-    """Return kind, contact and first row of a load, whose rows stand together."""
-    parts = names[row].split("/")
-    expected = tuple("/".join((*parts[:-1], column)) for column in LOAD_COLUMNS)
-    if len(parts) != 5 or names[row : row + len(expected)] != expected:
-        raise MessageError(f"load '{names[row]}' has not all its rows")
-    return parts[2], parts[3], row
-
-
-def _event_rows(index: int, event: Event) -> list[Row]:
-    head = f"{EVENT}{index}/"
-    rows = [
-        Row(f"{head}{event.kind}/{event.contact}", event.time_s, event.pre_velocity_m_per_s, event.impulse_ns),
-        Row(f"{head}after", float(event.period), event.post_velocity_m_per_s),
-    ]
-    for side, coordinates in (("pre", event.pre), ("post", event.post)):
-        rows += [Row(f"{head}{side}/{k}", *coordinate) for k, coordinate in enumerate(coordinates)]
-    return rows
-
-
-class EventPlaces(NamedTuple):
-    """Rows of one event."""
-
-    kind: str
-    contact: str
-    head: int
-    after: int
-    pre: tuple[int, ...]
-    post: tuple[int, ...]
-
-
-def _event_places(names: tuple[str, ...]) -> tuple[EventPlaces, ...]:
-    parts = {tuple(name.split("/")): row for row, name in enumerate(names) if name.startswith(EVENT)}
-    heads = {
-        int(p[1]): (p, row)
-        for p, row in parts.items()
-        if len(p) == 4 and p[1].isascii() and p[1].isdigit() and len(p[1]) < 10 and p[2] not in ("pre", "post")
-    }
-    found = []
-    for index, (head, row) in sorted(heads.items()):
-        after = parts.get((EVENT[:-1], str(index), "after"))
-        if after is None:
-            raise MessageError(f"event {index} has no row 'after'")
-        sides = [tuple(row for p, row in parts.items() if p[1:-1] == (str(index), side)) for side in ("pre", "post")]
-        found.append(EventPlaces(head[2], head[3], row, after, *sides))
-    return tuple(found)
-
-
-def _event(place: EventPlaces, columns: Columns) -> Event:
-    position, velocity, effort = columns
-    head, after = place.head, place.after
-    pre, post = (tuple([Coordinate(*[of[row] for of in columns]) for row in side]) for side in (place.pre, place.post))
-    return Event(
-        position[head], place.kind, place.contact, velocity[head], velocity[after], effort[head], int(position[after]),
-        pre, post,
-    )  # fmt: skip
+def _part(names: tuple[str, ...], rows: list[int]) -> tuple[Callable[[Numbers], Any], Callable[[Numbers], Any]]:
+    """Return what picks the numbers of the event or the load that these rows tell, and what makes it of them."""
+    head, *others = [names[row].split("/") for row in rows]
+    if len(head) > 3:
+        pre, post = (sum(words[2:3] == [side] for words in others) for side in ("pre", "post"))
+        loaded = names[rows[0]].startswith(LOAD)
+        make = partial(load_of, head[2], head[3]) if loaded else partial(event_of, head[2], head[3], pre)
+        count = len(LOAD_COLUMNS) if loaded else 5 + 3 * (pre + post)
+        found = _part_rows(head[1], make(range(1, count + 1)))  # each number is its place, counted from 1
+        if [row.name for row in found] == [names[row] for row in rows]:
+            stride = len(names) + 1
+            at = {n: rows[i] + stride * k for i, row in enumerate(found) for k, n in enumerate(row[1:]) if n}
+            return itemgetter(*[at[n] for n in sorted(at)]), make
+    raise MessageError(f"'{names[rows[0]]}' has not all its rows")

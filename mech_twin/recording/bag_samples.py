@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.assembly import StepAssembler
 from mech_twin.engine.step_samples import StepSamples
 from mech_twin.messages import scene
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder
+from mech_twin.messages.cdr import CdrError, received_message
 from mech_twin.messages.step_codec import body, force, linkage, motor
 from mech_twin.messages.step_message import MessageError, configuration_mark
 from mech_twin.messages.topics import (
@@ -171,10 +171,9 @@ class BagSamples:
 
     def _named_sources(self, field: str) -> Iterator[float]:
         """Yield the source of the configuration that each message of a topic of steps was computed with."""
-        decode = Decoder()
         for message in self._reader.messages([self.topics[field]]):
             try:
-                yield configuration_mark(decode(message.raw)).source
+                yield configuration_mark(received_message(message.raw)).source
             except (CdrError, ValueError, OverflowError, LookupError):
                 continue
 

@@ -12,14 +12,13 @@ from std_msgs.msg import String
 from mech_twin.capabilities.urdf import urdf
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import blow, impact, scene
+from mech_twin.messages.cdr import StepMessage, encoded, stamped_bytes, wrench_bytes
 from mech_twin.messages.frames import TOOL_FRAME, frame_id, transforms
-from mech_twin.messages.joint_state_cdr import StepMessage, encoded
-from mech_twin.messages.stamped_cdr import clock_bytes, wrench_bytes
 from mech_twin.messages.step_codec import StepCodec, motor
 from mech_twin.messages.step_codec import body as body_messages
 from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_message import revision_row
+from mech_twin.messages.step_message import REVISION, Row
 from mech_twin.messages.stream_window import (
     STREAM_RATE_HZ,
     PeakHoldWindow,
@@ -59,7 +58,6 @@ from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, Event, ForceSample, Frame
 
-REVISION = 1
 VIEW_RATE_HZ = 30.0
 
 
@@ -98,7 +96,7 @@ class FrameRecorder:
         self._joints = {topic.name: StreamWindow[Any](self._window) for topic in joint_state_topics(True)}
         self._forces = StreamWindow[ForceSample](self._window)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
-        self._revision = REVISION
+        self._revision = 1
         self._describe(description)
 
     def change(self, machine: Machine, description: str) -> None:
@@ -111,7 +109,7 @@ class FrameRecorder:
         """Record one frame."""
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
-        marks = (revision_row(self._revision),)
+        marks = (Row(REVISION, self._revision),)
         self._put(STEP_LINKAGE, linkage_messages.to_bytes(linkage, marks))
         self._put(STEP_MOTOR, motor.to_bytes(frame.motor))
         self._put(STEP_FORCES, force_messages.to_bytes(forces, marks))
@@ -162,7 +160,7 @@ class FrameRecorder:
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage
         if linkage.step % self._window == 0:
-            self._put(CLOCK, clock_bytes(linkage.time_s))
+            self._put(CLOCK, stamped_bytes(linkage.time_s))
             self._write_frames(frame)
         if linkage.step % self._steps_per_drawing == 0:
             shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)

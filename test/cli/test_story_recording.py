@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mech_twin.cli.main import main
-from mech_twin.messages.joint_state_cdr import received_message
+from mech_twin.messages.cdr import received_message
 from mech_twin.recording.bag_reader import open_bag
 
 STORY = Path(__file__).resolve().parents[2] / "bags" / "weak_spring"

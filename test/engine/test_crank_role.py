@@ -84,7 +84,7 @@ def test_the_kernel_gets_what_the_role_was_told() -> None:
 
 def test_events_are_of_the_crank_or_of_the_loaded_contact_and_tell_each_coordinate() -> None:
     layout = linkage().layout
-    assert layout.joints == ("crank", "rod", "slider")
+    assert layout.bodies == ("crank", "rod", "slider")
     assert layout.events.contacts == ("crank", "slider")
     assert (layout.events.kinds, layout.events.coordinates) == (KINDS, 1)
     assert linkage(coordinates=("crank", "twist")).layout.events.coordinates == 2

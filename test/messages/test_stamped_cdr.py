@@ -14,8 +14,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mech_twin.messages import impact, scene
-from mech_twin.messages.joint_state_cdr import stamp_of
-from mech_twin.messages.stamped_cdr import clock_bytes, transform_bytes, wrench_bytes
+from mech_twin.messages.cdr import stamp_of, stamped_bytes, wrench_bytes
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Drawing, Event, Shape
 
@@ -65,7 +64,7 @@ def test_an_impact_reads_as_the_message(time_s: float, name: str, before: float,
 
 @given(time)
 def test_a_clock_reads_as_its_time(time_s: float) -> None:
-    stamp = read(clock_bytes(time_s), Clock).clock
+    stamp = read(stamped_bytes(time_s), Clock).clock
     assert (stamp.sec, stamp.nanosec) == tuple(stamp_of(time_s))
 
 
@@ -73,7 +72,7 @@ def test_a_clock_reads_as_its_time(time_s: float) -> None:
 def test_a_transform_reads_as_its_frames_and_numbers(
     time_s: float, parent: str, child: str, numbers: tuple[float, ...]
 ) -> None:
-    found = read(transform_bytes(time_s, parent, child, numbers), TransformStamped)
+    found = read(stamped_bytes(time_s, parent, child, numbers=numbers), TransformStamped)
     at, turn = found.transform.translation, found.transform.rotation
     assert (found.header.frame_id, found.child_frame_id) == (parent, child)
     assert (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w) == numbers

@@ -5,21 +5,21 @@ from __future__ import annotations
 
 import pytest
 from catalogue import NAMES, built
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.joint_state_cdr import encoded, received_message
+from mech_twin.messages.cdr import encoded, received_message
 from mech_twin.messages.step_codec import body, force, linkage, motor
-from mech_twin.messages.step_message import SOURCE, TARGET, Row, revision_row
+from mech_twin.messages.step_message import REVISION, SOURCE, TARGET, Row
 
 SIGNATURE = Row(SOURCE, 2.0**47 + 1.0)
-MARKS = [(), (SIGNATURE,), (revision_row(3, 17.0), SIGNATURE), (Row(TARGET, 0.5), SIGNATURE)]
+MARKS = [(), (SIGNATURE,), (Row(REVISION, 3.0, 17.0), SIGNATURE), (Row(TARGET, 0.5), SIGNATURE)]
 
 
 def again(raw: bytes) -> bytes:
     """Return bytes as they are written anew of what the middleware reads of them."""
-    return encoded(deserialize_message(raw, JointState))
+    return encoded(received_message(bytes(serialize_message(deserialize_message(raw, JointState)))))
 
 
 def rows(raw: bytes) -> dict[str, tuple[float, ...]]:

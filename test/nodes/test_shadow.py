@@ -28,7 +28,7 @@ from mech_twin.declarations.configuration_tree import (
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.messages.joint_state_cdr import Header, Stamp, StepMessage, encoded, stamp_of
+from mech_twin.messages.cdr import Header, Stamp, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import (
     DATA,
     DIAGNOSTICS,

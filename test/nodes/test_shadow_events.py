@@ -20,7 +20,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes

@@ -23,7 +23,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree, merged
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes

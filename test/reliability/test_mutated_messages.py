@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.step_codec import arranged, body, force, linkage, motor
-from mech_twin.messages.step_message import EVENT, REVISION, STEP, MessageError, revision, source
+from mech_twin.messages.step_message import EVENT, REVISION, STEP, MessageError, configuration_mark
 
 MUTATIONS = 1000
 NUMBERS = (float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, -1e300, 5e-324, 2.0**63)
@@ -72,7 +72,7 @@ def test_a_damaged_step_message_is_a_sample_or_a_message_error(name: str) -> Non
             decoded = codec.from_message(message, machine.coupling_step_s)
             if joints is not None:
                 arranged(decoded, joints)
-            revision(message), source(message)
+            configuration_mark(message)
         except MessageError:
             refused += 1
     assert refused > MUTATIONS // 2

@@ -24,12 +24,12 @@ from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import scene
+from mech_twin.messages.cdr import received_message
 from mech_twin.messages.step_codec import body as body_messages
 from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_codec import linkage as linkage_messages
 from mech_twin.messages.step_codec import motor as motor_messages
-from mech_twin.messages.step_head import StepHeadReader
-from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp
+from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp, step_index
 from mech_twin.messages.topics import (
     DESCRIPTION,
     DIAGNOSTICS,
@@ -447,11 +447,10 @@ def test_a_recording_in_which_two_publishers_were_not_told_apart_is_not_called_d
     ):
         for name, topic in reader.topics.items():
             writer.add_topic(name, topic.type_name, offered_qos(durability="volatile", depth=1))
-        head = StepHeadReader()
-        copies = {head(each.raw).step: each.raw for each in reader.messages([f"{step}/{COPIED}"])}
+        copies = {step_index(received_message(each.raw)): each.raw for each in reader.messages([f"{step}/{COPIED}"])}
         for message in reader.messages(set(reader.topics) - {f"{step}/{COPIED}"}):
             at_ns = message.log_time_ns
-            if message.topic == step and (copy := copies.pop(head(message.raw).step, None)):
+            if message.topic == step and (copy := copies.pop(step_index(received_message(message.raw)), None)):
                 writer.write(step, copy, at_ns, at_ns)
             writer.write(message.topic, message.raw, at_ns, at_ns)
         writer.count_publishers(step, 2)

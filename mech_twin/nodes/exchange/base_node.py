@@ -22,8 +22,8 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from mech_twin.declarations.quantity import LONGEST_RUN_S, Parameters, choice, quantity
-from mech_twin.messages.joint_state_cdr import CdrError, StepMessage, received_message
-from mech_twin.messages.step_message import MessageError, source
+from mech_twin.messages.cdr import CdrError, StepMessage, received_message
+from mech_twin.messages.step_message import SOURCE, MessageError, marked
 from mech_twin.messages.stream_window import STREAM_RATE_HZ, PeakHoldWindow, StreamWindow
 from mech_twin.messages.topics import DIAGNOSTICS, Topic
 from mech_twin.nodes.exchange.counting import (
@@ -210,7 +210,7 @@ class TwinNode(Node):
             except (CdrError, MessageError) as error:
                 self.statistics.count(topic.name, "malformed", str(error))
             else:
-                take(sample, ReceivedStep(message, listener.believed(source(message), heard)))
+                take(sample, ReceivedStep(message, listener.believed(marked(message, SOURCE), heard)))
 
         listener = self.listen(topic, lambda step: take(step.sample, step), receive, **changes)
 

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from mech_twin.engine.sample_vectors import row_of
-from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import ANONYMOUS, REVISION, ConfigurationMark, Row, configuration_mark
 
 SOURCES = 64  # of a topic that are remembered

@@ -16,9 +16,8 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import GIVEN_STATE, RESET, Target, driven, effort_limit, next_body
 from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
 from mech_twin.messages import impact
+from mech_twin.messages.cdr import StepMessage, wrench_bytes
 from mech_twin.messages.frames import TOOL_FRAME, frame_id
-from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.stamped_cdr import wrench_bytes
 from mech_twin.messages.step_codec import body as body_messages
 from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_codec import linkage as linkage_messages

@@ -12,7 +12,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from std_msgs.msg import String
 
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import ConfigurationMark
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
 from mech_twin.nodes.exchange.base_node import RunOptions

@@ -17,8 +17,8 @@ from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.capabilities.urdf import urdf
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.messages.cdr import CdrError, received_message
 from mech_twin.messages.frames import transforms
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder
 from mech_twin.messages.step_message import stamp_s
 from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.messages.topics import (
@@ -72,7 +72,6 @@ class FramesNode(TwinNode):
         self._mechanism = mechanism_of(machine)
         window = steps_per_window(self.options.stream_rate_hz, machine.coupling_step_s)
         self._period_ns = round(window * machine.coupling_step_s * 1e9)
-        self._decode = Decoder()
         self._last_ns: int | None = None
         self._describe()
         self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
@@ -92,7 +91,7 @@ class FramesNode(TwinNode):
             self.time_s, self._last_ns = now_ns * 1e-9, now_ns
             return
         try:
-            message = self._decode(raw)
+            message = received_message(raw)
             positions = dict(zip(message.name, message.position, strict=True))
             self.time_s = stamp_s(message.header)
             found = transforms(self._mechanism, positions, self.time_s, self.get_namespace())

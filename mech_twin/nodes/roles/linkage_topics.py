@@ -19,9 +19,8 @@ from std_msgs.msg import String
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.messages import blow, impact, scene
+from mech_twin.messages.cdr import StepMessage, stamped_bytes
 from mech_twin.messages.frames import frame_id
-from mech_twin.messages.joint_state_cdr import StepMessage
-from mech_twin.messages.stamped_cdr import clock_bytes
 from mech_twin.messages.step_codec import StepCodec, arranged
 from mech_twin.messages.step_codec import body as body_messages
 from mech_twin.messages.step_codec import force as force_messages
@@ -377,7 +376,7 @@ class LinkageOutputs:
         self._send_blows(sample.events)
         self._states.offer(sample.step, sample, 0.0, has_impact(sample.events))
         if sample.step % self._node.stream_window == 0:
-            now = clock_bytes(sample.time_s)
+            now = stamped_bytes(sample.time_s)
             self._clock.send(now)
             self.shared_clock.send(now)
         if sample.step % self._steps_per_drawing == 0:

@@ -17,9 +17,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.messages.joint_state_cdr import CdrError, stamp_of
-from mech_twin.messages.step_head import NS_PER_S, StepHead, StepHeadReader
-from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.cdr import CdrError, Stamp, received_message, stamp_of
+from mech_twin.messages.step_message import SOURCE, MessageError, marked, step_index
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -52,6 +51,7 @@ from mech_twin.recording.recent_messages import RecentMessage, RecentMessages
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
 
+NS_PER_S = 1_000_000_000
 LARGEST_NS = 10**9 * NS_PER_S  # later than 30 years of simulated time: somebody's wall clock
 SAME_RUN_NS = 10 * NS_PER_S
 
@@ -88,10 +88,9 @@ MIB = 1024.0 * 1024.0
 
 
 class StepInput:
-    """One topic of step messages: how they are read, who is followed, which step was the last."""
+    """One topic of step messages: who is followed, which step was the last."""
 
     def __init__(self, silence_s: float) -> None:
-        self.read = StepHeadReader()
         self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
         self.publishers = LivingPublishers()
@@ -252,22 +251,21 @@ class RecorderNode(TwinNode):
 
     def _on_handed(self, topic: Topic, name: str, of_topic: StepInput, step: HandedStep) -> None:
         self._last_heard_s = time.monotonic()
-        sample = step.sample
-        stamp = stamp_of(sample.time_s)
-        head = StepHead(stamp.sec * NS_PER_S + stamp.nanosec, sample.step, step.source)
-        self._record_step(topic, name, of_topic, head, step.raw)
+        stamp, number = stamp_of(step.sample.time_s), step.sample.step
+        self._record_step(topic, name, of_topic, stamp, number, step.source, step.raw)
 
     def _on_step(self, topic: Topic, name: str, of_topic: StepInput, heard: HeardBytes) -> None:
         self._last_heard_s = time.monotonic()
         raw = heard.raw
         try:
-            head = of_topic.read(raw)
+            message = received_message(raw)
+            number, who = step_index(message), marked(message, SOURCE)
         except (CdrError, MessageError) as error:
             self.statistics.count(topic.name, "malformed", str(error))
             self._write(name, raw, self._time.now_ns)
             return
-        if of_topic.listener is None or of_topic.listener.believed(head.source, heard) == head.source:
-            self._record_step(topic, name, of_topic, head, raw)
+        if of_topic.listener is None or of_topic.listener.believed(who, heard) == who:
+            self._record_step(topic, name, of_topic, message.header.stamp, number, who, raw)
         else:
             self._record_copy(topic, f"{name}/{COPIED}", raw)
 
@@ -277,14 +275,16 @@ class RecorderNode(TwinNode):
         self.writer.add_topic(name, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
         self._write(name, raw, self._time.now_ns)
 
-    def _record_step(self, topic: Topic, name: str, of_topic: StepInput, head: StepHead, raw: bytes) -> None:
-        if not self._is_followed(topic, of_topic, head.source):
+    def _record_step(
+        self, topic: Topic, name: str, of_topic: StepInput, stamp: Stamp, step: int | None, who: float, raw: bytes
+    ) -> None:
+        if not self._is_followed(topic, of_topic, who):
             self.statistics.count(topic.name, "unknown_source", "another publisher than the one that is followed")
             self._write(name, raw, self._time.now_ns)
             return
-        self._write(name, raw, self._time_of(topic, head.stamp_ns))
-        if head.step is not None:
-            self._check_sequence(topic, name, of_topic.sequence, head.step)
+        self._write(name, raw, self._time_of(topic, stamp.sec * NS_PER_S + stamp.nanosec))
+        if step is not None:
+            self._check_sequence(topic, name, of_topic.sequence, step)
 
     def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
         """Return whether the run is this publisher's."""

@@ -24,9 +24,9 @@ from rclpy.parameter import Parameter
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.run import warm_up
-from mech_twin.messages.joint_state_cdr import received_message
+from mech_twin.messages.cdr import received_message
 from mech_twin.messages.step_codec import StepCodec, arranged, body, force, motor
-from mech_twin.messages.step_message import ANONYMOUS, SOURCE, Row, revision_row
+from mech_twin.messages.step_message import ANONYMOUS, REVISION, SOURCE, Row
 from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow, steps_per_window
 from mech_twin.messages.topics import Topic
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
@@ -192,7 +192,7 @@ class RoleNode(TwinNode):
         """Rows this node adds to its step messages: the configuration they were computed with, and who it is."""
         if self._marked != (self.revision, self.described_by):
             self._marked = self.revision, self.described_by
-            self._marks = revision_row(*self._marked), self.signature
+            self._marks = Row(REVISION, *self._marked), self.signature
         return self._marks
 
     def peak_hold_output(self, topic: Topic, message: Callable[[Any], Any]) -> DecimatedPublisher:

@@ -17,7 +17,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
 from mech_twin.messages import scene
-from mech_twin.messages.joint_state_cdr import StepMessage
+from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_codec import body as body_messages
 from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_codec import linkage as linkage_messages

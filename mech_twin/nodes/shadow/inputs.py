@@ -20,7 +20,7 @@ from std_msgs.msg import Float64
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
-from mech_twin.messages.joint_state_cdr import CdrError, Decoder, Stamp, stamp_of
+from mech_twin.messages.cdr import CdrError, Stamp, received_message, stamp_of
 from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
 from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS, STAMP
 from mech_twin.roles import Machine
@@ -241,7 +241,6 @@ class FollowedTopic:
             raise ConfigurationError(f"topic {name!r} would hold both samples and events; expected a topic for each")
         self.of_events = fields[0].of_event
         self.topic = Topic(name, kinds.pop())
-        self._decode = Decoder()
 
     @property
     def has_stamps(self) -> bool:
@@ -262,7 +261,7 @@ class FollowedTopic:
             The bytes are no message of the type, or a value is not finite.
         """
         joints = self.topic.type is JointState
-        message: Any = self._decode(raw) if joints else _converted(raw, self.topic.type)
+        message: Any = received_message(raw) if joints else _converted(raw, self.topic.type)
         found = {f.place: (f.channel, _value(message, f)) for f in self.fields if _has(message, f)}
         if not found:
             return None

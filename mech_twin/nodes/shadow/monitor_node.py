@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.messages.joint_state_cdr import Header, StepMessage, encoded
+from mech_twin.messages.cdr import Header, StepMessage, encoded
 from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.shadow.inputs import StampOrigin

@@ -24,7 +24,7 @@ from mech_twin.engine.sample_vectors import Array
 from mech_twin.measurements.machine_columns import is_event, joint_column, sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages import impact
-from mech_twin.messages.joint_state_cdr import CdrError, Header, Stamp, StepMessage, encoded
+from mech_twin.messages.cdr import CdrError, Header, Stamp, StepMessage, encoded
 from mech_twin.messages.topics import (
     DETECTED_IMPACTS,
     ESTIMATED,

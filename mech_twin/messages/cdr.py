@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Messages as CDR bytes: small stamped ones, and step messages, whose row names are encoded once a stream.
+
+::
+
+      head | sec, nanosec | frame, child ...... | gap | numbers                        of a stamped message
+      head | sec, nanosec | frame, n, names, n  | gap | positions | n | velocities | n | efforts
+           4              12                          8-byte aligned, from the head's end
+
+The middleware's own converter turns a message attribute by attribute, and every name of every message into a string and
+back, which is most of what it costs.  Here, while the bytes before the columns of a step message stay the same, only
+the numbers are read or written; any other message goes to the converter.
+"""
+
+from __future__ import annotations
+
+import struct
+from functools import lru_cache
+from typing import Any, NamedTuple, TypeAlias
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+HEAD = b"\x00\x01\x00\x00"  # plain CDR, little endian
+STAMP = struct.Struct("<iI")
+STAMP_AT = len(HEAD)
+BLOCK_AT = STAMP_AT + STAMP.size
+MOST_LAYOUTS = 256
+
+
+class CdrError(ValueError):
+    """Bytes that are no JointState."""
+
+
+class Stamp(NamedTuple):
+    """A time as a header holds it."""
+
+    sec: int
+    nanosec: int
+
+
+class Header(NamedTuple):
+    """The part of a header that is used."""
+
+    stamp: Stamp
+    frame_id: str = ""
+
+
+@lru_cache(maxsize=64)
+def stamp_of(time_s: float) -> Stamp:
+    """Return a time as a header holds it, rounded to the nanosecond."""
+    return Stamp(*divmod(round(time_s * 1e9), 1_000_000_000))
+
+
+def words(*texts: str) -> bytes:
+    """Return strings in CDR: each with its length before it, NUL-terminated, 4-byte aligned."""
+    letters = [text.encode() + b"\0" for text in texts]
+    return b"".join(struct.pack("<I", len(each)) + each + bytes(-len(each) % 4) for each in letters)
+
+
+@lru_cache(maxsize=256)
+def _stamped_form(frames: tuple[str, ...], numbers: int) -> tuple[struct.Struct, bytes]:
+    """Return what writes a message of these frames, and the bytes of their names."""
+    block = words(*frames)
+    gap = -(STAMP.size + len(block)) % 8
+    return struct.Struct(f"<{len(HEAD)}siI{len(block)}s{gap}x{numbers}d"), block
+
+
+def stamped_bytes(time_s: float, *frames: str, numbers: tuple[float, ...] = ()) -> bytes:
+    """Return a time, frames and numbers as Clock, WrenchStamped, Vector3Stamped or TransformStamped; padding is 0."""
+    form, block = _stamped_form(frames, len(numbers))
+    return form.pack(HEAD, *stamp_of(time_s), block, *numbers)
+
+
+def wrench_bytes(time_s: float, frame: str, force_x_n: float, force_y_n: float = 0.0, moment_nm: float = 0.0) -> bytes:
+    """Return a planar wrench in a frame, a pin's or the tool's, as a WrenchStamped; padding is 0."""
+    return stamped_bytes(time_s, frame, numbers=(force_x_n, force_y_n, 0.0, 0.0, 0.0, moment_nm))
+
+
+class StepMessage(NamedTuple):
+    """What a JointState says, under the names of its fields, and the bytes it came as, if it was received."""
+
+    header: Header
+    name: tuple[str, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]
+    raw: bytes = b""
+
+
+AnyStep: TypeAlias = JointState | StepMessage
+
+
+@lru_cache(maxsize=MOST_LAYOUTS)
+def row_layout(names: tuple[str, ...], frame: str = "") -> tuple[bytes, struct.Struct]:
+    """Return the bytes from frame to gap of messages with these row names, and what reads and writes what follows."""
+    rows = len(names)
+    count = struct.pack("<I", rows)
+    block = words(frame) + count + words(*names) + count
+    gap, between = (-(STAMP.size + len(block)) % 8, 4) if rows else (0, 0)
+    return block, struct.Struct(f"<{gap}x{rows}dI{between}x{rows}dI{between}x{rows}d")
+
+
+_layouts: dict[int, list[tuple[Any, bytes, struct.Struct]]] = {}  # and names of the messages read, by their length
+
+
+@lru_cache(maxsize=8)
+def received_message(raw: bytes) -> StepMessage:
+    """Return what bytes say; bytes that several listeners of one process hear are read once.
+
+    Raises
+    ------
+    CdrError
+        If they are no JointState.
+    """
+    for names, block, columns in _layouts.get(len(raw), ()):
+        if raw.startswith(block, BLOCK_AT) and raw.startswith(HEAD):
+            rows = len(names)
+            values = columns.unpack_from(raw, BLOCK_AT + len(block))
+            if values[rows] == values[2 * rows + 1] == rows:
+                header = Header(Stamp(*STAMP.unpack_from(raw, STAMP_AT)))
+                velocity = values[rows + 1 : 2 * rows + 1]
+                return StepMessage(header, names, values[:rows], velocity, values[2 * rows + 2 :], raw)
+    return _converted(raw)
+
+
+def _converted(raw: bytes) -> StepMessage:
+    """Return what bytes say as the converter reads them, and keep their layout."""
+    try:
+        message: JointState = deserialize_message(raw, JointState)
+    except RuntimeError as error:
+        reason = str(error).partition("\n")[0]
+        raise CdrError(f"{len(raw)} bytes that are no JointState: {reason}") from error
+    names, stamp = tuple(message.name), message.header.stamp
+    block, columns = row_layout(names, message.header.frame_id)
+    if len(raw) == BLOCK_AT + len(block) + columns.size and raw.startswith(block, BLOCK_AT):
+        if sum(map(len, _layouts.values())) >= MOST_LAYOUTS:  # bounds the memory a stream of ever new names takes
+            _layouts.clear()
+        _layouts.setdefault(len(raw), []).append((names, block, columns))
+    header = Header(Stamp(stamp.sec, stamp.nanosec))
+    return StepMessage(header, names, tuple(message.position), tuple(message.velocity), tuple(message.effort), raw)
+
+
+def encoded(message: StepMessage) -> bytes:
+    """Return the bytes of a step message, padding zeroed, so that equal messages are equal bytes."""
+    rows, (block, columns) = len(message.name), row_layout(tuple(message.name), message.header.frame_id)
+    numbers = columns.pack(*message.position, rows, *message.velocity, rows, *message.effort)
+    return b"".join((HEAD, STAMP.pack(*message.header.stamp), block, numbers))
