@@ -6,7 +6,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.messages.stream_window import StreamWindow, steps_per_window
+from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow, steps_per_window
 
 STEPS = st.lists(st.tuples(st.sampled_from([0.0, 1.0, 2.5, 7.0]), st.booleans()), min_size=1, max_size=60)
 
@@ -57,3 +57,10 @@ def test_a_stream_as_fast_as_the_steps_has_every_step() -> None:
 def test_a_window_is_the_step_over_the_rate() -> None:
     assert [steps_per_window(rate_hz, 0.001) for rate_hz in (1.0, 30.0, 100.0, 400.0)] == [1000, 33, 10, 2]
     assert steps_per_window(100.0, 2e-4) == 50
+
+
+@given(st.lists(st.floats(0.0, 1e6), min_size=1), st.integers(1, 12))
+def test_of_each_window_the_greatest_survives(values: list[float], length: int) -> None:
+    window = PeakHoldWindow[float](length)
+    sent = [kept for value in values for kept in window.offer(value, value)]
+    assert [*sent, *window.rest()] == [max(values[i : i + length]) for i in range(0, len(values), length)]

@@ -72,8 +72,7 @@ class Refits:
             variance = float(found.residuals @ found.residuals) / freedom
         share = float(stats.t.ppf(0.975, freedom))
         self.threshold = variance * share**2
-        self.errors = np.sqrt(variance * np.diag(inverse_information(found.jacobian)))
-        self.reach = share * self.errors
+        self.reach = share * np.sqrt(variance * np.diag(inverse_information(found.jacobian)))
         self.bounds = fitted.problem.unknowns.bounds()
         self.least = _cost(self._rows(self.x))
         self.better: Array | None = None
