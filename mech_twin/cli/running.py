@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 from mech_twin.cli.console import say, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import FoxgloveVerb, TellVerb
@@ -45,8 +47,5 @@ def serve_foxglove(asked: FoxgloveVerb) -> None:
         else "clients watch; --commands lets them act"
     )
     say(f"foxglove: ws://127.0.0.1:{server.port} ({allowed})")
-    try:
-        with StopSignal() as stop:
-            server.serve(lambda: stop.asked)
-    finally:
-        server.close()
+    with StopSignal() as stop, closing(server):
+        server.serve(lambda: stop.asked)

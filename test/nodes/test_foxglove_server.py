@@ -99,23 +99,61 @@ def with_client(port: int, talk):
     return asyncio.run(connected())
 
 
-@contextmanager
-def served(*words: str):
-    """Yield the port of the server of a machine that runs, started as a user does."""
+MECH_TWIN = (sys.executable, "-m", "mech_twin")
 
-    run = [sys.executable, "-m", "mech_twin"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    machine = subprocess.Popen([*run, "run", CRANK, "--view", "none", "--no-record"], **quiet)
-    server = subprocess.Popen([*run, "foxglove", CRANK, "--port", "0", *words], stderr=subprocess.PIPE, text=True)
+
+@contextmanager
+def ended(*words: str, **streams):
+    """Yield a command that runs, and end it as a user does."""
+
+    process = subprocess.Popen([*MECH_TWIN, *words], text=True, **streams)
     try:
+        yield process
+    finally:
+        process.terminate()
+        code = process.wait(LIMIT_S)
+    assert (words[0], code) == (words[0], 0)
+
+
+def machine_runs():
+    """Return the context of a machine that runs."""
+
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return ended("run", CRANK, "--view", "none", "--no-record", **quiet)
+
+
+@contextmanager
+def server_runs(*words: str):
+    """Yield the port of a server."""
+
+    with ended("foxglove", CRANK, "--port", "0", *words, stderr=subprocess.PIPE) as server, server.stderr:
         line = next(line for line in server.stderr if "ws://" in line)
         yield int(line.partition("127.0.0.1:")[2].split(" ")[0])
-    finally:
-        for process in (server, machine):
-            process.terminate()
-        codes = [process.wait(30) for process in (server, machine)]
-        server.stderr.close()
-    assert codes == [0, 0]
+
+
+@contextmanager
+def served(*words: str):
+    """Yield the port of the server of a machine that runs."""
+
+    with machine_runs(), server_runs(*words) as port:
+        yield port
+
+
+def test_a_server_outlives_a_question_to_a_machine_that_is_not_there_yet():
+    async def asked_early(client):
+        await client._socket.send_json({"op": "getParameters", "parameterNames": [], "id": "get"})
+        status = await client.hear(lambda told: told["op"] == "status" and told["level"] > 0)
+        assert "does the machine run?" in status["message"]
+        assert await client.values() == {}
+
+    async def asked_later(client):
+        assert await client.look_at(f"/{CRANK}/joint_states")
+        assert (await client.values("drive.speed_rpm"))["drive.speed_rpm"] > 0.0
+
+    with server_runs("--commands") as port:
+        with_client(port, asked_early)
+        with machine_runs():
+            with_client(port, asked_later)
 
 
 def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():

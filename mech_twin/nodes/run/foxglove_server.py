@@ -29,6 +29,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from mech_twin.nodes.run.bench_process import GO_ON, carried_out
+from mech_twin.nodes.run.domain import UnansweredError
 from mech_twin.nodes.run.telling import Teller
 from mech_twin.recording.errors import UnknownTypeError
 from mech_twin.recording.schemas import message_schema
@@ -64,7 +65,10 @@ class _Listener(ServerListener):
         self._server.wanted[channel.topic] = self._server.wanted.get(channel.topic, 1) - 1
 
     def on_get_parameters(self, client: Any, param_names: list[str], request_id: str | None = None) -> list[Parameter]:
-        known, _ = self._server.ask({"name": VALUES})
+        known, is_answered = self._server.ask({"name": VALUES})
+        if not is_answered:
+            self._server.complain(str(known))
+            return []
         return [Parameter(name, value=known[name]) for name in param_names or known if name in known]
 
     def on_set_parameters(
@@ -190,7 +194,12 @@ class FoxgloveServer:
 
 
 def _done(teller: Teller, message: Mapping[str, Any]) -> tuple[Any, bool]:
-    return (teller.values(), True) if message["name"] == VALUES else carried_out(teller, message)
+    if message["name"] != VALUES:
+        return carried_out(teller, message)
+    try:
+        return teller.values(), True
+    except UnansweredError as error:
+        return str(error), False
 
 
 def _message(kind: str) -> Any:

@@ -10,7 +10,15 @@ const [port, topic, parameter, service] = process.argv.slice(2);
 const client = new protocol.FoxgloveClient({ ws: new WebSocket(`ws://127.0.0.1:${port}`, ["foxglove.sdk.v1"]) });
 const plain = (key, value) => (ArrayBuffer.isView(value) ? Array.from(value) : typeof value === "bigint" ? Number(value) : value);
 const seen = {};
-let reader, subscribed;
+let reader, subscribed, found, asked;
+
+// the machine may still be starting: its nodes are asked once it runs
+function ask() {
+  if (asked || !found || !("message" in seen)) return;
+  asked = true;
+  client.getParameters([parameter], "get");
+  client.sendServiceCallRequest({ serviceId: found.id, callId: 1, encoding: "json", data: new TextEncoder().encode("{}") });
+}
 
 function told(part) {
   Object.assign(seen, part);
@@ -29,7 +37,6 @@ function look(channel) {
 }
 
 client.on("error", (error) => { console.error(String(error)); process.exit(1); });
-client.on("open", () => client.getParameters([parameter], "get"));
 client.on("parameterValues", ({ parameters }) => told({ parameters }));
 client.on("advertise", (channels) => {
   const channel = channels.find((each) => each.topic === topic);
@@ -37,9 +44,9 @@ client.on("advertise", (channels) => {
   reader = new MessageReader(parse(channel.schema, { ros2: true }));
   look(channel);
 });
-client.on("message", ({ data }) => told({ message: reader.readMessage(data) }));
-client.on("advertiseServices", (services) => {
-  const found = services.find((each) => each.name === service);
-  if (found) client.sendServiceCallRequest({ serviceId: found.id, callId: 1, encoding: "json", data: new TextEncoder().encode("{}") });
+client.on("message", ({ data }) => {
+  told({ message: reader.readMessage(data) });
+  ask();
 });
+client.on("advertiseServices", (services) => { found = services.find((each) => each.name === service) ?? found; ask(); });
 client.on("serviceCallResponse", ({ data }) => told({ answer: JSON.parse(new TextDecoder().decode(data)) }));
