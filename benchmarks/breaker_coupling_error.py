@@ -22,9 +22,8 @@ def main() -> None:
     asked = argparse.ArgumentParser(description="coupling error of the breaker against the motion solved as one")
     asked.add_argument("--duration", type=float, default=5.0, help="simulated seconds from standstill")
     asked.add_argument("--steps", type=float, nargs="+", default=[2e-3, 1e-3, 5e-4, 2.5e-4], help="coupling steps, s")
-    asked.add_argument("--order", type=int, default=1, choices=(0, 1), help="order of the torque's extrapolation")
     given = asked.parse_args()
-    p = machine_parameters("mb10_breaker", overrides={"coupling.extrapolation_order": given.order})
+    p = machine_parameters("mb10_breaker")
     if not isinstance(p, BreakerParameters):
         raise TypeError("expected the breaker's parameters")
     print("step_s    crank_angle_rad  body_angle_rad  blow_time_s  blow_impulse")

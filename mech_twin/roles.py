@@ -56,10 +56,6 @@ RESIDUALS: Mapping[str, Invariant] = MappingProxyType(
         "drive_torque_routes": Invariant("1", "drive torque by pin forces less by the reduced machine, over its peak"),
         "body_moment_routes": Invariant("1", "moment on the body by pin forces less by the coupled motion"),
         "impulse_routes": Invariant("1", "impulse of a blow by pin impulses less by the jump of the coupled motion"),
-        "angle_difference_rad": Invariant("rad", "angle the linkage led the body to, less the body's own", True, 1e-6),
-        "rate_difference_rad_per_s": Invariant(
-            "rad/s", "rate the linkage led the body to, less the body's own", True, 1e-3
-        ),
         "penetration_rad": Invariant("rad", "angle by which a body lies beyond its stop", True, 1e-6),
         "area_balance": Invariant("1", "area the package lost less area of the yarn run, over that of all its yarn"),
     }

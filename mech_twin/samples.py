@@ -86,7 +86,7 @@ class MotorSample(NamedTuple):
 class LinkageSample(NamedTuple):
     """The linkage at a step: every joint (solved ones too), and all it needs to go on from here.
 
-    ``memory`` is state that is no joint (works and losses, extrapolation history, time origin).  ``residuals`` are
+    ``memory`` is state that is no joint (works and losses, time origin).  ``residuals`` are
     numbers that are zero while the twin is right.  ``events`` are those of the step that ends here.
     """
 

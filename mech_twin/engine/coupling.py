@@ -13,10 +13,10 @@ call the same three functions, step index by step index, so a run over topics is
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, quantity
 from mech_twin.roles import BodyRole, EffortMotor, Machine
 from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, Frame, LinkageSample, MotorSample
 
@@ -34,16 +34,6 @@ class Coupling(Parameters):
     """How the roles exchange samples; a machine with a shorter longest step narrows ``step_s`` alone."""
 
     step_s: float = coupling_step()
-
-
-class ExtrapolatedCoupling(Coupling):
-    """Coupling of a machine that lets its user choose how the motor torque goes on within a step."""
-
-    extrapolation_order: Literal[0, 1] = choice(
-        "motor torque within a step: 0 held, 1 linear from the last two samples, restarted at impacts, with the "
-        "impulse that turned out missing made good in the next step",
-        default=1,
-    )
 
 
 def restarted(machine: Machine, step: int) -> LinkageSample:

@@ -6,7 +6,7 @@ r"""Motion of a linkage with one freedom, turned at its crank: what it declares 
     motor --[ gear i, eta ]--> shaft inertia J --> crank: angle f, speed w, friction c, v --> I_pr(f), M_pr(f)
 
     (I_pr + J) w' + w^2/2 dI_pr/df = M_pr + mean of the gear - v w + lam
-    M(t, w) = M_n + dM/dw i (w - w_n) + dM/dt (t - t_n),  kept within the breakdown torque
+    M(t, w) = the motor's curve at i w, from the torque it told at t_n (`torque_in_step`)
 
 One law acts at the crank: loss of the gear, Coulomb friction, and a load that only resists.  Its bounds are the sums of
 theirs.  A prescribed speed is a crank of known acceleration, whose drive takes what the mechanism needs.
@@ -57,6 +57,7 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.parts.gear import gear_split
+from mech_twin.parts.induction_motor import torque_in_step
 
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
@@ -99,13 +100,6 @@ def law_of(sense: float) -> int:
 
 
 @inline_kernel
-def line_torque(drive: ShaftDrive, t: float, w: float) -> float:
-    """Return the motor torque (N m) at a time of the step (s) and a crank speed (rad/s)."""
-    torque = drive.torque_nm + drive.speed_slope * drive.ratio * (w - drive.speed) + drive.time_slope * t
-    return min(max(torque, -drive.torque_limit_nm), drive.torque_limit_nm)
-
-
-@inline_kernel
 def resisting_row(crank: Crank, regime: int) -> int:
     """Return the row of the load that only resists in a regime, -1 where there is none."""
     for i in range(len(crank.resisting)):
@@ -130,7 +124,7 @@ def evaluate_crank(motion: TurningCrank, t: float, y: Array, regimes: Indices, a
         return
     regime = regimes[MECHANISM_REGIME]
     inertia, slope, moment = mechanism_reduced(motion.model.mechanism, f, regime)
-    grip = gear_split(drive.ratio, drive.efficiency, line_torque(drive, t, w))
+    grip = gear_split(drive.ratio, drive.efficiency, torque_in_step(drive.motor, t, drive.ratio * w))
     limit = grip.friction_nm + drive.coulomb_nm
     at.low[0], at.high[0] = -limit, limit
     row = resisting_row(crank, regime)
@@ -159,7 +153,7 @@ def accumulate_work(motion: TurningCrank, t: float, y: Array, regimes: Indices, 
         regime = regimes[MECHANISM_REGIME]
         out[DRIVE_WORK] = mechanism_drive_moment(motion.model.mechanism, y[ANGLE], w, motion.e, regime) * w + lost
         return
-    torque = line_torque(drive, t, w)
+    torque = torque_in_step(drive.motor, t, drive.ratio * w)
     grip = gear_split(drive.ratio, drive.efficiency, torque)
     given = grip.mean_nm - sense * grip.friction_nm
     out[DRIVE_WORK] = (given - drive.shaft_inertia_kg_m2 * at.acceleration[0]) * w
@@ -264,7 +258,7 @@ def change_sense(
     kind = STARTED if before == 0.0 else STOPPED if sense == 0.0 else REVERSED
     if before * motion.command > 0.0:
         kind, kept[STALLED_1] = STALLED, 1.0 if sense == 0.0 else 0.0
-    torque = line_torque(motion.drive, t, 0.0)
+    torque = torque_in_step(motion.drive.motor, t, 0.0)
     smooth = gear_split(motion.drive.ratio, motion.drive.efficiency, torque).friction_nm + crank.friction.coulomb_nm
     if kind != STALLED and smooth == 0.0:
         return count
@@ -285,7 +279,7 @@ def note_stall(motion: TurningCrank, system: Declared, y: Array, regimes: Indice
     """Log once that a supply that is on does not turn a crank at rest."""
     if motion.model.crank.drive.prescribed or regimes[CRANK_LAW] != HOLD or motion.kept[STALLED_1] != 0.0:
         return 0
-    if motion.command == 0.0 or motion.drive.time_slope != 0.0:
+    if motion.command == 0.0 or motion.drive.motor.ramp_nm_per_s != 0.0:
         return 0
     room.candidates[0] = 1
     settle_regimes(system, 0.0, y, regimes, room.candidates, room.at)

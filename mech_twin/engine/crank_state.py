@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import inf, pi
+from math import pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
 from mech_twin.kernels.kernel import kernel
-from mech_twin.parts.induction_motor import KLOSS, MotorConstants, motor_command_slope, motor_torque_slope
+from mech_twin.parts.induction_motor import KLOSS, MotorConstants, MotorInStep, motor_in_step
 
 TURN = 2.0 * pi
 LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
@@ -182,54 +182,37 @@ class Crank(NamedTuple):
 class ShaftDrive(NamedTuple):
     """What turns the crank during one coupling step; t = 0 at its start.
 
-    ``torque_nm`` M_n, ``speed_slope`` dM/d(rotor speed) (N m s/rad), ``time_slope`` dM/dt (N m/s), ``speed`` w_n of
-    the crank (rad/s), ``torque_limit_nm`` the largest motor torque, ``start_s`` the time at the start (s).
+    ``start_s`` is the time at the start (s).
     """
 
     shaft_inertia_kg_m2: float
     ratio: float
     efficiency: float
-    torque_nm: float
-    speed_slope: float
-    time_slope: float
-    speed: float
-    torque_limit_nm: float
+    motor: MotorInStep
     coulomb_nm: float
     viscous_nms_per_rad: float
     start_s: float
 
 
 @kernel
-def shaft_drive(
-    crank: Crank, start_s: float, speed: float, before: float, rotor: float, torque: float, command: float
-) -> ShaftDrive:
+def shaft_drive(crank: Crank, start_s: float, before: float, rotor: float, torque: float, command: float) -> ShaftDrive:
     """Return what turns the crank in a step.
 
     Parameters
     ----------
     start_s : float
         Time at the start of the step.
-    speed, before : float
-        Crank speed (rad/s) at the start of the step, and the command of the step before.
+    before : float
+        Command of the step before.
     rotor, torque, command : float
         The motor's speed (rad/s), torque (N m) and command.
     """
-    drive, slope, ramp, limit = crank.drive, 0.0, 0.0, inf
-    if drive.curved:
-        slope = motor_torque_slope(drive.motor, rotor, command)
-        change = (command - before) / crank.step_s
-        ramp = motor_command_slope(drive.motor, rotor, command) * change
-        limit = max(drive.motor.breakdown_torque_nm, abs(torque))
-    friction = crank.friction
+    drive, friction = crank.drive, crank.friction
     return ShaftDrive(
         drive.shaft_inertia_kg_m2,
         drive.ratio,
         drive.efficiency,
-        torque,
-        slope,
-        ramp,
-        speed,
-        limit,
+        motor_in_step(drive.motor, before, rotor, torque, command if drive.curved else 0.0, crank.step_s),
         friction.coulomb_nm,
         friction.viscous_nms_per_rad,
         start_s,

@@ -37,7 +37,6 @@ from mech_twin.engine.crank_state import (
     MEMORY_SIZE,
     Crank,
     Memory,
-    ShaftDrive,
     count_torque_energy,
     fill_memory,
     mechanism_state,
@@ -103,7 +102,8 @@ class TurnedCrank(NamedTuple):
 def turned_crank(crank: Crank, mechanism: Any) -> TurnedCrank:
     """Return the model of a crank linkage, its functions compiled."""
     model = TurnedCrank(crank, mechanism, 0)
-    motion = TurningCrank(model, ShaftDrive(*[0.0] * len(ShaftDrive._fields)), 0.0, 0.0, np.empty(6))
+    drive = shaft_drive(crank, 0.0, 0.0, 0.0, 0.0, 0.0)
+    motion = TurningCrank(model, drive, 0.0, 0.0, np.empty(6))
     return model._replace(entry=entry_of(motion))
 
 
@@ -167,7 +167,7 @@ def try_step(
     e, sense = (speed - w) / crank.step_s, past.turning_sense
     if crank.drive.prescribed:
         sense = sign_of(w) if w != 0.0 else sign_of(e)
-    drive = shaft_drive(crank, step * crank.step_s, w, linkage[COMMAND], speed, torque, command)
+    drive = shaft_drive(crank, step * crank.step_s, linkage[COMMAND], speed, torque, command)
     y[ANGLE], y[SPEED], y[DRIVE_WORK] = within_a_turn(f), w, past.drive_work_j
     y[GEAR_LOSS], y[FRICTION_LOSS] = past.gear_loss_j, past.friction_loss_j
     kept[TURNED], kept[LOAD_WORK], kept[STALLED_1], kept[TURNED_BACK] = (

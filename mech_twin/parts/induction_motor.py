@@ -41,7 +41,7 @@ from typing import Literal, NamedTuple
 from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import inline_kernel, kernel
 
 RPM = pi / 30.0
 LONGEST_RUN_UP_S = 1e3  # of the rotor alone at rated power; motors take a fraction of a second
@@ -271,3 +271,45 @@ def slip_at_torque(motor: MotorConstants, torque_nm: float) -> float:
     if abs(share) > 1.0:
         return float("nan")
     return motor.breakdown_slip * share / (1.0 + sqrt(1.0 - share * share))
+
+
+class MotorInStep(NamedTuple):
+    """A motor during one coupling step: what it told as the step began, and its curve from there (`torque_in_step`).
+
+    ``told_nm`` is the told torque less that of the curve (N m): 0 of the motor of this curve, and the torque of one
+    that takes efforts (command 0).  ``ramp_nm_per_s`` is what a supply that changes adds.
+    """
+
+    curve: MotorConstants
+    command: float
+    told_nm: float
+    ramp_nm_per_s: float
+
+
+@kernel
+def motor_in_step(
+    curve: MotorConstants, before: float, rotor_rad_per_s: float, torque_nm: float, command: float, step_s: float
+) -> MotorInStep:
+    """Return a motor during a step.
+
+    Parameters
+    ----------
+    curve : MotorConstants
+        Torque against slip.
+    before : float
+        Command of the step before.
+    rotor_rad_per_s, torque_nm, command : float
+        What the motor told as the step began.
+    step_s : float
+        Coupling step (s).
+    """
+    if command == 0.0:
+        return MotorInStep(curve, 0.0, torque_nm, 0.0)
+    ramp = motor_command_slope(curve, rotor_rad_per_s, command) * (command - before) / step_s
+    return MotorInStep(curve, command, torque_nm - motor_torque(curve, rotor_rad_per_s, command), ramp)
+
+
+@inline_kernel
+def torque_in_step(motor: MotorInStep, t: float, rotor_rad_per_s: float) -> float:
+    """Return the torque (N m) at a time of the step (s) and a speed of the rotor."""
+    return motor.told_nm + motor.ramp_nm_per_s * t + motor_torque(motor.curve, rotor_rad_per_s, motor.command)

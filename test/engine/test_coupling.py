@@ -9,14 +9,13 @@ from types import MappingProxyType
 
 import pytest
 from catalogue import built
-from parameter_bounds import accepts, has_range, live_names
+from parameter_bounds import has_range, live_names
 from pydantic import ValidationError
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import (
     RESET,
     Coupling,
-    ExtrapolatedCoupling,
     coupling_step,
     next_body,
     next_frame,
@@ -106,15 +105,7 @@ def test_a_body_of_a_run_follows_each_step_from_the_one_before():
 def test_a_step_is_at_least_a_microsecond_and_at_most_what_the_machine_allows():
     assert has_range(Coupling, {"step_s": 0.01}, "step_s", 1e-6, 1.0)
     assert has_range(ShortStep, {"step_s": 0.01}, "step_s", 1e-6, 0.02)
-    assert live_names(Coupling) == live_names(ExtrapolatedCoupling) == set()
-
-
-def test_a_torque_is_held_or_goes_on_straight_and_goes_on_straight_unless_said_otherwise():
-    assert ExtrapolatedCoupling(step_s=0.01).extrapolation_order == 1
-    for order in (0, 1):
-        assert accepts(ExtrapolatedCoupling, {"step_s": 0.01}, "extrapolation_order", order)
-    for order in (-1, 2):
-        assert not accepts(ExtrapolatedCoupling, {"step_s": 0.01}, "extrapolation_order", order)
+    assert live_names(Coupling) == set()
 
 
 def test_a_step_must_be_given():

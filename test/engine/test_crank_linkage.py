@@ -167,7 +167,7 @@ def test_a_gear_never_creates_energy(efficiency):
 
 
 @pytest.mark.parametrize("rotor", [0.03, 1e-4, 2e-5])
-def test_motor_coupling_is_stable_and_second_order_however_light_the_rotor(rotor):
+def test_motor_coupling_does_not_depend_on_the_step_however_light_the_rotor(rotor):
     """The electromechanical time constant falls to some 1e-7 s at the rotor; explicit coupling needs shorter steps."""
     overrides = {**KLOSS, "motor.rotor_inertia_kg_m2": rotor, "gear.efficiency": 1.0}
     shaft = rotor * 9.6**2
@@ -178,12 +178,9 @@ def test_motor_coupling_is_stable_and_second_order_however_light_the_rotor(rotor
         return [y[1], moment / (inertia + shaft)]
 
     run = solve_ivp(rates, (0.0, 1.0), [0.0, 0.0], method="DOP853", rtol=1e-11, atol=1e-12)
-    errors = []
-    for step in (0.002, 0.001, 0.0005):
+    for step in (0.002, 0.0005):
         last = list(frames(machine("vibration_crank", overrides={**overrides, "coupling.step_s": step}), 1.0))[-1]
-        errors.append(abs(last.linkage.position[0] - run.y[0, -1]))
-    assert errors[0] < 2e-3
-    assert errors[2] < 0.12 * errors[0]
+        assert last.linkage.position[0] == pytest.approx(run.y[0, -1], abs=1e-7)
 
 
 @pytest.mark.parametrize("speed", [150.0, -150.0])

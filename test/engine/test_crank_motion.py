@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import cos, inf, pi, sin, sqrt
+from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -22,16 +22,16 @@ from mech_twin.engine.crank_motion import (
     STOPPED,
     TurningCrank,
     law_of,
-    line_torque,
 )
-from mech_twin.engine.crank_state import Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
+from mech_twin.engine.crank_state import NO_MOTOR, Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
 from mech_twin.engine.crank_step import turned_crank
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance, room_for
 from mech_twin.engine.sample_vectors import KIND, TIME
 from mech_twin.kernels.kernel import kernel
+from mech_twin.parts.induction_motor import MotorInStep
 
-FREE = ShaftDrive(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, inf, 0.0, 0.0, 0.0)
+FREE = ShaftDrive(0.0, 1.0, 1.0, MotorInStep(NO_MOTOR, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
 BOUNDARY = len(KINDS)
 
 
@@ -101,8 +101,8 @@ def turned(disc, drive, speed, span, tolerance=1e-12, boundaries=()):
 def test_a_disc_under_a_ramped_torque_follows_the_cubic(direction):
     """J w' = i eta (M + M' t) - c: angle, speed and works in closed form, the gear's loss too."""
     drive = FREE._replace(
-        shaft_inertia_kg_m2=0.4, ratio=3.0, efficiency=0.8, torque_nm=2.0 * direction, time_slope=5.0 * direction,
-        coulomb_nm=1.5,
+        shaft_inertia_kg_m2=0.4, ratio=3.0, efficiency=0.8, coulomb_nm=1.5,
+        motor=MotorInStep(NO_MOTOR, 0.0, 2.0 * direction, 5.0 * direction),
     )  # fmt: skip
     t, inertia = 0.7, 0.6 + 0.4
     y, count, _ = turned((0.6, 0.0, 0.0), drive, 0.5 * direction, t)
@@ -116,14 +116,6 @@ def test_a_disc_under_a_ramped_torque_follows_the_cubic(direction):
     # the gear gives 0.8 of what it takes: the rest is lost; what it gives turns the shaft's inertia and the disc
     assert y[GEAR_LOSS] == pytest.approx(0.25 * (1.5 * angle + 0.5 * inertia * (speed**2 - 0.25)), rel=1e-12)
     assert y[DRIVE_WORK] == pytest.approx(1.5 * angle + 0.5 * 0.6 * (speed**2 - 0.25), rel=1e-12)
-
-
-def test_torque_falls_with_speed_rises_with_time_and_stays_within_its_limit():
-    drive = FREE._replace(ratio=3.0, torque_nm=2.0, speed_slope=-0.5, time_slope=4.0, speed=10.0, torque_limit_nm=6.0)
-    assert line_torque(drive, 0.0, 10.0) == 2.0
-    assert line_torque(drive, 0.25, 10.0) == 3.0
-    assert line_torque(drive, 0.0, 11.0) == 0.5
-    assert (line_torque(drive, 100.0, 10.0), line_torque(drive, 0.0, 100.0)) == (6.0, -6.0)
 
 
 @pytest.mark.parametrize("speed", [6.0, -6.0])

@@ -13,7 +13,7 @@ import pytest
 
 # positions and masses of a linkage, of which limits of a configuration are made: no kernel of a motion
 POSITIONS = {"coefficients", "link_angles", "loaded_height", "masses_at", "position", "weight_moments"}
-POSITIONS |= {"loaded_heights", "turn_heights", "turn_masses", "turn_rocker_rates"}  # the same over a turn of the crank
+POSITIONS |= {"loaded_heights", "turn_rocker_rates"}  # the same over a turn of the crank
 SCRIPT = """
 import sys
 import rclpy

@@ -17,9 +17,11 @@ from mech_twin.parts.induction_motor import (
     kloss_torque,
     motor_command_slope,
     motor_constants,
+    motor_in_step,
     motor_torque,
     motor_torque_slope,
     slip_at_torque,
+    torque_in_step,
 )
 
 BREAKER = {
@@ -310,3 +312,17 @@ def test_a_rated_slip_is_that_of_a_motor():
         InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 1499.925})
     with pytest.raises(ValidationError, match=r"rated slip 0.0001 to 0.5 needed, got 0.6"):
         InductionMotorParameters(**{**BREAKER, "rated_speed_rpm": 600.0})
+
+
+def test_a_motor_in_a_step_follows_its_curve_from_the_torque_it_told():
+    """Its own curve moves what another motor tells; a supply that rises adds its share; one without supply is held."""
+    own = motor_in_step(KLOSS, 0.8, 70.0, motor_torque(KLOSS, 70.0, 0.9), 0.9, 1e-3)
+    assert own.told_nm == 0.0
+    assert torque_in_step(own, 0.0, 95.0) == motor_torque(KLOSS, 95.0, 0.9)
+    later = torque_in_step(own, 1e-3, 70.0)
+    assert later == pytest.approx(motor_torque(KLOSS, 70.0, 1.0), rel=0.05)
+    other = motor_in_step(KLOSS, 0.9, 70.0, 3.0, 0.9, 1e-3)
+    assert torque_in_step(other, 5e-4, 70.0) == pytest.approx(3.0, abs=1e-12)
+    moved = motor_torque(KLOSS, 95.0, 0.9) - motor_torque(KLOSS, 70.0, 0.9)
+    assert torque_in_step(other, 0.0, 95.0) == pytest.approx(3.0 + moved, abs=1e-12)
+    assert torque_in_step(motor_in_step(KLOSS, 0.0, 70.0, 5.0, 0.0, 1e-3), 1e-3, 95.0) == 5.0

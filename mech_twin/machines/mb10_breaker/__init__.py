@@ -8,7 +8,7 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.machines.mb10_breaker.constants import breaker, coupling_limits
+from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
 from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
@@ -28,23 +28,21 @@ def build(parameters: Parameters) -> Machine:
     if not isinstance(parameters, BreakerParameters):
         raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
     p = parameters
-    constants, step_s = breaker(p), p.coupling.step_s
-    limits = coupling_limits(constants, p.synchronous_crank_rad_per_s, step_s)
-    body: BodyRole = DrivenBody(constants, step_s, limits)
+    constants, curve, step_s = breaker(p), motor_constants(p.motor), p.coupling.step_s
+    body: BodyRole = DrivenBody(constants, step_s)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
     return Machine(
         name="mb10_breaker",
         parameters=p,
         coupling_step_s=step_s,
-        motor=BreakerMotor(constants, motor_constants(p.motor), p.supply.rate_per_s, step_s),
+        motor=BreakerMotor(constants, curve, p.supply.rate_per_s, step_s),
         linkage=BreakerLinkage(
             constants,
             math.radians(p.linkage.initial_crank_deg),
             p.supply.initial_fraction,
             step_s,
-            p.coupling.extrapolation_order,
-            limits.coupling_defect,
+            curve,
         ),
         forces=BreakerForces(constants),
         body=body,

@@ -186,18 +186,6 @@ def breaker_forces(
         b, q, u, phi, p, torque, regime, memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm
     )
     loads, told, sums, collar = fill_loads(b, log, count, found.moment, loads)
-    begin = pin_forces(
-        b,
-        memory.begin_crank_rad,
-        memory.begin_crank_rad_per_s,
-        memory.begin_body_rad,
-        memory.begin_body_rad_per_s,
-        memory.begin_drive_torque_nm,
-        regime,
-        memory.begin_tool_force_n,
-        memory.begin_crank_friction_nm,
-        memory.begin_body_friction_nm,
-    )
     opening, closing = gap(b, q, u, phi, p)
     out[BODY_MOMENT] = found.moment
     numbers = (
@@ -219,7 +207,6 @@ def breaker_forces(
         sums.moment,
         sums.crank_bearing,
         sums.rocker_bearing,
-        begin.moment,
         found.tool_force,
         collar,
     )  # fmt: skip

@@ -38,7 +38,6 @@ QUANTITIES = (
     "blow_impulse_on_body_nms",
     "crank_bearing_impulse_ns",
     "rocker_bearing_impulse_ns",
-    "step_begin_moment_nm",
     "tool_force_n",
     "collar_impulse_nms",
 )

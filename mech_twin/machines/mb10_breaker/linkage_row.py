@@ -21,36 +21,18 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.drives import KlossMotor, fill_motor
-from mech_twin.machines.mb10_breaker.dynamics import (
-    FLIGHT,
-    HELD,
-    REST,
-    Breaker,
-    energies,
-    spring_moment,
-)
+from mech_twin.machines.mb10_breaker.dynamics import HELD, REST, Breaker, energies, spring_moment
 from mech_twin.machines.mb10_breaker.state import LAWS, MEMORY, STATES, BreakerMemory, named
-from mech_twin.machines.mb10_breaker.step import advance_step, take_body
+from mech_twin.machines.mb10_breaker.step import advance_step, take_body, total_of
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
+from mech_twin.parts.induction_motor import MotorConstants, motor_in_step
 
 JOINTS = ("crank", "coupler", "rocker", "body")
+LEAST_BODY_RATE_RAD_PER_S = 1e-4  # momentum is balanced over that of a body so fast: 1e-9 of it is what a step misses
 # places in a row
 CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
 MEMORY_AT = LINKAGE_JOINTS + 12
 RESIDUALS_AT = MEMORY_AT + len(BreakerMemory._fields)
-
-
-class LedBreaker(NamedTuple):
-    """Constants of the linkage role: breaker, coupling step (s), order of the torque's extrapolation, its functions.
-
-    ``body_at_rest`` is the number by which the body's own samples call its rest.
-    """
-
-    breaker: Breaker
-    step_s: float
-    order: int
-    body_at_rest: int
-    entry: int | None  # of its motion in this process
 
 
 class GearedMotor(NamedTuple):
@@ -58,6 +40,15 @@ class GearedMotor(NamedTuple):
 
     drive: KlossMotor
     frame_drive: float
+
+
+class LedBreaker(NamedTuple):
+    """Constants of the linkage role: breaker, the motor's curve, coupling step (s), the functions of its motion."""
+
+    breaker: Breaker
+    curve: MotorConstants
+    step_s: float
+    entry: int | None  # in this process
 
 
 @step_of(motor_step, GearedMotor)
@@ -106,7 +97,9 @@ def fill_row(
     out[ROCKER_AT], out[ROCKER_AT + 1], out[ROCKER_AT + 2] = rocker, by.g3 * u, 0.0
     out[BODY_AT], out[BODY_AT + 1], out[BODY_AT + 2] = phi, p, -spring_moment(b, phi)
     kinetic, potential, momentum = energies(b, q, u, phi, p)
-    held, turning = max(kinetic + abs(potential), 1.0), max(abs(momentum), abs(spring_moment(b, phi)) * step_s, 1.0)
+    missed = b.body_inertia_kg_m2 * LEAST_BODY_RATE_RAD_PER_S
+    held = max(kinetic + abs(potential), 1.0)
+    turning = max(abs(momentum), abs(spring_moment(b, phi)) * step_s, missed, 1.0)
     out[RESIDUALS_AT] = closure_error(b.bar, at)
     out[RESIDUALS_AT + 1] = abs(memory.energy_error_j) / held
     out[RESIDUALS_AT + 2] = 0.0 if b.held else abs(memory.momentum_error_nms) / turning
@@ -121,8 +114,7 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     kinetic, potential, _ = energies(b, crank_rad, 0.0, 0.0, 0.0)
     out[MEMORY_AT:RESIDUALS_AT] = 0.0
     memory = memory_of(out)
-    memory.torque_history = -1.0
-    memory.energy_j, memory.begin_crank_rad = kinetic + potential, crank_rad
+    memory.energy_j = kinetic + potential
     fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, 0.0, out)
 
 
@@ -134,25 +126,28 @@ def breaker_step(
     b, y, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
     state = named(y)
     out[:] = linkage
-    memory = memory_of(out)
+    memory, kept = memory_of(out), out[MEMORY_AT:RESIDUALS_AT]
     state.crank_rad, state.crank_rad_per_s = linkage[CRANK_AT], linkage[CRANK_AT + 1]
     state.body_rad, state.body_rad_per_s = linkage[BODY_AT], linkage[BODY_AT + 1]
     state.tool_m, state.tool_m_per_s = memory.tool_travel_m, memory.tool_speed_m_per_s
+    memory.parameter_work_j += total_of(b, state).energy_j - memory.energy_j
     defect = memory.coupling_defect_j
-    phi, p, rests = state.body_rad, state.body_rad_per_s, regime != FLIGHT
-    if len(body) > 0 and not b.held:
-        phi, p, rests = body[BODY_JOINTS], body[BODY_JOINTS + 1], int(body[REGIME]) == model.body_at_rest
-    kept = out[MEMORY_AT:RESIDUALS_AT]
-    regime = take_body(b, y, kept.view(MEMORY), regime, phi, p, rests)
-    start, begun, first, count, drive = y.copy(), kept.copy(), regime, LOG_FULL, 0.0
+    if len(body) > 0:
+        rests = int(body[REGIME]) == REST
+        regime = take_body(b, y, memory, regime, body[BODY_JOINTS], body[BODY_JOINTS + 1], rests)
+    command = motor[MOTOR_COMMAND]
+    turning = motor_in_step(
+        model.curve, linkage[COMMAND], motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2], command, model.step_s
+    )
+    start, begun, first, count, torque = y.copy(), kept.copy(), regime, LOG_FULL, 0.0
     while count == LOG_FULL:
         y[:], kept[:] = start, begun
-        regime, count, drive = advance_step(
-            model.entry, b, y, kept, first, motor[MOTOR_JOINTS + 2], step * model.step_s, model.step_s, model.order, log
+        regime, count, torque = advance_step(
+            model.entry, b, turning, y, kept, first, step * model.step_s, model.step_s, log
         )
         if count == LOG_FULL:
             log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))
     if count < 0:
         return log, count
-    fill_row(b, y, regime, drive, motor[MOTOR_COMMAND], memory.coupling_defect_j - defect, model.step_s, out)
+    fill_row(b, y, regime, torque, command, memory.coupling_defect_j - defect, model.step_s, out)
     return log, count

@@ -2,8 +2,8 @@
 """What the breaker declares to the one loop: crank, body and tool under six laws, and the events users are told of.
 
 Laws: the body on its collar, the wall that the tool goes into, the striker on the tool, and bearings and gear
-(`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, knots of the moment on a
-flying body (`driven_body` takes it as a line between them), and the motor's torque passing zero.
+(`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, and the motor's torque
+passing zero.
 A blow of a tool in which waves run is an event of its own: `impacts` gives the velocities after it.
 """
 
@@ -76,7 +76,6 @@ from mech_twin.machines.mb10_breaker.state import (
     PASS_DONE,
     PIVOT_LAW,
     PUSH_BEGINS,
-    PUSHING,
     SETTLED,
     STALL_TOLD,
     STALLED,
@@ -89,43 +88,51 @@ from mech_twin.machines.mb10_breaker.state import (
 )
 from mech_twin.parts.four_bar import coefficients, position
 from mech_twin.parts.gear import gear_split, gear_torque
+from mech_twin.parts.induction_motor import MotorInStep, motor_torque_slope, torque_in_step
 
 # own signals
-DEAD_CENTRE, CRANK_STOPS, KNOT_TIME, KNOT_MISS, TORQUE_TURNS, BODY_TURNS = range(6)
-OWN_SIGNALS = 6
+DEAD_CENTRE, CRANK_STOPS, TORQUE_TURNS, BODY_TURNS = range(4)
+OWN_SIGNALS = 4
 # kept from piece to piece: of an instant the moment on the body, the crank's torque without the gear's loss and that,
-# the slope of the striker's travel; the crank's next dead centre; the knot before and the next; the sense of the
-# motor's torque; what is struck, and that before it the body was at rest, or the striker on the tool; torques before
-# it; jumps of the rotor's speed, and weighted with the time left; whether the striker goes forward as the crank does
-MOMENT, BASE, LOSS, SLOPE, DEAD_RAD, KNOT_S, KNOT_RATE, KNOT_ACCELERATION, KNOT_KNOWN, NEXT_KNOT_S = range(10)
-TORQUE_SENSE, STRUCK, RESTED, REBOUNDS, DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE = range(10, 18)
-JUMPS, JUMPS_LEFT, TOGETHER, OWN_IMPACT, SIDE = range(18, 23)
-KEPT = 23
+# the slope of the striker's travel; the crank's next dead centre; the sense of the motor's torque; what is struck, and
+# that before it the body was at rest, or the striker on the tool; torques before it; whether the striker stays on the
+# tool, and goes forward as the crank does
+MOMENT, BASE, LOSS, SLOPE, DEAD_RAD, TORQUE_SENSE, STRUCK, RESTED, REBOUNDS = range(9)
+DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE, TOGETHER, OWN_IMPACT, SIDE = range(9, 16)
+KEPT = 16
 NOTHING, COLLAR_STRUCK, TOOL_STRUCK = range(3)
 SLOWEST_REBOUND_M_PER_S = 1e-6  # what would part striker and tool, or a pushing body and collar, slower stays
 GAP_M = 2e-15  # twice a gap that rounding hides: what strikes again within it stays, too
 AT_EXTREME = 1e-9  # of the striker's arm: travel of its face over the crank's turn, next to an extreme
 TOUCH_M_PER_S = 1e-12
 SETTLED_IN_STEP = 1e-6  # of a step: what is left of the bounces of a body that turns back by friction, to be told
-KNOT_APART_S = 1e-4  # longest way between two knots of the moment on a flying body, while the striker pushes
-MISSED_BETWEEN_KNOTS_RAD_PER_S = 1e-5  # of the body's rate, by the line between them
 
 
 class BreakerMotion(NamedTuple):
-    """The system: constants; the motor's torque, a line in time; on the crank what makes good the step before.
+    """The system: constants, and the motor in this step.
 
     ``memory`` is that of the linkage row, ``kept`` is kept from piece to piece, ``at`` the instant of the loop's room.
     """
 
     breaker: Breaker
-    torque_nm: float
-    slope_nm_per_s: float
-    compensation_nm: float
+    motor: MotorInStep
     begin_s: float
     step_s: float
     memory: Array
     kept: Array
     at: Equations
+
+
+@inline_kernel
+def rotor_speed(b: Breaker, u: float, p: float) -> float:
+    """Return the rotor's speed (rad/s) at rates of crank and body."""
+    return b.ratio * (u - b.frame_drive * p)
+
+
+@inline_kernel
+def motor_at(motion: BreakerMotion, t: float, u: float, p: float) -> float:
+    """Return the motor's torque (N m) at a time of the step (s) and rates of crank and body (rad/s)."""
+    return torque_in_step(motion.motor, t, rotor_speed(motion.breaker, u, p))
 
 
 @declares(evaluate, BreakerMotion)
@@ -137,11 +144,11 @@ def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices
     m = masses(b, joints, by, phi)
     slope, bend = b.striker_arm_m * by.g3, b.striker_arm_m * by.g3_1
     rests, pressed = on_collar(b, regimes), on_wall(regimes)
-    motor = motion.torque_nm + motion.slope_nm_per_s * t
+    motor = motor_at(motion, t, u, p)
     passed = gear_split(b.ratio, b.efficiency, motor)
-    drive, loss = passed.mean_nm + motion.compensation_nm, passed.friction_nm
+    drive, loss = passed.mean_nm, passed.friction_nm
     if rests and pressed:
-        drive, loss = gear_torque(b.ratio, b.efficiency, motor, 0.0) + motion.compensation_nm, 0.0
+        drive, loss = gear_torque(b.ratio, b.efficiency, motor, 0.0), 0.0
     kept[BASE], kept[LOSS], kept[SLOPE] = drive, loss, kept[SIDE] * abs(slope)
     at.mass[0, 0], at.mass[1, 1], at.mass[2, 2] = m.m11, m.m22, b.tool_mass_kg
     at.force[0] = drive - b.crank_viscous_nms_per_rad * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
@@ -199,18 +206,12 @@ def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices
     out[ANGULAR_IMPULSE], out[WALL_WORK] = moment, -at.multiplier[WALL_LAW] * y[TOOL_RATE]
 
 
-@inline_kernel
-def has_knots(motion: BreakerMotion, regimes: Indices) -> bool:
-    """Return whether the moment on the body is told at knots: the striker pushes, the body flies."""
-    return bool(regimes[TOOL_LAW] == HOLD and not on_collar(motion.breaker, regimes))
-
-
 @declares(fill_signals, BreakerMotion)
 def signal_events(
     motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
-    """Fill in what is left to dead centre, stop and knot, and the motor's torque in its sense."""
-    kept, begin = motion.kept, 2 * LAWS
+    """Fill in what is left to dead centre and stop, and the motor's torque in its sense."""
+    kept, begin, b, motor = motion.kept, 2 * LAWS, motion.breaker, motion.motor
     for i in range(OWN_SIGNALS):
         values[begin + i], rates[begin + i] = math.inf, 0.0
     if regimes[TOOL_LAW] == OPEN:
@@ -220,35 +221,25 @@ def signal_events(
     free = regimes[TOOL_LAW] == HOLD and regimes[CRANK_LAW] == OPEN and motion.memory[STALL_TOLD] == 0.0
     if free and y[CRANK_RATE] > 0.0:
         values[begin + CRANK_STOPS], rates[begin + CRANK_STOPS] = y[CRANK_RATE], at.acceleration[0]
-    if has_knots(motion, regimes):
-        if kept[KNOT_KNOWN] == 0.0:
-            kept[KNOT_ACCELERATION], kept[KNOT_KNOWN] = at.acceleration[1], 1.0
-        values[begin + KNOT_TIME], rates[begin + KNOT_TIME] = kept[NEXT_KNOT_S] - t, -1.0
-        line = 0.5 * (t - kept[KNOT_S]) * (kept[KNOT_ACCELERATION] + at.acceleration[1])
-        missed = abs(y[BODY_RATE] - kept[KNOT_RATE] - line)
-        values[begin + KNOT_MISS], rates[begin + KNOT_MISS] = MISSED_BETWEEN_KNOTS_RAD_PER_S - missed, math.nan
     if on_wall(regimes) and motion.breaker.body_coulomb_nm > 0.0 and not on_collar(motion.breaker, regimes):
         turning = -at.bias[TOOL_LAW] / y[CRANK_RATE] if y[CRANK_RATE] != 0.0 else 0.0
         values[begin + BODY_TURNS] = -kept[SIDE] * at.directions[TOOL_LAW, 0]
         rates[begin + BODY_TURNS] = kept[SIDE] * turning
-    if motion.slope_nm_per_s != 0.0 and motion.breaker.efficiency < 1.0:
-        values[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * (motion.torque_nm + motion.slope_nm_per_s * t)
-        rates[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * motion.slope_nm_per_s
+    if motor.command != 0.0 and b.efficiency < 1.0:
+        u, p, faster = y[CRANK_RATE], y[BODY_RATE], rotor_speed(b, at.acceleration[0], at.acceleration[1])
+        rate = motor.ramp_nm_per_s + motor_torque_slope(motor.curve, rotor_speed(b, u, p), motor.command) * faster
+        values[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * motor_at(motion, t, u, p)
+        rates[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * rate
 
 
 @declares(begin_piece, BreakerMotion)
 def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> None:
-    """Keep the next dead centre, and where the next knot of the moment on the body is due: at equal times."""
+    """Keep the next dead centre, and which way the striker goes."""
     kept = motion.kept
     kept[DEAD_RAD] = y[CRANK] + to_dead_centre(motion.breaker, y[CRANK])
     slope = striker(motion.breaker, y[CRANK])[1]
     if abs(slope) > AT_EXTREME * motion.breaker.striker_arm_m:
         kept[SIDE] = math.copysign(1.0, slope)
-    if has_knots(motion, regimes):
-        left = motion.step_s - t
-        pieces = max(math.ceil(left / KNOT_APART_S - 1e-9), 1.0)
-        kept[KNOT_S], kept[KNOT_RATE], kept[KNOT_KNOWN] = t, y[BODY_RATE], 0.0
-        kept[NEXT_KNOT_S] = t + left / pieces if pieces > 1.0 else math.inf
 
 
 @declares(end_piece, BreakerMotion)
@@ -265,9 +256,8 @@ def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: 
 
 @declares(pass_signal, BreakerMotion)
 def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Reseat the tool where the rocker begins its pass, tell of a pass without a blow, of a stop, of a knot."""
-    b, memory, kept = motion.breaker, motion.memory, motion.kept
-    kind = PUSHING
+    """Reseat the tool where the rocker begins its pass; tell of a pass without a blow, and of a stop."""
+    b, memory, kept, kind = motion.breaker, motion.memory, motion.kept, STALLED
     if which == TORQUE_TURNS:
         kept[TORQUE_SENSE] = -kept[TORQUE_SENSE]
         return count
@@ -283,8 +273,8 @@ def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: I
             return count
         if memory[PASS_DONE] != 0.0:
             return count
-    elif which == CRANK_STOPS:
-        memory[STALL_TOLD], kind = 1.0, STALLED
+    else:
+        memory[STALL_TOLD] = 1.0
     now = torques_at(motion, t, y, regimes, motion.at)
     count = log_row(b, motion.begin_s + t, kind, memory[CYCLE], y, now, now, log, count)
     if kind == MISSED:
@@ -350,8 +340,7 @@ def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Eq
         log[count, PRE_VELOCITY], log[count, POST_VELOCITY], log[count, IMPULSE] = closing, closes, struck
         memory[BLOW_LOSS], memory[IMPACT_IMPULSE] = memory[BLOW_LOSS] + loss, memory[IMPACT_IMPULSE] + turned
         memory[PASS_DONE], memory[CYCLE] = 1.0, memory[CYCLE] + (1.0 if first else 0.0)
-    jump = abs(y[CRANK_RATE] - before[CRANK_RATE] - b.frame_drive * (y[BODY_RATE] - before[BODY_RATE]))
-    kept[JUMPS], kept[JUMPS_LEFT] = kept[JUMPS] + jump, kept[JUMPS_LEFT] + jump * (motion.step_s - t)
+    kept[TORQUE_SENSE] = 1.0 if motor_at(motion, t, y[CRANK_RATE], y[BODY_RATE]) >= 0.0 else -1.0
     return count + 1
 
 

@@ -9,13 +9,9 @@ from typing import Literal
 from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.engine.coupling import ExtrapolatedCoupling, coupling_step
-from mech_twin.machines.mb10_breaker.constants import (
-    LARGEST_MISS_RAD_PER_S,
-    breaker,
-    longest_step_s,
-    longest_swing_step_s,
-)
+from mech_twin.engine.coupling import Coupling, coupling_step
+from mech_twin.machines.drives import MOST_STIFFNESS
+from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.linkage_parameters import LinkageParameters, rocker_angle, start_angle
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
@@ -32,12 +28,11 @@ from mech_twin.parts.supply import SupplyParameters
 
 STIFFEST_N_PER_M = 1e8  # of the springs, where the body follows the forces of the linkage
 LONGEST_STEP_S = 0.005
-LONGEST_TURN_RAD = 0.135  # of the crank in a step: the moment on the body is a line between the ends of the step
+LONGEST_TURN_RAD = 0.135  # of the crank in a step: peaks of the forces are told of samples and events
 FASTEST_DECAY_PER_S = 100.0  # of the crank by the friction of its bearing: slow against the integrator's step
 FASTEST_TOOL_STOP_M_PER_S2 = 1e9  # by the wall: it costs energy and momentum a tenth of their limits, in proportion
 FASTEST_WALL_RAD_PER_S2 = 1e7  # of the crank by the wall: it stops within less than a substep can be halved to
 FASTEST_STOP_RAD_PER_S2 = 1e5  # of crank and body by Coulomb friction: a stop is told from the blow before it
-MOST_DECAYS = 0.5  # of the shaft in a step; the extrapolated torque is stable below it
 MOST_MOVED = 100.0  # masses of coupler and rocker at the crank pin over the inertia of crank and rotor
 MOST_SWING_RAD = 500.0  # of the body on its spring in one coupling step
 LARGEST_MASS_ERROR = 0.01  # of the tool against its rods: what follows takes the mass of the rods
@@ -75,7 +70,7 @@ class ToolParameters(Parameters):
         return self
 
 
-class BreakerCoupling(ExtrapolatedCoupling):
+class BreakerCoupling(Coupling):
     """The coupling of the roles through time."""
 
     step_s: float = coupling_step(LONGEST_STEP_S)
@@ -126,8 +121,8 @@ class BreakerParameters(Parameters):
                 f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed",
             ),
             (
-                MOST_DECAYS * shaft_time_s(self),
-                f"{MOST_DECAYS:g} times inertia of rotor and crank over the steepest slope of the motor",
+                MOST_STIFFNESS * shaft_time_s(self),
+                f"{MOST_STIFFNESS:g} times inertia of rotor and crank over the steepest slope of the motor",
             ),
         )
         if self.coupling.step_s > longest:
@@ -231,27 +226,6 @@ class BreakerParameters(Parameters):
         return self
 
     @model_validator(mode="after")
-    def _body_is_heavy_enough_for_the_step(self) -> BreakerParameters:
-        if self.excitation.kind == "approximated":
-            return self
-        constants = breaker(self)
-        longest = longest_swing_step_s(constants, self.synchronous_crank_rad_per_s)
-        if self.coupling.step_s > longest:
-            raise ValueError(
-                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s with "
-                f"body.spring_rate_n_per_m {self.body.spring_rate_n_per_m:g}: the linkage's moment on a body that "
-                "swings on its spring, a line in each step, would miss its rate"
-            )
-        longest = longest_step_s(constants, self.synchronous_crank_rad_per_s)
-        if self.coupling.step_s > longest:
-            raise ValueError(
-                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s with body.inertia_kg_m2 "
-                f"{self.body.inertia_kg_m2:g}: the linkage's moment, a line in each step, would miss the rate by "
-                f"{LARGEST_MISS_RAD_PER_S:g} rad/s a step"
-            )
-        return self
-
-    @model_validator(mode="after")
     def _head_is_part_of_the_striker(self) -> BreakerParameters:
         if self.tool.model == "rigid" or self.tool.wave.head.length_m == 0.0:
             return self
@@ -281,9 +255,7 @@ def shaft_time_s(p: BreakerParameters) -> float:
     """Return the shortest time in which the motor's working branch evens out a difference of speed (s).
 
     tau = eta J/(i^2 dM/dw), dM/dw = 2 M_max/(s_kr w_0); J is what the gear's output carries at least: crank and
-    i^2 J_rotor, and with the drive on the body less what the body gives way.  Torque held over h is stable up to
-    h = 2 tau; a line through two samples with what it missed made good has z^3 = z^2 - (h/tau) (2 z^2 - 3 z/2 + 1/2),
-    which reaches z = -1 at h = tau/2.
+    i^2 J_rotor, and with the drive on the body less what the body gives way.
     """
     i, rotor, crank = p.gear.ratio, p.motor.rotor_inertia_kg_m2, p.linkage.crank_inertia_kg_m2
     inertia = crank + i * i * rotor

@@ -32,6 +32,7 @@ from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
+DEFECT, USUAL_STEP_S = 1e-5, 1e-3  # of the energy held, by the angle of a body that somebody else moves; at that step
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 EVENTS = EventLayout(KINDS, CONTACTS, len(EventSide._fields))
@@ -71,10 +72,8 @@ class BreakerLinkage(CompiledLinkage):
         Supply fraction in force at the start.
     step_s : float
         Coupling step.
-    order : int
-        Order of the torque's extrapolation.
-    coupling_defect : float
-        Limit of the share of the energy held that a step may change by taking the body's own angle.
+    curve : MotorConstants
+        The motor's torque against slip.
     """
 
     joints = JOINTS
@@ -89,27 +88,26 @@ class BreakerLinkage(CompiledLinkage):
         initial_crank_rad: float,
         initial_command: float,
         step_s: float,
-        order: int,
-        coupling_defect: float,
+        curve: MotorConstants,
     ) -> None:
         self.step_s = step_s
         self._b = breaker
         self._initial = initial_crank_rad % (2.0 * math.pi)
         self._command = float(initial_command)
-        self._order = order
+        self._curve = curve
         self.residual_limits: Mapping[str, float] = MappingProxyType(
             {
                 "loop_closure_m": 1e-12,
                 "energy_balance": 1e-9,
                 "momentum_balance": 1e-9,
-                "coupling_defect": coupling_defect,
+                "coupling_defect": DEFECT * max(1.0, (step_s / USUAL_STEP_S) ** 2),
             }
         )
 
     @cached_property
     def model(self) -> LedBreaker:
         """Constants of the kernel."""
-        return LedBreaker(self._b, float(self.step_s), self._order, REST, breaker_entry(self._b))
+        return LedBreaker(self._b, self._curve, float(self.step_s), breaker_entry(self._b, self._curve))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""
@@ -131,7 +129,7 @@ class BreakerLinkage(CompiledLinkage):
         angle = q % (2.0 * math.pi)
         state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
         y, out = np.array(state), np.empty(self.layout.size)
-        out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory(begin_crank_rad=q, begin_crank_rad_per_s=u, begin_body_rad=body)
+        out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory()
         fill_row(self._b, y, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 

@@ -76,36 +76,23 @@ class BreakerMemory(NamedTuple):
     collar_loss_j: float = 0.0
     reseating_loss_j: float = 0.0  # what a tool that is still moving when it is reseated takes with it
     wall_work_j: float = 0.0
-    coupling_defect_j: float = 0.0  # by the body's own angle in place of the one the linkage led it to
+    coupling_defect_j: float = 0.0  # by the angle of a body that somebody else moves in place of the one it was led to
     parameter_work_j: float = 0.0  # by changes of spring, preload and gravity while running
     impact_impulse_nms: float = 0.0
     coupling_defect_nms: float = 0.0
     energy_j: float = 0.0
     energy_error_j: float = 0.0  # sum over the steps of what each left open: does not grow with the sums above
     momentum_error_nms: float = 0.0
-    previous_torque_nm: float = 0.0
-    line_crank_torque_nm: float = 0.0
-    torque_lag_s: float = 0.0
-    torque_history: float = -1.0  # -1 none, 0 the step had an impact, 1 the step had none
-    compensation_torque_nm: float = 0.0
     tool_regime: float = 0.0
     tool_travel_m: float = 0.0
     tool_speed_m_per_s: float = 0.0
     tool_force_n: float = 0.0  # of the striker
     feed_per_blow_m: float = 0.0  # the tool's travel in the last pass, taken when it was reseated
     stalled: float = 0.0  # 1 from a stall to the next extreme of the rocker
-    begin_crank_rad: float = 0.0  # crank, body and torque on the crank as this step began with them
-    begin_crank_rad_per_s: float = 0.0
-    begin_body_rad: float = 0.0
-    begin_body_rad_per_s: float = 0.0
-    begin_drive_torque_nm: float = 0.0
-    begin_tool_force_n: float = 0.0
     crank_sense: float = 0.0  # of sliding in the crank's bearing, +1 or -1, 0 where friction holds it; so for the body
     body_sense: float = 0.0
-    crank_friction_nm: float = 0.0  # Coulomb friction as this step ended, and as it began
+    crank_friction_nm: float = 0.0  # Coulomb friction as this step ended
     body_friction_nm: float = 0.0
-    begin_crank_friction_nm: float = 0.0
-    begin_body_friction_nm: float = 0.0
 
 
 class EventSide(NamedTuple):

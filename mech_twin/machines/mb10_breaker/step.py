@@ -1,14 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One coupling step of the breaker's linkage: the motion led from t_n to t_n+1 through every event on the way.
-
-Motor torque inside the step: linear from the last two motor samples, restarted (held) after a step with an impact,
-since the two samples then lie on different sides of a jump in speed.  At t_n the torque of the step before is known at
-both ends, so the impulse which its extrapolation missed is known too; it is made good in the step that begins, as a
-constant.  It is counted in torque on the crank, behind the gear, whose losses change sides when the motor generates.
-Without a jump it is (Q_n - line_n) h/2; with jumps, Q_n - line_n times the time that was left after them, each jump
-weighted with the rotor's change of speed.  An impulse of order h delivered h late leaves an
-error of order h^2, so the scheme keeps second order across impacts.
-"""
+"""One coupling step of the breaker's linkage: the motion led from t_n to t_n+1 through every event on the way."""
 
 from __future__ import annotations
 
@@ -42,19 +33,17 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     STANDING,
     TURN,
     Breaker,
-    crank_torque,
     energies,
     striker,
 )
-from mech_twin.machines.mb10_breaker.joint_laws import Torques, join_laws, project_contact, senses
+from mech_twin.machines.mb10_breaker.joint_laws import join_laws, project_contact, senses
 from mech_twin.machines.mb10_breaker.motion import (
-    JUMPS,
-    JUMPS_LEFT,
     KEPT,
     OWN_SIGNALS,
     SIDE,
     TORQUE_SENSE,
     BreakerMotion,
+    motor_at,
     torques_at,
 )
 from mech_twin.machines.mb10_breaker.state import (
@@ -70,6 +59,7 @@ from mech_twin.machines.mb10_breaker.state import (
     BreakerMemory,
     named,
 )
+from mech_twin.parts.induction_motor import MotorConstants, MotorInStep
 
 Array = NDArray[np.float64]
 ERROR = 1e-13  # of a step, over the size of what it integrates
@@ -80,17 +70,20 @@ FAILURES = (
 )
 
 
-@kernel
-def total_energy(b: Breaker, state: Any) -> float:
-    """Return kinetic and potential energy of machine and tool (J)."""
-    kinetic, potential, _ = energies(b, state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s)
-    return float(kinetic + potential + 0.5 * b.tool_mass_kg * state.tool_m_per_s * state.tool_m_per_s)
+class Total(NamedTuple):
+    """Kinetic and potential energy of machine and tool (J), and the angular momentum M12 u + M22 p (N m s)."""
+
+    energy_j: float
+    momentum_nms: float
 
 
 @kernel
-def total_momentum(b: Breaker, state: Any) -> float:
-    """Return the angular momentum M12 u + M22 p (N m s)."""
-    return float(energies(b, state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s)[2])
+def total_of(b: Breaker, state: Any) -> Total:
+    """Return energy and angular momentum of a state."""
+    kinetic, potential, momentum = energies(
+        b, state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
+    )
+    return Total(kinetic + potential + 0.5 * b.tool_mass_kg * state.tool_m_per_s * state.tool_m_per_s, momentum)
 
 
 @kernel
@@ -101,17 +94,16 @@ def gear_stands(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
 
 
 @kernel
-def take_body(b: Breaker, y: Array, record: Any, regime: int, phi: float, p: float, rests: bool) -> int:
-    """Put the body's own angle and rate in the state, book what that changes, and return the regime."""
-    memory, state = record[0], named(y)
-    before = total_energy(b, state)
-    memory.parameter_work_j += before - memory.energy_j
-    if regime == HELD:
+def take_body(b: Breaker, y: Array, memory: Any, regime: int, phi: float, p: float, rests: bool) -> int:
+    """Put angle and rate of a body that somebody else moves in the state, book what that changes, return the regime.
+
+    The breaker's own body answers with what the linkage led it to: nothing changes.
+    """
+    state = named(y)
+    if regime == HELD or (phi == state.body_rad and p == state.body_rad_per_s and rests == (regime == REST)):
         return regime
-    momentum, carried = (
-        total_momentum(b, state),
-        b.frame_drive > 0.0 and gear_stands(b, state, regime != FLIGHT, STANDING),
-    )
+    before = total_of(b, state)
+    carried = b.frame_drive > 0.0 and gear_stands(b, state, regime != FLIGHT, STANDING)
     state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
     state.body_rad_per_s = 0.0 if rests else p
     if carried and not rests:
@@ -120,43 +112,16 @@ def take_body(b: Breaker, y: Array, record: Any, regime: int, phi: float, p: flo
     fill_regimes(REST if rests else FLIGHT, int(memory.tool_regime), regimes)
     if regimes[TOOL_LAW] == HOLD:
         project_contact(b, y, regimes)
-    memory.coupling_defect_j += total_energy(b, state) - before
-    memory.coupling_defect_nms += total_momentum(b, state) - momentum
+    after = total_of(b, state)
+    memory.coupling_defect_j += after.energy_j - before.energy_j
+    memory.coupling_defect_nms += after.momentum_nms - before.momentum_nms
     return REST if rests else FLIGHT
-
-
-@kernel
-def torque_line(
-    b: Breaker, state: Any, memory: Any, torque: float, step_s: float, order: int, stands: bool
-) -> tuple[float, float]:
-    """Return slope of the motor torque (N m/s) and the crank torque (N m) that makes good the step before."""
-    if order == 0 or memory.torque_history < 0.0:
-        return 0.0, 0.0
-    missed = crank_torque(b, torque, state.crank_rad_per_s, state.body_rad_per_s) - memory.line_crank_torque_nm
-    if stands:
-        missed = 0.0  # a gear that stands passes on what holds it
-    slope = (torque - memory.previous_torque_nm) / step_s if memory.torque_history > 0.0 else 0.0
-    return slope, missed * memory.torque_lag_s / step_s
-
-
-@kernel
-def remember_torque_line(
-    motion: BreakerMotion, state: Any, memory: Any, step_s: float, left: float, weighed: float
-) -> None:
-    """Keep what the next step needs to make good what this extrapolation misses."""
-    b = motion.breaker
-    final = motion.torque_nm + motion.slope_nm_per_s * step_s
-    memory.previous_torque_nm = motion.torque_nm
-    memory.line_crank_torque_nm = crank_torque(b, final, state.crank_rad_per_s, state.body_rad_per_s)
-    memory.torque_lag_s = left / weighed if weighed > 0.0 else 0.5 * step_s
-    memory.torque_history = 0.0 if weighed > 0.0 else 1.0
 
 
 class Before(NamedTuple):
     """Energy and momentum a step begins with, and the sums of losses and impulses up to it."""
 
-    energy_j: float
-    momentum_nms: float
+    total: Total
     blow_loss_j: float
     collar_loss_j: float
     reseating_loss_j: float
@@ -164,15 +129,10 @@ class Before(NamedTuple):
 
 
 @kernel
-def begin_step(b: Breaker, state: Any, memory: Any, now: Torques) -> Before:
-    """Remember the state the step begins with, and set the sums its events add to to zero: they keep their digits."""
-    memory.begin_crank_rad, memory.begin_crank_rad_per_s = state.crank_rad, state.crank_rad_per_s
-    memory.begin_body_rad, memory.begin_body_rad_per_s = state.body_rad, state.body_rad_per_s
-    memory.begin_drive_torque_nm, memory.begin_tool_force_n = now.drive_nm, now.tool_force_n
-    memory.begin_crank_friction_nm, memory.begin_body_friction_nm = now.crank_nm, now.body_nm
+def begin_step(b: Breaker, state: Any, memory: Any) -> Before:
+    """Return what the step begins with, and set the sums its events add to to zero: they keep their digits."""
     before = Before(
-        total_energy(b, state),
-        total_momentum(b, state),
+        total_of(b, state),
         memory.blow_loss_j,
         memory.collar_loss_j,
         memory.reseating_loss_j,
@@ -188,10 +148,10 @@ def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
     lost = (
         memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state.wall_work_j + state.damping_loss_j
     )
-    memory.energy_j = total_energy(b, state)
-    memory.energy_error_j += memory.energy_j - before.energy_j - state.drive_work_j + lost
-    turned = state.angular_impulse_nms + memory.impact_impulse_nms
-    memory.momentum_error_nms += total_momentum(b, state) - before.momentum_nms - turned
+    total, turned = total_of(b, state), state.angular_impulse_nms + memory.impact_impulse_nms
+    memory.energy_j = total.energy_j
+    memory.energy_error_j += total.energy_j - before.total.energy_j - state.drive_work_j + lost
+    memory.momentum_error_nms += total.momentum_nms - before.total.momentum_nms - turned
     memory.blow_loss_j += before.blow_loss_j
     memory.collar_loss_j += before.collar_loss_j
     memory.reseating_loss_j += before.reseating_loss_j
@@ -223,11 +183,11 @@ def told_tool(regimes: Indices) -> int:
     return MOVING if regimes[WALL_LAW] == LOW else STANDING
 
 
-def breaker_entry(b: Breaker) -> int | None:
+def breaker_entry(b: Breaker, curve: MotorConstants) -> int | None:
     """Return the address of the compiled functions of a breaker."""
     memory, kept = np.zeros(len(BreakerMemory._fields)), np.zeros(KEPT)
     at = room_for(FREEDOMS, LAWS, OWN_SIGNALS, STATES).at
-    return entry_of(BreakerMotion(b, 0.0, 0.0, 0.0, 0.0, 0.0, memory, kept, at))
+    return entry_of(BreakerMotion(b, MotorInStep(curve, 0.0, 0.0, 0.0), 0.0, 0.0, memory, kept, at))
 
 
 @borrowing_kernel
@@ -242,8 +202,8 @@ def fill_tolerance(b: Breaker, y: Array, tolerance: Array) -> None:
 
 @kernel
 def advance_step(
-    entry: int | None, b: Breaker, y: Array, row: Array, regime: int, torque: float, begin_s: float, step_s: float,
-    order: int, log: Array,
+    entry: int | None, b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, begin_s: float, step_s: float,
+    log: Array,
 ) -> tuple[int, int, float]:  # fmt: skip
     """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
@@ -251,18 +211,18 @@ def advance_step(
     ----------
     entry : int
         Of `breaker_entry`.
+    motor : MotorInStep
+        The motor in this step.
     y : (10,) array
         As `state.BreakerState` names it; changed in place.
     row : array
         The memory, as `state.BreakerMemory` names it; changed in place.
-    torque, begin_s : float
-        Motor torque at the start of the step (N m), and that time (s).
+    begin_s : float
+        Time at the start of the step (s).
     log : array
         Receives one row per event; where it may be too short the number is `LOG_FULL`.
     """
     memory, state, tool = row.view(MEMORY)[0], named(y), int(row[TOOL_REGIME])
-    slope, missed = torque_line(b, state, memory, torque, step_s, order, gear_stands(b, state, regime != FLIGHT, tool))
-    memory.compensation_torque_nm = missed
     size, places = room_sizes(FREEDOMS, LAWS, OWN_SIGNALS, STATES)
     numbers, marks = np.zeros(KEPT + size), np.zeros(LAWS + places, dtype=np.int64)
     room = room_in(numbers[KEPT:], marks[LAWS:], FREEDOMS, LAWS, OWN_SIGNALS, STATES, DORMAND_PRINCE_8)
@@ -272,9 +232,9 @@ def advance_step(
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
     fill_tolerance(b, y, room.tolerance)
     kept[SIDE] = math.copysign(1.0, striker(b, state.crank_rad)[1])
-    kept[TORQUE_SENSE] = 1.0 if torque > 0.0 or (torque == 0.0 and slope > 0.0) else -1.0
-    motion = BreakerMotion(b, torque, slope, missed, begin_s, step_s, row, kept, room.at)
-    before = begin_step(b, state, memory, torques_at(motion, 0.0, y, regimes, room.at))
+    motion = BreakerMotion(b, motor, begin_s, step_s, row, kept, room.at)
+    kept[TORQUE_SENSE] = 1.0 if motor_at(motion, 0.0, state.crank_rad_per_s, state.body_rad_per_s) >= 0.0 else -1.0
+    before = begin_step(b, state, memory)
     system = declared(entry, motion, room.at)
     count = advance(system, 0.0, step_s, y, regimes, room, log, 0)
     if count < 0:
@@ -283,6 +243,5 @@ def advance_step(
     memory.tool_regime = told_tool(regimes)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
-    remember_torque_line(motion, state, memory, step_s, kept[JUMPS_LEFT], kept[JUMPS])
     close_balances(b, state, memory, before)
     return HELD if b.held else REST if regimes[COLLAR_LAW] == HOLD else FLIGHT, count, now.drive_nm

@@ -28,7 +28,7 @@ from mech_twin.machines.roller_former.cart_statics import (
     shaft_terms,
 )
 from mech_twin.parts.gear import gear_torque
-from mech_twin.parts.induction_motor import MotorConstants, motor_torque
+from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, torque_in_step
 
 Array = NDArray[np.float64]
 
@@ -92,16 +92,6 @@ class Modes(NamedTuple):
     stalled: bool
 
 
-class DriveLine(NamedTuple):
-    """Motor torque during an interval: from the speed itself (``coupled``), or a line in time (N m, N m/s)."""
-
-    coupled: bool
-    command: float
-    value_nm: float
-    slope_nm_per_s: float
-    origin_s: float
-
-
 @inline_kernel
 def state_of(y: Array) -> FormerState:
     """Return the state by its names."""
@@ -139,11 +129,9 @@ def gear_may_stick(former: Former) -> bool:
 
 
 @inline_kernel
-def shaft_torque(former: Former, torque: DriveLine, t: float, speed: float) -> float:
+def shaft_torque(former: Former, torque: MotorInStep, t: float, speed: float) -> float:
     """Return the torque on the motor's shaft (N m) at a time and a speed of the first mass (rad/s, at the crank)."""
-    if torque.coupled:
-        return motor_torque(former.motor, speed * former.ratio, torque.command)
-    return torque.value_nm + torque.slope_nm_per_s * (t - torque.origin_s)
+    return torque_in_step(torque, t, speed * former.ratio)
 
 
 @borrowing_kernel

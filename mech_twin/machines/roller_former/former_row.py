@@ -15,7 +15,6 @@ from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import (
     STATE_SIZE,
-    DriveLine,
     Former,
     FormerState,
     Modes,
@@ -23,6 +22,7 @@ from mech_twin.machines.roller_former.dynamics import (
     fill_state,
     geared,
     holds_at_rest,
+    shaft_torque,
     state_of,
     stored_energy,
 )
@@ -33,8 +33,8 @@ from mech_twin.machines.roller_former.integration import (
     entry_for,
 )
 from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
+from mech_twin.parts.induction_motor import motor_in_step
 
-KINK = 1e-9  # a second difference of the command above this is a corner: the torque before it tells nothing of after
 TURN = 2.0 * np.pi
 RUNNING, HELD, STALLED = 0, 1, 2
 RUNAWAY = 1e4  # times synchronous speed: far beyond what a motor's curve tells of, and its energy leaves no digits
@@ -123,17 +123,13 @@ def modes_of(memory: Any) -> Modes:
 
 
 @kernel
-def book_step(
-    past: Any, shaft_nm: float, change: float, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Any
-) -> None:
+def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Any) -> None:
     """Fill the memory after a step: modes, works, and the balance of their energies since the last whole turn.
 
     Parameters
     ----------
     past, after : record
         Memory before and after, of two rows.
-    shaft_nm, change : float
-        The motor's torque (N m), and the change of its command.
     begun_j, stored_j : float
         Energy at the start and at the end with the parameters of the step (J): what the start differs from the end of
         the step before is the work of a change of parameters.
@@ -144,7 +140,6 @@ def book_step(
     error = stored_j - past.stored_energy_j - put_in + loss - changed
     losses = abs(works.damping_work_j) + abs(works.load_work_j) + abs(works.friction_work_j)
     turnover = abs(put_in) + losses + abs(changed)
-    after.motor_torque_nm, after.torque_known_1, after.command_change_1 = shaft_nm, 1.0, change
     after.direction_1, after.drive_direction_1 = modes.direction, modes.drive_direction
     after.load_on_1, after.load_share_1 = 1.0 if modes.load_on else 0.0, modes.load_share
     after.slow_s, after.stalled_1 = modes.slow_s, 1.0 if modes.stalled else 0.0
@@ -194,11 +189,7 @@ def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array
 def former_step(
     model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the linkage one coupling step later.
-
-    The motor's torque is the straight line through its last two values, which makes the coupling second order; it is
-    held where there is none before, or the command has a corner.
-    """
+    """Fill in the linkage one coupling step later."""
     former, begin_s, y = model.former, step * model.step_s, np.empty(STATE_SIZE)
     past, before = memory_of(linkage, former.bank.offset_rad.size), shaft_of(linkage)
     if max(abs(before.drive_rad_per_s), abs(before.crank_rad_per_s)) > RUNAWAY * former.scales.crank_speed_rad_per_s:
@@ -208,12 +199,10 @@ def former_step(
         y,
         FormerState(crank_rad, before.twist_rad, before.crank_rad_per_s, before.twist_rad_per_s, 0.0, 0.0, 0.0, 0.0),
     )
-    shaft, command = motor[MOTOR_JOINTS + 2], motor[MOTOR_COMMAND]
-    change = command - before.command
-    smooth = past.torque_known_1 != 0.0 and abs(change - past.command_change_1) <= KINK
-    smooth = smooth and min(command, before.command) > 0.0
-    slope = (shaft - past.motor_torque_nm) / model.step_s if smooth else 0.0
-    torque = DriveLine(False, command, shaft, slope, 0.0)
+    command = motor[MOTOR_COMMAND]
+    torque = motor_in_step(
+        former.motor, before.command, motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2], command, model.step_s
+    )
     sides, end_s = np.ones(former.bank.offset_rad.size), (step + 1) * model.step_s
     begun = stored_energy(former, state_of(y), sides)
     done, log = advance_motion(model.entry, former, torque, begin_s, end_s, y, modes_of(past), log, np.inf)
@@ -221,9 +210,11 @@ def former_step(
         return log, -1 if done.status == UNSTEADY else -2
     stored = stored_energy(former, state_of(y), sides)
     after = memory_of(out, former.bank.offset_rad.size)
-    book_step(past, shaft, change, done.modes, y, begun, stored, after)
+    book_step(past, done.modes, y, begun, stored, after)
     if math.floor(state_of(y).crank_rad / TURN) == math.floor(crank_rad / TURN):
         after.turn_balance_error_j = after.turn_balance_error_j + past.turn_balance_error_j
         after.turn_turnover_j = after.turn_turnover_j + past.turn_turnover_j
-    fill_row(former, y, done.modes, shaft + slope * model.step_s, command, out)
+    now = state_of(y)
+    shaft_nm = shaft_torque(former, torque, model.step_s, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
+    fill_row(former, y, done.modes, shaft_nm, command, out)
     return log, done.status

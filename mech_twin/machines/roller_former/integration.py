@@ -32,7 +32,6 @@ from mech_twin.machines.roller_former.cart_statics import (
 )
 from mech_twin.machines.roller_former.dynamics import (
     SIZE,
-    DriveLine,
     Former,
     Modes,
     coupling_moment,
@@ -62,6 +61,7 @@ from mech_twin.machines.roller_former.motion import (
     law_of,
     sense_of,
 )
+from mech_twin.parts.induction_motor import MotorInStep
 
 OF_A_STEP = 0.002  # of the tolerance of the motion: what one step may miss
 CREEPING, LEAST_SPEED = 1e-3, 1e-14  # of the speed that the twist gives a creeping crank; rad/s
@@ -91,12 +91,12 @@ def ending(advance: Advance) -> str:
 
 def entry_for(former: Former) -> int | None:
     """Return the address of the compiled functions of a former."""
-    torque = DriveLine(False, 0.0, 0.0, 0.0, 0.0)
+    torque = MotorInStep(former.motor, 0.0, 0.0, 0.0)
     return entry_of(FormerMotion(former, torque, 0.0, 0.0, np.empty(KEPT), np.empty(former.bank.offset_rad.size)))
 
 
 @inline_kernel
-def begin_modes(former: Former, torque: DriveLine, y: Array, modes: Modes, kept: Array, regimes: Indices) -> None:
+def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kept: Array, regimes: Indices) -> None:
     """Fill regimes and what is kept from modes, in line with parameters and command as they are now."""
     kept[SLOW_S], stalled = modes.slow_s, modes.stalled
     if torque.command <= 0.0 or y[DRIVE] >= former.slow_speed_rad_per_s * torque.command:
@@ -113,7 +113,7 @@ def begin_modes(former: Former, torque: DriveLine, y: Array, modes: Modes, kept:
 
 @borrowing_kernel
 def advance_in(
-    entry: int | None, former: Former, torque: DriveLine, times: tuple[float, float], stop_rad: float, state: Array,
+    entry: int | None, former: Former, torque: MotorInStep, times: tuple[float, float], stop_rad: float, state: Array,
     modes: Modes, log: Array, numbers: Array, marks: Indices,
 ) -> Advance:  # fmt: skip
     """Carry the state on as `advance_motion` does, in given room."""
@@ -143,7 +143,7 @@ def advance_in(
 
 @kernel
 def advance_motion(
-    entry: int | None, former: Former, torque: DriveLine, t: float, end_s: float, y: Array, modes: Modes, log: Array,
+    entry: int | None, former: Former, torque: MotorInStep, t: float, end_s: float, y: Array, modes: Modes, log: Array,
     stop_rad: float,
 ) -> tuple[Advance, Array]:  # fmt: skip
     """Carry the state on to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
@@ -176,7 +176,7 @@ def advance_motion(
 
 
 @kernel
-def twist_acceleration(former: Former, torque: DriveLine, t: float, y: Array, drive_direction: float) -> float:
+def twist_acceleration(former: Former, torque: MotorInStep, t: float, y: Array, drive_direction: float) -> float:
     """Return the twist's acceleration (rad/s2) of a loaded machine that turns forward."""
     now, sides = state_of(y), np.empty(former.bank.offset_rad.size)
     sides_of_travel(former.bank, now.crank_rad, sides)

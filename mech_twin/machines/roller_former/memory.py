@@ -40,9 +40,6 @@ class FormerMemory(NamedTuple):
     every turn of the crank, so that neither hours nor a large sum hide an error.
     """
 
-    motor_torque_nm: float = 0.0
-    torque_known_1: float = 0.0
-    command_change_1: float = 0.0
     direction_1: float = 1.0
     drive_direction_1: float = 1.0
     load_on_1: float = 0.0

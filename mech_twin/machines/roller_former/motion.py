@@ -45,12 +45,12 @@ from mech_twin.machines.roller_former.cart_statics import (
 )
 from mech_twin.machines.roller_former.dynamics import (
     DRIVE_SPEED,
-    DriveLine,
     Former,
     may_stick,
     shaft_torque,
 )
 from mech_twin.parts.gear import gear_split
+from mech_twin.parts.induction_motor import MotorInStep
 
 EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered")
 HELD_EVENT, RELEASED_EVENT, ENGAGED_EVENT, STALL_EVENT, RECOVERED_EVENT = range(len(EVENT_KINDS))
@@ -68,7 +68,7 @@ class FormerMotion(NamedTuple):
     """The system: constants, the motor's torque, where it stops (rad); what is kept; the half turns of the carts."""
 
     former: Former
-    torque: DriveLine
+    torque: MotorInStep
     begin_s: float
     stop_rad: float
     kept: Array

@@ -12,6 +12,7 @@ from pydantic import field_validator, model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import Coupling
+from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.roller_former.cart_parameters import (
     CartBank,
     CartParameters,
@@ -161,8 +162,8 @@ class RollerFormer(Parameters):
         longest = longest_step_s(self)
         if self.coupling.step_s > longest:
             raise ValueError(
-                f"coupling.step_s <= {longest:.3g} s needed, got {self.coupling.step_s:g}: motor and drive exchange "
-                "torque and speed once a step, stable up to the time constant of the motor's inertia and torque curve"
+                f"coupling.step_s <= {longest:.3g} s needed, got {self.coupling.step_s:g}: at most "
+                f"{MOST_STIFFNESS:g} times the time constant of the motor's inertia and torque curve"
             )
         return self
 
@@ -178,17 +179,16 @@ class RollerFormer(Parameters):
 
 
 def longest_step_s(parameters: RollerFormer) -> float:
-    """Return the longest coupling step (s): half of ``J_p1/(u^2 max|dM/dw|)``, eta at its worst, and at most 10 ms.
+    """Return the longest coupling step (s): `MOST_STIFFNESS` ``J_p1/(u^2 max|dM/dw|)``, and at most 10 ms.
 
-    The torque of a step is the line through the last two samples, which for the motor's inertia alone is the method of
-    Adams and Bashforth of second order: stable up to the whole of it.  The steepest place of the curve is at slip 0,
-    ``2 M_kr/(s_kr w_0)``; the correction for starting is flatter.
+    The steepest place of the curve is at slip 0, ``2 M_kr/(s_kr w_0)``; the correction for starting is flatter; eta is
+    at its worst.
     """
     p, motor = parameters, motor_constants(parameters.motor)
     steepest = 2.0 * motor.breakdown_torque_nm / (motor.breakdown_slip * motor.synchronous_speed_rad_per_s)
     worst = 1.0 / p.drive.efficiency if p.drive.gear_loss == "power" else p.drive.efficiency
     inertia = (p.motor.rotor_inertia_kg_m2 + p.drive.coupling_inertia_kg_m2) * p.drive.inertia_factor
-    return min(LONGEST_STEP_S, 0.5 * inertia / (steepest * worst))
+    return min(LONGEST_STEP_S, MOST_STIFFNESS * inertia / (steepest * worst))
 
 
 def bank_of(parameters: RollerFormer) -> CartBank:

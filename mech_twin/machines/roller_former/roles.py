@@ -44,11 +44,7 @@ def joints_of(values: tuple[float, ...]) -> FormerJoints:
 
 @dataclass(frozen=True)
 class FormerLinkage(CompiledLinkage):
-    """Both masses, the elastic drive and all carts; owner of all mechanical state.
-
-    During a step the motor's torque is the straight line through its last two samples, which makes the coupling
-    second order; it is held where there is no sample before, or the command has a corner.
-    """
+    """Both masses, the elastic drive and all carts; owner of all mechanical state."""
 
     former: Former
     step_s: float

@@ -11,11 +11,12 @@ import numpy as np
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, DriveLine, Former, Modes, state_array
+from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, Former, Modes, state_array
 from mech_twin.machines.roller_former.integration import Advance, advance_motion, ending, entry_for
 from mech_twin.machines.roller_former.parameters import RollerFormer
 from mech_twin.machines.roller_former.roles import start_modes
 from mech_twin.machines.roller_former.steady import TURN
+from mech_twin.parts.induction_motor import MotorInStep
 from mech_twin.parts.supply import limited_command
 
 STEADY = 1e-4  # change of the mean crank speed from turn to turn, relative
@@ -67,7 +68,7 @@ def start_motion(
     for chunk in range(round(longest_s / CHUNK_S)):
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
-        torque = DriveLine(True, command, 0.0, 0.0, 0.0)
+        torque = MotorInStep(former.motor, command, 0.0, 0.0)
         done, log = advance_motion(entry, former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
         steps += done.steps
         if done.status < 0 or done.modes.stalled or steps > MOST_START_STEPS:

@@ -3,7 +3,6 @@
 
 import math
 
-import mpmath as mp
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +12,6 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.constants import breaker
-from mech_twin.machines.mb10_breaker.driven_body import swung
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, crank_torque, energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
 from mech_twin.machines.mb10_breaker.impacts import blow, touchdown
@@ -101,48 +99,6 @@ def test_touchdown_keeps_the_crank_s_momentum_and_the_energy(q, u, p, e):
     assert lost == pytest.approx(loss, abs=1e-10 * energies(B, q, u, 0.0, p)[0])
 
 
-@given(
-    st.floats(0.0, 0.01),
-    rate,
-    st.floats(-200.0, 200.0),
-    st.floats(-1e4, 1e4),
-    st.floats(0.0, 20.0),
-    st.floats(1e-4, 0.02),
-)
-@settings(deadline=None)  # the first call compiles
-def test_body_swings_as_its_equation_says(phi, p, moment, slope, damping, span):
-    """Two halves make the whole, and the second derivative at the end fulfils the equation of motion."""
-    j, kappa, preload = 6.0, 2132.0, 148.0
-
-    def at(t):
-        return swung(j, kappa, damping, preload, phi, p, moment, slope, t)
-
-    half = swung(j, kappa, damping, preload, *at(0.5 * span), moment + 0.5 * slope * span, slope, 0.5 * span)
-    assert half == pytest.approx(at(span), abs=1e-11)
-    step = 1e-5
-    angle_at, rate_at = at(span)
-    bent = (at(span + step)[1] - at(span - step)[1]) / (2.0 * step)
-    assert j * bent + damping * rate_at + kappa * angle_at + preload == pytest.approx(moment + slope * span, abs=1e-4)
-
-
-@pytest.mark.parametrize("span", [1e-6, 1e-3, 0.1])
-@pytest.mark.parametrize("stiffness", [1e-9, 1e-6, 1e-3])
-def test_body_that_hardly_swings_is_pushed_as_fifty_digits_say(span, stiffness):
-    j, damping, preload, phi, p, moment, slope = 8e5, 3.0, 1e-5, 2e-5, -3e-4, 700.0, 4e4
-    mp.mp.dps = 50
-    kappa, d, inertia, t = mp.mpf(stiffness), mp.mpf(damping), mp.mpf(j), mp.mpf(span)
-    beta = slope / kappa
-    alpha = (mp.mpf(moment) - preload - d * beta) / kappa
-    fast, slow = ((-d + sign * mp.sqrt(d * d - 4 * kappa * inertia)) / (2 * inertia) for sign in (-1, 1))
-    x, v = phi - alpha, p - beta
-    one = (v - slow * x) / (fast - slow)
-    exact = alpha + beta * t + one * mp.exp(fast * t) + (x - one) * mp.exp(slow * t)
-    rate = beta + one * fast * mp.exp(fast * t) + (x - one) * slow * mp.exp(slow * t)
-    found = swung(j, stiffness, damping, preload, phi, p, moment, slope, span)
-    assert found[0] == pytest.approx(float(exact.real), rel=1e-12, abs=1e-17)
-    assert found[1] == pytest.approx(float(rate.real), rel=1e-12, abs=1e-17)
-
-
 def test_balances_close_over_many_blows():
     _, taken = run(4.0)
     assert sum(e.kind == "blow" for f in taken for e in f.linkage.events) > 35
@@ -168,7 +124,6 @@ def test_impacts_are_applied_once_wherever_they_fall_in_a_step():
         _, taken = run(0.9, linkage__initial_crank_deg=float(degrees))
         kinds = [e.kind for f in taken for e in f.linkage.events]
         assert kinds.count("settled") in (kinds.count("blow"), kinds.count("blow") - 1)
-        assert all(f.body.residuals["angle_difference_rad"] <= 1e-7 for f in taken)
         assert all(f.body.position[0] >= -1e-9 for f in taken)
 
 
@@ -202,12 +157,14 @@ def test_motor_generates_before_the_blow():
 
 
 @pytest.mark.slow
-def test_coupling_is_of_second_order():
-    coarse = coupling_error(PARAMETERS, 2e-3, 1.2)
-    fine = coupling_error(PARAMETERS, 5e-4, 1.2)
-    assert coarse.body_angle_rad / fine.body_angle_rad >= 4.0**2 * 0.8
-    assert coarse.crank_angle_rad / fine.crank_angle_rad >= 4.0**2 * 0.8
-    assert coarse.blow_impulse_relative / fine.blow_impulse_relative >= 4.0**2
+@pytest.mark.parametrize("step_s", [2e-3, 2.5e-4])
+def test_motion_does_not_depend_on_the_coupling_step(step_s):
+    """The bounds are those of the reference, which integrates at 1e-12."""
+    found = coupling_error(PARAMETERS, step_s, 1.2)
+    assert found.crank_angle_rad <= 1e-7
+    assert found.body_angle_rad <= 1e-9
+    assert found.blow_time_s <= 1e-9
+    assert found.blow_impulse_relative <= 1e-8
 
 
 @pytest.mark.parametrize(

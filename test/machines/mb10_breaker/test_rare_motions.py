@@ -7,7 +7,7 @@ import itertools
 
 import pytest
 from machines.mb10_breaker.breaker_reference import BreakerReference
-from random_configurations import SHORTER_STEP, worst_margin
+from random_configurations import worst_margin
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.invariants import broken_lines
@@ -19,7 +19,6 @@ from mech_twin.parameters.load import machine
 # the pivot's friction holds the lifted body while the striker pushes the tool up to the rocker's extreme
 HELD_BODY = {
     "body.friction.coulomb_nm": 49.43817132449243,
-    "coupling.extrapolation_order": 0,
     "coupling.step_s": 0.0010951514531432852,
     "linkage.coupler_mass_kg": 13.263039959912021,
     "linkage.crank_inertia_kg_m2": 0.9950848555143744,
@@ -33,7 +32,6 @@ HELD_BODY = {
 # a heavy tool throws a crank without flywheel back, so that the gear turns its loss round
 THROWN_BACK = {
     "excitation.kind": "approximated",
-    "coupling.extrapolation_order": 0,
     "coupling.step_s": 0.0012566027999516168,
     "linkage.coupler_centroid_along_m": -0.003422936341003108,
     "linkage.coupler_inertia_kg_m2": 0.0013375547413553505,
@@ -108,10 +106,8 @@ NEAR_CHANGE_POINT = {
     "body.inertia_kg_m2": 1e6,
     "body.tool_radius_m": 0.1025,
     "coupling.step_s": 0.00185,
-    "coupling.extrapolation_order": 0,
 }
-# a crank without flywheel under a rocker of 12 kg m^2: what it turns varies so much that the linkage's moment on the
-# body is no line over a step
+# a crank without flywheel under a rocker of 12 kg m^2: what it turns varies much within a step
 HEAVY_ROCKER = {
     "linkage.crank_inertia_kg_m2": 1e-12,
     "linkage.rocker_inertia_kg_m2": 12.0,
@@ -138,7 +134,6 @@ STANDING_GEAR = {
     "body.spring_rate_n_per_m": 1.0,
     "body.tool_radius_m": 0.001,
     "tool.overtravel_m": 1e-6,
-    "coupling.extrapolation_order": 0,
     "supply.rate_per_s": 0.004,
 }
 # the motor swings from driving to braking within a step, and its gear has much to lose
@@ -203,7 +198,6 @@ STOPPED_BY_WALL = {
     "body.restitution": 0.0,
     "body.tool_radius_m": 0.15617,
     "body.friction.viscous_nms_per_rad": 0.652,
-    "coupling.extrapolation_order": 0,
 }
 # a motor on a body that swings on its springs: a heavy flywheel turns back against it
 SWINGING_MOUNT = {
@@ -212,7 +206,6 @@ SWINGING_MOUNT = {
     "tool.wall_force_n": 2.4e-5,
     "body.spring_arm_m": 0.766,
     "body.preload_deflection_m": 0.0,
-    "coupling.extrapolation_order": 0,
     "coupling.step_s": 0.0007,
     "motor.rotor_inertia_kg_m2": 0.138,
     "motor.rated_power_w": 11000.0,
@@ -229,7 +222,6 @@ HEAVY_FLYWHEEL = {
     "tool.overtravel_m": 1e-6,
     "body.spring_arm_m": 0.001,
     "body.preload_deflection_m": 0.0,
-    "coupling.extrapolation_order": 0,
 }
 # a tool of 10 000 t that the striker pushes: what moves crank and body is a small part of what it weighs
 HEAVY_TOOL = {
@@ -241,7 +233,6 @@ HEAVY_TOOL = {
     "body.preload_deflection_m": 704.0,
     "body.restitution": 0.0,
     "body.tool_radius_m": 0.179,
-    "coupling.extrapolation_order": 0,
     "supply.rate_per_s": 1000.0,
 }
 # a wall that no crank moves: striker and body meet tool and collar by turns, each round a tenth as fast as the last
@@ -273,6 +264,12 @@ STRIKES_BACKWARD = {
     "tool.wall_force_n": 1e6,
 }
 STIFF_SPRING = {"body.spring_arm_m": 10.0, "body.spring_rate_n_per_m": 2e6, "body.inertia_kg_m2": 3.9}
+LIGHT_BODY = {
+    "linkage.coupler_mass_kg": 3e4,
+    "linkage.crank_inertia_kg_m2": 0.3,
+    "body.inertia_kg_m2": 0.5,
+    "coupling.step_s": 1.9e-3,
+}
 
 
 def residuals_of(overrides, command, duration_s=0.5):
@@ -296,24 +293,19 @@ def deepest_m(built, run):
     return -min(gaps)
 
 
-def test_a_step_too_long_for_a_heavy_rocker_is_told_with_one_that_is_not():
-    """The limit falls with the step as the defect does, down to its least: the step told keeps that."""
-    broken, _ = residuals_of(HEAVY_ROCKER, (1.0, 0.4, 0.0, 1.0))
-    told = SHORTER_STEP.search(broken[0])
-    assert told is not None, broken
-    assert float(told[1]) < HEAVY_ROCKER["coupling.step_s"]
-    broken, _ = residuals_of({**HEAVY_ROCKER, "coupling.step_s": float(told[1])}, (1.0, 0.4, 0.0, 1.0))
-    assert broken == []
-
-
 def test_striker_that_turns_back_leaves_a_body_held_by_friction_at_once():
     broken, kinds = residuals_of(HELD_BODY, (1.0,))
     assert broken == []
     assert "released" in kinds
 
 
-def test_heavy_body_on_a_soft_spring_moves_as_it_is_led():
-    broken, _ = residuals_of(HEAVY_BODY, (1.0,))
+@pytest.mark.parametrize(
+    "overrides",
+    [HEAVY_BODY, HEAVY_ROCKER, STIFF_SPRING, LIGHT_BODY],
+    ids=["heavy body", "heavy rocker", "stiff spring", "light body"],
+)
+def test_moment_on_the_body_may_bend_within_a_step(overrides):
+    broken, _ = residuals_of(overrides, (1.0, 0.4, 0.0, 1.0))
     assert broken == []
 
 
@@ -378,29 +370,31 @@ def test_momentum_of_a_body_pressed_hard_is_balanced_over_the_impulse_of_its_spr
     assert broken == []
 
 
-def test_wall_that_stops_a_light_crank_moves_the_body_as_it_is_led():
-    """Where the moment bends within a piece of the push, knots are set closer, until the line misses 1e-5 rad/s."""
+def test_wall_that_stops_a_light_crank_keeps_the_balances():
     broken, kinds = residuals_of(STOPPED_BY_WALL, (1.0,), 0.12)
     assert broken == []
-    assert "push_begins" in kinds
+    assert "pushing" in kinds
 
 
 def test_tool_that_outweighs_crank_and_body_takes_no_momentum_unseen():
     """What the steps leave open stays that of a light one."""
     taken = list(frames(machine("mb10_breaker", overrides=HEAVY_TOOL), 0.2))
-    assert "pushing" in [event.kind for frame in taken for event in frame.linkage.events]
+    assert max(frame.linkage.memory["tool_force_n"] for frame in taken) > 0.0
     assert max(abs(frame.linkage.memory.as_dict()["momentum_error_nms"]) for frame in taken) <= 1e-11
 
 
 def test_series_of_striker_and_body_by_turns_ends_at_rest():
-    """The energy of each round is a hundredth of the last; slower than 1e-6 m/s the crank stands on the tool."""
+    """The energy of each round is a hundredth of the last; slower than 1e-6 m/s the crank stands on the tool.
+
+    The gap before the last of them is rounding.
+    """
     built = machine("mb10_breaker", overrides=ROUND_BY_ROUND)
     run = list(frames(built, 0.48))
     assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
     kinds = ("push_begins", "catch_up")
     speeds = [event.pre_velocity_m_per_s for frame in run for event in frame.linkage.events if event.kind in kinds]
-    ratios = [later / speed for speed, later in itertools.pairwise(speeds[-4:])]
-    assert ratios == pytest.approx([0.1, 0.1, 0.1], rel=0.02)
+    ratios = [later / speed for speed, later in itertools.pairwise(speeds[-4:-1])]
+    assert ratios == pytest.approx([0.1, 0.1], rel=0.02)
     assert speeds[-1] < 1e-6 < speeds[-2]
     crank, body = run[-1].linkage.joint("crank"), run[-1].body
     assert (crank.velocity, body.position, body.velocity) == (0.0, (0.0,), (0.0,))
@@ -484,24 +478,9 @@ def test_the_lightest_tool_that_a_wall_allows_keeps_the_balances(wall_n):
             "tool.wall_force_n must be at most",
         ),
         ({"tool.mass_kg": 1e-7}, r"tool.wall_force_n must be at most 100 N, 1e\+09 m/s2 of tool.mass_kg"),
-        (STIFF_SPRING, "on a body that swings on its spring"),
-        (
-            {"linkage.coupler_mass_kg": 3e4, "linkage.crank_inertia_kg_m2": 0.3, "body.inertia_kg_m2": 0.5}
-            | {"coupling.step_s": 1.9e-3},
-            "body.inertia_kg_m2 0.5: the linkage's moment",
-        ),
     ],
 )
 def test_what_cannot_be_followed_is_refused_with_its_bound(overrides, words):
     with pytest.raises(ConfigurationError, match=words) as refused:
         machine("mb10_breaker", overrides=overrides)
     assert "\n" not in str(refused.value)
-
-
-def test_a_body_that_swings_fast_keeps_its_residuals_at_the_longest_step_it_allows():
-    with pytest.raises(ConfigurationError) as refused:
-        machine("mb10_breaker", overrides=STIFF_SPRING)
-    longest_s = float(str(refused.value).split("must be at most ")[1].split()[0])
-    broken, kinds = residuals_of(STIFF_SPRING | {"coupling.step_s": 0.999 * longest_s}, (1.0,), 0.6)
-    assert broken == []
-    assert "touchdown" in kinds

@@ -176,13 +176,27 @@ def test_means_of_a_turn_come_from_the_works():
     assert "coupling_moment_max_nm" not in seen  # what a run saw does not go by the name of what a cycle has
 
 
+OWN_MOTOR = {
+    "motor.catalogue_name": None,
+    "motor.rated_power_w": 5500.0,
+    "motor.rated_speed_rpm": 975.0,
+    "motor.synchronous_speed_rpm": 1000.0,
+    "motor.breakdown_torque_ratio": 4.0,
+    "motor.starting_torque_ratio": 2.4,
+    "motor.rotor_inertia_kg_m2": 1e-6,
+}
+
+
 def test_a_step_longer_than_the_motor_bears_is_refused_with_its_bound():
-    bound = longest_step_s(parameters_for(2))
-    assert bound == pytest.approx(0.5 * 0.458 * 1.1 * 0.0933 * 104.7198 * 0.9 / (2.0 * 215.4), rel=1e-5)
-    with pytest.raises(ConfigurationError, match=r"coupling.step_s <= 0.00514 s needed, got 0.0055"):
-        parameters_for(2, {"coupling.step_s": 0.0055})
-    light = {"drive.coupling_inertia_kg_m2": 0.0, "drive.inertia_factor": 1.0}
-    with pytest.raises(ConfigurationError, match=r"coupling.step_s <= 0.00141 s needed"):
+    assert longest_step_s(parameters_for(2)) == 0.01
+    with pytest.raises(ConfigurationError, match=r"coupling.step_s"):
+        parameters_for(2, {"coupling.step_s": 0.011})
+    light = {
+        "drive.coupling_inertia_kg_m2": 0.0,
+        "drive.inertia_factor": 1.0,
+        "drive.damping_nms_per_rad": 0.0,
+    } | OWN_MOTOR
+    with pytest.raises(ConfigurationError, match=r"coupling.step_s <= .* s needed, got 0.002: at most 1000 times"):
         parameters_for(2, {**light, "coupling.step_s": 0.002})
 
 
