@@ -195,24 +195,24 @@ class ShaftDrive(NamedTuple):
 
 
 @kernel
-def shaft_drive(crank: Crank, start_s: float, before: float, rotor: float, torque: float, command: float) -> ShaftDrive:
+def shaft_drive(crank: Crank, start_s: float, speed: float, before: float, torque: float, command: float) -> ShaftDrive:
     """Return what turns the crank in a step.
 
     Parameters
     ----------
     start_s : float
         Time at the start of the step.
-    before : float
-        Command of the step before.
-    rotor, torque, command : float
-        The motor's speed (rad/s), torque (N m) and command.
+    speed, before : float
+        Crank speed (rad/s) at the start of the step, and the command of the step before.
+    torque, command : float
+        The motor's torque (N m) and command.
     """
-    drive, friction = crank.drive, crank.friction
+    drive, friction, given = crank.drive, crank.friction, command if crank.drive.curved else 0.0
     return ShaftDrive(
         drive.shaft_inertia_kg_m2,
         drive.ratio,
         drive.efficiency,
-        motor_in_step(drive.motor, before, rotor, torque, command if drive.curved else 0.0, crank.step_s),
+        motor_in_step(drive.motor, before, drive.ratio * speed, torque, given, crank.step_s),
         friction.coulomb_nm,
         friction.viscous_nms_per_rad,
         start_s,

@@ -167,7 +167,7 @@ def try_step(
     e, sense = (speed - w) / crank.step_s, past.turning_sense
     if crank.drive.prescribed:
         sense = sign_of(w) if w != 0.0 else sign_of(e)
-    drive = shaft_drive(crank, step * crank.step_s, linkage[COMMAND], speed, torque, command)
+    drive = shaft_drive(crank, step * crank.step_s, w, linkage[COMMAND], torque, command)
     y[ANGLE], y[SPEED], y[DRIVE_WORK] = within_a_turn(f), w, past.drive_work_j
     y[GEAR_LOSS], y[FRICTION_LOSS] = past.gear_loss_j, past.friction_loss_j
     kept[TURNED], kept[LOAD_WORK], kept[STALLED_1], kept[TURNED_BACK] = (

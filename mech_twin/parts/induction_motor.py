@@ -298,8 +298,10 @@ def motor_in_step(
         Torque against slip.
     before : float
         Command of the step before.
-    rotor_rad_per_s, torque_nm, command : float
-        What the motor told as the step began.
+    rotor_rad_per_s : float
+        Speed of the rotor as the step begins, by the shaft that it drives.
+    torque_nm, command : float
+        What the motor told then.
     step_s : float
         Coupling step (s).
     """

@@ -22,6 +22,7 @@ from mech_twin.engine.sample_vectors import (
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.drives import KlossMotor, fill_motor
 from mech_twin.machines.mb10_breaker.dynamics import HELD, REST, Breaker, energies, spring_moment
+from mech_twin.machines.mb10_breaker.motion import rotor_speed
 from mech_twin.machines.mb10_breaker.state import LAWS, MEMORY, STATES, BreakerMemory, named
 from mech_twin.machines.mb10_breaker.step import advance_step, take_body, total_of
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
@@ -136,9 +137,8 @@ def breaker_step(
         rests = int(body[REGIME]) == REST
         regime = take_body(b, y, memory, regime, body[BODY_JOINTS], body[BODY_JOINTS + 1], rests)
     command = motor[MOTOR_COMMAND]
-    turning = motor_in_step(
-        model.curve, linkage[COMMAND], motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2], command, model.step_s
-    )
+    rotor = rotor_speed(b, state.crank_rad_per_s, state.body_rad_per_s)
+    turning = motor_in_step(model.curve, linkage[COMMAND], rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
     start, begun, first, count, torque = y.copy(), kept.copy(), regime, LOG_FULL, 0.0
     while count == LOG_FULL:
         y[:], kept[:] = start, begun

@@ -200,9 +200,8 @@ def former_step(
         FormerState(crank_rad, before.twist_rad, before.crank_rad_per_s, before.twist_rad_per_s, 0.0, 0.0, 0.0, 0.0),
     )
     command = motor[MOTOR_COMMAND]
-    torque = motor_in_step(
-        former.motor, before.command, motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2], command, model.step_s
-    )
+    rotor = before.drive_rad_per_s * former.ratio
+    torque = motor_in_step(former.motor, before.command, rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
     sides, end_s = np.ones(former.bank.offset_rad.size), (step + 1) * model.step_s
     begun = stored_energy(former, state_of(y), sides)
     done, log = advance_motion(model.entry, former, torque, begin_s, end_s, y, modes_of(past), log, np.inf)

@@ -146,18 +146,11 @@ def test_the_breaker_has_the_machine_s_motion_pins_and_blow_while_its_body_rests
         assert 0.03 * math.remainder(turned, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_breaker_coasts_as_the_machine_does_when_the_step_is_short():
-    """The machine leads its body apart, by the moment at the ends of a step: what parts them goes with its square."""
-    parted = []
-    for step_s in (5e-4, 2.5e-4):
-        theirs, ours = coasting(step_s)
-        there, here = blows(theirs, "blow", "tool"), blows(ours, "impact", "blow")
-        assert len(here) == len(there) >= 8
-        parted.append(theirs[0].linkage.time_s + here[1:, 0] - there[1:, 0])
-    assert parted[0] / parted[1] == pytest.approx(4.0, rel=2e-2)
-    left = (4.0 * parted[1] - parted[0]) / 3.0
-    assert left[0] == pytest.approx(0.0, abs=1e-9)
-    assert left == pytest.approx(0.0, abs=2e-8)  # over 9 blows
+def test_the_breaker_coasts_as_the_machine_does():
+    theirs, ours = coasting(1e-3)
+    there, here = blows(theirs, "blow", "tool"), blows(ours, "impact", "blow")
+    assert len(here) == len(there) >= 8
+    assert theirs[0].linkage.time_s + here[:, 0] == pytest.approx(there[:, 0], abs=1e-9)
 
 
 def test_the_breaker_runs_up_as_the_machine_does():
