@@ -29,7 +29,7 @@ from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, p
 from mech_twin.parts.induction_motor import MotorConstants, motor_in_step
 
 JOINTS = ("crank", "coupler", "rocker", "body")
-LEAST_BODY_RATE_RAD_PER_S = 1e-4  # momentum is balanced over that of a body so fast: 1e-9 of it is what a step misses
+LEAST_RATE_RAD_PER_S = 1e-4  # momentum is balanced over that of parts so fast: 1e-9 of it is what a step may miss
 # places in a row
 CRANK_AT, COUPLER_AT, ROCKER_AT, BODY_AT = range(LINKAGE_JOINTS, LINKAGE_JOINTS + 12, 3)
 MEMORY_AT = LINKAGE_JOINTS + 12
@@ -98,7 +98,8 @@ def fill_row(
     out[ROCKER_AT], out[ROCKER_AT + 1], out[ROCKER_AT + 2] = rocker, by.g3 * u, 0.0
     out[BODY_AT], out[BODY_AT + 1], out[BODY_AT + 2] = phi, p, -spring_moment(b, phi)
     kinetic, potential, momentum = energies(b, q, u, phi, p)
-    missed = b.body_inertia_kg_m2 * LEAST_BODY_RATE_RAD_PER_S
+    turned = b.body_inertia_kg_m2 + b.crank.inertia_kg_m2 + abs(b.rotor_12_kg_m2)
+    missed = turned * LEAST_RATE_RAD_PER_S
     held = max(kinetic + abs(potential), 1.0)
     turning = max(abs(momentum), abs(spring_moment(b, phi)) * step_s, missed, 1.0)
     out[RESIDUALS_AT] = closure_error(b.bar, at)
