@@ -82,6 +82,7 @@ class RecordingClock:
 
 
 TICK_S = 0.1
+SUSPENDED_S, REPAIR_S = 0.3, 3.2  # without a pulse at the end; the middleware repairs a loss within 3 s
 LOOK_S = 1.0  # between looks at the graph of a run that has begun; to ask for all topics and their publishers is slow
 TICKS_PER_LOSS = 0.2
 MIB = 1024.0 * 1024.0
@@ -126,7 +127,7 @@ class RecorderNode(TwinNode):
         super().__init__("recorder", machine_name, parameters, options)
         self._closed = False
         self._last_heard_s = time.monotonic()
-        self._looked_s = -math.inf
+        self._repaired_s = self._looked_s = -math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
         self._alarms: set[str] = set()
@@ -165,15 +166,22 @@ class RecorderNode(TwinNode):
 
         A topic whose publisher has not been heard lags too: a recorder may be matched before it hears.
         """
+        if time.monotonic() < self._repaired_s:
+            return 0.0
         newest = max((each.sequence.last or 0 for each in self._steps.values()), default=0)
         heard = [each for each in self._steps.values() if each.listener is not None and each.listener.publishers()]
         lags = any(each.sequence.last is None or newest - each.sequence.last > UNDER_WAY for each in heard)
         return 0.0 if lags else time.monotonic() - self._last_heard_s
 
     def flush(self) -> None:
-        """Publish what is held back, and listen anew: what waits was sent before the end."""
+        """Publish what is held back, and listen anew: what waits was sent before the end.
+
+        What came while this process was suspended found no room perhaps, and is sent again.
+        """
         super().flush()
-        self._last_heard_s = time.monotonic()
+        now = self._last_heard_s = time.monotonic()
+        if self._pulse_at is not None and now - self._pulse_at > SUSPENDED_S:
+            self._repaired_s = now + REPAIR_S
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the state of the writer, with which step it begins, and what it dropped."""
