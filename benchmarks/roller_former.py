@@ -26,7 +26,7 @@ from mech_twin.machines.roller_former.dynamics import Former, Modes, state_array
 from mech_twin.machines.roller_former.integration import advance_motion, entry_for
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.steady import closed_extremes, steady_turn
-from mech_twin.parts.induction_motor import MotorInStep, motor_torque
+from mech_twin.parts.induction_motor import motor_torque, supplied_motor
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 from roller_former_cases import parameters_for
@@ -45,7 +45,7 @@ def tighter(former: Former, tolerance: float) -> Former:
 def ours(former: Former, duration_s: float) -> np.ndarray:
     """Return the state after a run from synchronous speed under full load."""
     y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, True, 1.0, -1.0, False)
-    torque, log = MotorInStep(former.motor, 1.0, 0.0, 0.0), np.empty((8, EVENT_WIDTH))
+    torque, log = supplied_motor(former.motor, 1.0), np.empty((8, EVENT_WIDTH))
     advance_motion(entry_for(former), former, torque, 0.0, duration_s, y, modes, log, np.inf)
     return y
 

@@ -279,7 +279,7 @@ def note_stall(motion: TurningCrank, system: Declared, y: Array, regimes: Indice
     """Log once that a supply that is on does not turn a crank at rest."""
     if motion.model.crank.drive.prescribed or regimes[CRANK_LAW] != HOLD or motion.kept[STALLED_1] != 0.0:
         return 0
-    if motion.command == 0.0 or motion.drive.motor.ramp_nm_per_s != 0.0:
+    if motion.command == 0.0 or motion.drive.motor.command_per_s != 0.0:
         return 0
     room.candidates[0] = 1
     settle_regimes(system, 0.0, y, regimes, room.candidates, room.at)

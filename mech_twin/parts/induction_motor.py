@@ -277,13 +277,21 @@ class MotorInStep(NamedTuple):
     """A motor during one coupling step: what it told as the step began, and its curve from there (`torque_in_step`).
 
     ``told_nm`` is the told torque less that of the curve (N m): 0 of the motor of this curve, and the torque of one
-    that takes efforts (command 0).  ``ramp_nm_per_s`` is what a supply that changes adds.
+    that takes efforts (command 0).  The supply goes from ``begin_command`` at a rate (1/s) to the command that was
+    told, which it reaches as the step ends.
     """
 
     curve: MotorConstants
     command: float
     told_nm: float
-    ramp_nm_per_s: float
+    begin_command: float
+    command_per_s: float
+
+
+@kernel
+def supplied_motor(curve: MotorConstants, command: float, told_nm: float = 0.0) -> MotorInStep:
+    """Return a motor under a steady supply."""
+    return MotorInStep(curve, command, told_nm, command, 0.0)
 
 
 @kernel
@@ -306,12 +314,18 @@ def motor_in_step(
         Coupling step (s).
     """
     if command == 0.0:
-        return MotorInStep(curve, 0.0, torque_nm, 0.0)
-    ramp = motor_command_slope(curve, rotor_rad_per_s, command) * (command - before) / step_s
-    return MotorInStep(curve, command, torque_nm - motor_torque(curve, rotor_rad_per_s, command), ramp)
+        return supplied_motor(curve, 0.0, torque_nm)
+    told = torque_nm - motor_torque(curve, rotor_rad_per_s, command)
+    return MotorInStep(curve, command, told, before, (command - before) / step_s)
+
+
+@inline_kernel
+def command_in_step(motor: MotorInStep, t: float) -> float:
+    """Return the command at a time of the step (s)."""
+    return motor.begin_command + motor.command_per_s * t
 
 
 @inline_kernel
 def torque_in_step(motor: MotorInStep, t: float, rotor_rad_per_s: float) -> float:
     """Return the torque (N m) at a time of the step (s) and a speed of the rotor."""
-    return motor.told_nm + motor.ramp_nm_per_s * t + motor_torque(motor.curve, rotor_rad_per_s, motor.command)
+    return motor.told_nm + motor_torque(motor.curve, rotor_rad_per_s, command_in_step(motor, t))

@@ -88,7 +88,13 @@ from mech_twin.machines.mb10_breaker.state import (
 )
 from mech_twin.parts.four_bar import coefficients, position
 from mech_twin.parts.gear import gear_split, gear_torque
-from mech_twin.parts.induction_motor import MotorInStep, motor_torque_slope, torque_in_step
+from mech_twin.parts.induction_motor import (
+    MotorInStep,
+    command_in_step,
+    motor_command_slope,
+    motor_torque_slope,
+    torque_in_step,
+)
 
 # own signals
 DEAD_CENTRE, CRANK_STOPS, TORQUE_TURNS, BODY_TURNS = range(4)
@@ -227,7 +233,10 @@ def signal_events(
         rates[begin + BODY_TURNS] = kept[SIDE] * turning
     if motor.command != 0.0 and b.efficiency < 1.0:
         u, p, faster = y[CRANK_RATE], y[BODY_RATE], rotor_speed(b, at.acceleration[0], at.acceleration[1])
-        rate = motor.ramp_nm_per_s + motor_torque_slope(motor.curve, rotor_speed(b, u, p), motor.command) * faster
+        rotor, command = rotor_speed(b, u, p), command_in_step(motor, t)
+        rate = motor_torque_slope(motor.curve, rotor, command) * faster
+        if motor.command_per_s != 0.0:
+            rate += motor_command_slope(motor.curve, rotor, command) * motor.command_per_s
         values[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * motor_at(motion, t, u, p)
         rates[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * rate
 

@@ -59,7 +59,7 @@ from mech_twin.machines.mb10_breaker.state import (
     BreakerMemory,
     named,
 )
-from mech_twin.parts.induction_motor import MotorConstants, MotorInStep
+from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, supplied_motor
 
 Array = NDArray[np.float64]
 ERROR = 1e-13  # of a step, over the size of what it integrates
@@ -187,7 +187,7 @@ def breaker_entry(b: Breaker, curve: MotorConstants) -> int | None:
     """Return the address of the compiled functions of a breaker."""
     memory, kept = np.zeros(len(BreakerMemory._fields)), np.zeros(KEPT)
     at = room_for(FREEDOMS, LAWS, OWN_SIGNALS, STATES).at
-    return entry_of(BreakerMotion(b, MotorInStep(curve, 0.0, 0.0, 0.0), 0.0, 0.0, memory, kept, at))
+    return entry_of(BreakerMotion(b, supplied_motor(curve, 0.0), 0.0, 0.0, memory, kept, at))
 
 
 @borrowing_kernel

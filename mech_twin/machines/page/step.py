@@ -26,7 +26,7 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
 from mech_twin.mechanics.straight_line import call_straight_line
-from mech_twin.parts.induction_motor import MotorConstants, motor_torque, motor_torque_slope
+from mech_twin.parts.induction_motor import MotorConstants, motor_command_slope, motor_torque, motor_torque_slope
 from mech_twin.parts.supply import limited_change, limited_command
 
 SPEED, EFFORT, PROGRAM, DC, INDUCTION, TABLE = range(6)
@@ -110,9 +110,12 @@ def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) ->
 
 @borrowing_kernel
 def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
-    """Fill in what the drives give in the step: forces with their slopes, accelerations of given speeds."""
+    """Fill in what the drives give in the step: forces with their slopes, accelerations of given speeds.
+
+    A supply that changes reaches the command as the step ends, and acts by its mean.
+    """
     controls, command = model.system.controls, motor[MOTOR_COMMAND]
-    place, led = model.system.driven, 0
+    place, led, change = model.system.driven, 0, 0.5 * (linkage[COMMAND] - command)
     for i in range(len(model.drives)):
         row, at = model.drives[i], MOTOR_JOINTS + 3 * i
         ratio, kind, speed = row[RATIO], int(row[KIND]), linkage[LINKAGE_JOINTS + 3 * int(row[COLUMN]) + 1]
@@ -122,12 +125,13 @@ def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
             continue
         first, slope = ratio * motor[at + 2], 0.0
         if kind == TABLE:
-            first = ratio * command
+            first = ratio * (command + change)
         elif kind == PROGRAM:
-            first, slope = command * row[FIRST], command * row[SECOND]
+            first, slope = (command + change) * row[FIRST], (command + change) * row[SECOND]
         elif kind == DC:
-            slope = -ratio * ratio * row[FIRST] / row[SECOND]
+            first, slope = first + ratio * row[FIRST] * change, -ratio * ratio * row[FIRST] / row[SECOND]
         elif kind == INDUCTION:
+            first += ratio * motor_command_slope(induction_motor(row), ratio * speed, command) * change
             slope = ratio * ratio * motor_torque_slope(induction_motor(row), ratio * speed, command)
         controls[place], controls[place + 1], controls[place + 2] = first, slope, speed
         place += 3

@@ -61,7 +61,7 @@ from mech_twin.machines.roller_former.motion import (
     law_of,
     sense_of,
 )
-from mech_twin.parts.induction_motor import MotorInStep
+from mech_twin.parts.induction_motor import MotorInStep, supplied_motor
 
 OF_A_STEP = 0.002  # of the tolerance of the motion: what one step may miss
 CREEPING, LEAST_SPEED = 1e-3, 1e-14  # of the speed that the twist gives a creeping crank; rad/s
@@ -91,7 +91,7 @@ def ending(advance: Advance) -> str:
 
 def entry_for(former: Former) -> int | None:
     """Return the address of the compiled functions of a former."""
-    torque = MotorInStep(former.motor, 0.0, 0.0, 0.0)
+    torque = supplied_motor(former.motor, 0.0)
     return entry_of(FormerMotion(former, torque, 0.0, 0.0, np.empty(KEPT), np.empty(former.bank.offset_rad.size)))
 
 

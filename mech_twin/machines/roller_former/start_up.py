@@ -16,7 +16,7 @@ from mech_twin.machines.roller_former.integration import Advance, advance_motion
 from mech_twin.machines.roller_former.parameters import RollerFormer
 from mech_twin.machines.roller_former.roles import start_modes
 from mech_twin.machines.roller_former.steady import TURN
-from mech_twin.parts.induction_motor import MotorInStep
+from mech_twin.parts.induction_motor import supplied_motor
 from mech_twin.parts.supply import limited_command
 
 STEADY = 1e-4  # change of the mean crank speed from turn to turn, relative
@@ -68,7 +68,7 @@ def start_motion(
     for chunk in range(round(longest_s / CHUNK_S)):
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
-        torque = MotorInStep(former.motor, command, 0.0, 0.0)
+        torque = supplied_motor(former.motor, command)
         done, log = advance_motion(entry, former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
         steps += done.steps
         if done.status < 0 or done.modes.stalled or steps > MOST_START_STEPS:

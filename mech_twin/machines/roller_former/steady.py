@@ -34,7 +34,7 @@ from mech_twin.machines.roller_former.integration import (
     entry_for,
     twist_acceleration,
 )
-from mech_twin.parts.induction_motor import MotorInStep
+from mech_twin.parts.induction_motor import supplied_motor
 
 TURN = 2.0 * pi
 CRITERION = 1e-11
@@ -111,7 +111,7 @@ def next_section(
 ) -> Advance:
     """Carry the state on by one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
-    torque = MotorInStep(former.motor, command, 0.0, 0.0)
+    torque = supplied_motor(former.motor, command)
     done, _ = advance_motion(entry, former, torque, t, t + longest_s, y, modes, np.empty((8, EVENT_WIDTH)), stop)
     if y[CRANK] < stop:
         return Advance(np.nan, done.status, done.modes, done.steps)
@@ -163,7 +163,7 @@ def turn_columns(
 ) -> TurnColumns:
     """Carry the state through one turn, and return the nodes passed."""
     found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
-    torque = MotorInStep(former.motor, command, 0.0, 0.0)
+    torque = supplied_motor(former.motor, command)
     for node in range(nodes):
         now, t = state_of(y), turn_time_s * node / nodes
         shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)

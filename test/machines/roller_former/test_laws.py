@@ -25,7 +25,7 @@ from mech_twin.machines.roller_former.metrics import former_metrics, turn_metric
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.machines.roller_former.steady import steady_turn
-from mech_twin.parts.induction_motor import MotorInStep, motor_torque
+from mech_twin.parts.induction_motor import motor_torque, supplied_motor
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
@@ -39,7 +39,7 @@ def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]
     linkage = machine_for(carts, overrides).linkage
     start, former = linkage.start(), linkage.former
     y = state_array(joints_of(start.position).crank, joints_of(start.velocity).crank)
-    memory, torque = FormerMemory(*start.memory.values), MotorInStep(former.motor, 1.0, 0.0, 0.0)
+    memory, torque = FormerMemory(*start.memory.values), supplied_motor(former.motor, 1.0)
     senses, load = (memory.direction_1, memory.drive_direction_1), (memory.load_on_1 > 0.0, memory.load_share_1)
     modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0)
     entry, log = entry_for(former), np.empty((8, EVENT_WIDTH))
