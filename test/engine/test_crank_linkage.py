@@ -145,9 +145,8 @@ def test_release_is_at_the_instant_the_motor_overcomes_friction():
     crank = machine("vibration_crank", overrides=overrides)
     started = next(event for frame in frames(crank, 1.0) for event in frame.linkage.events if event.kind == "started")
     load = mechanism(0.0)[2]
-    command = 0.5 * (started.time_s + crank.coupling_step_s)  # the supply of a step is the one it begins with
-    torque = kloss(command) * 9.6 * 0.95
-    assert torque == pytest.approx(100.0 - load, rel=2e-3)
+    torque = kloss(0.5 * started.time_s) * 9.6 * 0.95
+    assert torque == pytest.approx(100.0 - load, rel=1e-9)
 
 
 @pytest.mark.parametrize("efficiency", [0.95, 0.5])

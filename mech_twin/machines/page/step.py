@@ -110,12 +110,9 @@ def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) ->
 
 @borrowing_kernel
 def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
-    """Fill in what the drives give in the step: forces with their slopes, accelerations of given speeds.
-
-    A supply that changes reaches the command as the step ends, and acts by its mean.
-    """
+    """Fill in what the drives give in the step: forces by the mean supply with their slopes, or accelerations."""
     controls, command = model.system.controls, motor[MOTOR_COMMAND]
-    place, led, change = model.system.driven, 0, 0.5 * (linkage[COMMAND] - command)
+    place, led, mean = model.system.driven, 0, 0.5 * (linkage[COMMAND] + command)
     for i in range(len(model.drives)):
         row, at = model.drives[i], MOTOR_JOINTS + 3 * i
         ratio, kind, speed = row[RATIO], int(row[KIND]), linkage[LINKAGE_JOINTS + 3 * int(row[COLUMN]) + 1]
@@ -125,13 +122,13 @@ def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
             continue
         first, slope = ratio * motor[at + 2], 0.0
         if kind == TABLE:
-            first = ratio * (command + change)
+            first = ratio * mean
         elif kind == PROGRAM:
-            first, slope = (command + change) * row[FIRST], (command + change) * row[SECOND]
+            first, slope = mean * row[FIRST], mean * row[SECOND]
         elif kind == DC:
-            first, slope = first + ratio * row[FIRST] * change, -ratio * ratio * row[FIRST] / row[SECOND]
+            first, slope = first + ratio * row[FIRST] * (mean - command), -ratio * ratio * row[FIRST] / row[SECOND]
         elif kind == INDUCTION:
-            first += ratio * motor_command_slope(induction_motor(row), ratio * speed, command) * change
+            first += ratio * motor_command_slope(induction_motor(row), ratio * speed, command) * (mean - command)
             slope = ratio * ratio * motor_torque_slope(induction_motor(row), ratio * speed, command)
         controls[place], controls[place + 1], controls[place + 2] = first, slope, speed
         place += 3
