@@ -23,8 +23,11 @@ STIFF = {
     "motor.rotor_inertia_kg_m2": 2e-7,
     "linkage.coupler_mass_kg": 1e-3,
     "linkage.rocker_mass_kg": 1e-3,
+    "linkage.rocker_inertia_kg_m2": 1e-4,
+    "linkage.coupler_inertia_kg_m2": 1e-4,
+    "tool.wall_force_n": 100.0,
 }
-SHORT_S = 1e-4
+SHORT_S = 2e-5
 
 
 def longest_s(overrides):
@@ -49,8 +52,15 @@ def broken(overrides, duration_s=1.5):
 
 @pytest.mark.parametrize(
     "overrides",
-    [{}, LIGHT, {**LIGHT, "drive_mount": "body"}, {**LIGHT, "excitation.kind": "approximated"}, {"gear.ratio": 2.0}],
-    ids=["configured", "light crank", "on the body", "held", "fast"],
+    [
+        {},
+        LIGHT,
+        {**LIGHT, "drive_mount": "body"},
+        {**LIGHT, "excitation.kind": "approximated"},
+        {"gear.ratio": 2.0},
+        STIFF,
+    ],
+    ids=["configured", "light crank", "on the body", "held", "fast", "stiff"],
 )
 def test_residuals_hold_at_the_longest_step(overrides):
     longest = longest_s(overrides)
