@@ -7,8 +7,12 @@ One function is compiled, ``mech_step``; every kernel of the machine is in it.  
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 import re
 from collections.abc import Sequence
+from functools import cached_property
+from types import CodeType
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
@@ -30,6 +34,10 @@ from mech_twin.engine.sample_vectors import (
     Places,
 )
 from mech_twin.fmi.packed_models import PackedModels
+from mech_twin.kernels.cache import module_key
+from mech_twin.kernels.sources import is_known_module
+from mech_twin.kernels.store import load, save
+from mech_twin.mechanics.straight_line import Code
 
 _numba: Any = numba  # its type hints leave out what is used here
 
@@ -82,6 +90,14 @@ class ObjectFile(NamedTuple):
     variables: tuple[str, ...]
 
 
+class _Compiled(NamedTuple):
+    """The step as text of LLVM: its name there, the text, and that of each generated function by symbol."""
+
+    name: str
+    text: str
+    generated: dict[str, Code]
+
+
 class StepCode:
     """The compiled step of a machine, before it is made for a platform.
 
@@ -97,7 +113,8 @@ class StepCode:
         layout, widths = compiled.layout, compiled.widths
         of_body = () if layout.body is None else layout.body.events.kinds
         places = layout.places
-        source = _SOURCE.format(
+        self._packed = packed
+        self._source = _SOURCE.format(
             reals=len(packed.reals), wholes=len(packed.wholes), flags=len(packed.flags), row=places.end,
             kinds=max(1, len(layout.linkage.events.kinds) + len(of_body)), fields=len(EVENT_FIELDS),
             models=packed.expression, at=places, places=", ".join(map(str, places)), widths=widths,
@@ -106,12 +123,37 @@ class StepCode:
             linkage_kinds=len(layout.linkage.events.kinds), kind=KIND, time=TIME, pre=PRE_VELOCITY,
             post=POST_VELOCITY, impulse=IMPULSE,
         )  # fmt: skip
+
+    def object_file(self, triple: str) -> ObjectFile:
+        """Return the object file for a platform, such as ``x86_64-unknown-linux-gnu``; compiled once for one content.
+
+        Numbers of a configuration are no part of it, so a machine that was exported before is only linked.
+        """
+        modules = sorted({each.__module__ for each in self._packed.names.values() if isinstance(each, type)})
+        if not all(map(is_known_module, modules)):
+            return self._made(triple)
+        generated = [repr(_identity(each.function.__code__)) for each in self._packed.generated.values()]
+        processor = _numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
+        key = (self._source, triple, processor, [module_key(each) for each in modules], generated)
+        folder = f"{__name__}-{module_key(__name__)}"
+        name = f"{SYMBOL}-{hashlib.sha256(repr(key).encode()).hexdigest()[:32]}"
+        kept = load(folder, name)
+        if kept is not None:
+            return ObjectFile(*pickle.loads(kept))
+        made = self._made(triple)
+        save(folder, name, pickle.dumps(tuple(made)))
+        return made
+
+    @cached_property
+    def _compiled(self) -> _Compiled:
+        """The step, compiled for this processor."""
+        packed = self._packed
         named: dict[str, Any] = {
             "carray": _numba.carray, "empty": np.empty, "float64": np.float64, "int64": np.int64, "bool_": np.bool_,
             "motor_step": motor_step, "force_step": force_step, "run_steps": run_steps, "Places": Places,
             "Widths": Widths, Models.__name__: Models, **packed.names,
         }  # fmt: skip
-        exec(compile(source, "<entry of the unit>", "exec"), named)  # numbers and names of this package
+        exec(compile(self._source, "<entry of the unit>", "exec"), named)  # numbers and names of this package
         pointer, whole, real = types.voidptr, types.int64, types.float64
         arguments = (pointer, pointer, pointer, whole, whole, real, pointer, pointer)
         compiler = _numba.njit(
@@ -119,34 +161,39 @@ class StepCode:
         )
         for symbol, function in packed.generated.items():
             llvm.add_symbol(symbol, function.address())  # for this process, which links what it compiles
-        entry = compiler(named[SYMBOL])
-        found = entry.overloads[arguments]
-        self._name = found.fndesc.llvm_func_name
+        found = compiler(named[SYMBOL]).overloads[arguments]
         # the texts of exceptions, which nobody reads here, name files of the machine that exports
-        self._text = _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str())
-        self._generated = {symbol: function.code() for symbol, function in packed.generated.items()}
+        text = _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str())
+        generated = {symbol: function.code() for symbol, function in packed.generated.items()}
+        return _Compiled(found.fndesc.llvm_func_name, text, generated)
 
-    def object_file(self, triple: str) -> ObjectFile:
-        """Return the object file for a platform, such as ``x86_64-unknown-linux-gnu``."""
+    def _made(self, triple: str) -> ObjectFile:
         llvm.initialize_all_targets()
         llvm.initialize_all_asmprinters()
         machine = llvm.Target.from_triple(triple).create_target_machine(
             cpu=PROCESSOR, opt=3, reloc="pic", codemodel="default"
         )
-        module = llvm.parse_assembly(self._text)
-        for symbol, code in self._generated.items():
+        step = self._compiled
+        module = llvm.parse_assembly(step.text)
+        for symbol, code in step.generated.items():
             other = llvm.parse_assembly(code.text)
             other.get_function(code.symbol).name = symbol
             module.link_in(other)
         module.triple, module.data_layout = triple, str(machine.target_data)
         for symbol in (*module.functions, *module.global_variables):
             if not symbol.is_declaration:
-                symbol.linkage = "external" if symbol.name == self._name else "internal"
-        module.get_function(self._name).name = SYMBOL
+                symbol.linkage = "external" if symbol.name == step.name else "internal"
+        module.get_function(step.name).name = SYMBOL
         _drop_unused(module, machine)
         functions = sorted(each.name for each in module.functions if each.is_declaration)
         variables = sorted(each.name for each in module.global_variables if each.is_declaration)
         return ObjectFile(machine.emit_object(module), tuple(functions), tuple(variables))
+
+
+def _identity(code: CodeType) -> tuple[object, ...]:
+    """Return what a generated function computes, apart from where it stands."""
+    inner = tuple(_identity(each) if isinstance(each, CodeType) else each for each in code.co_consts)
+    return (code.co_code, inner, code.co_names, code.co_varnames)
 
 
 def _drop_unused(module: Any, machine: Any) -> None:

@@ -108,7 +108,7 @@ class KernelCache:
 
     def _folder(self) -> str:
         """Return the directory of the kernel's module: its name and what all its kernels are compiled from and with."""
-        return f"{self._function.__module__}-{_module_key(self._function.__module__)}"
+        return f"{self._function.__module__}-{module_key(self._function.__module__)}"
 
     def _name(self, signature: Any, codegen: Any) -> str:
         """Return the file of one signature on one kind of processor."""
@@ -123,7 +123,7 @@ class KernelCache:
 
 
 @cache
-def _module_key(module: str) -> str:
+def module_key(module: str) -> str:
     """Return a digest of the sources and of the versions and settings that decide what the compiler makes of them."""
     key = (
         sources_digest(module), numba.__version__, llvmlite.__version__, np.__version__,

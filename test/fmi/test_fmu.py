@@ -18,7 +18,10 @@ from fmpy.validation import validate_fmu
 
 import mech_twin as mt
 from mech_twin.cli.main import main
-from mech_twin.fmi.export import export_fmu
+from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.fmi.export import LINUX, export_fmu
+from mech_twin.fmi.step_object import StepCode
+from mech_twin.fmi.unit_variables import unit_of
 from mech_twin.parameters.load import machine as built_machine
 
 DURATION_S = 1.0
@@ -267,3 +270,17 @@ def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(tmp_path: Pat
     assert (run.event_numbers.kind == "impact").sum() > 0
     assert validate_fmu(str(file)) == []
     assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == "rammer"
+
+
+def test_a_step_that_was_compiled_once_serves_other_numbers_and_no_other_structure() -> None:
+    def code_of(overrides: dict[str, object]) -> StepCode:
+        machine = built_machine("impact_mass", None, overrides)
+        compiled = compiled_machine(machine)
+        assert compiled is not None
+        return StepCode(compiled, unit_of(machine, compiled).packed)
+
+    first = code_of({}).object_file(LINUX.triple)
+    again = code_of({"mass_kg": 3.0})
+    assert again.object_file(LINUX.triple) == first
+    assert "_compiled" not in vars(again)
+    assert code_of({"coupling.step_s": 0.002}).object_file(LINUX.triple) != first
