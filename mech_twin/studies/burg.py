@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.kernels.kernel import kernel
+
 Array = NDArray[Any]
 LARGEST_REFLECTION = 1.0 - 1e-9  # a series that repeats itself exactly has 1
 EXACT = 1e-14  # of its power: a series of which less is left is foretold, and the rest is rounding
@@ -48,20 +50,40 @@ def burg_orders(runs: Sequence[Array], largest: int) -> Iterator[BurgOrder]:
     """
     d = runs[0].shape[1]
     coefficients, correlations, left = np.zeros((0, d)), np.ones((1, d)), np.ones(d)
-    forward, backward = [run[1:] for run in runs], [run[:-1] for run in runs]
+    pairs = [(np.array(run[1:], np.float64, order="C"), np.array(run[:-1], np.float64, order="C")) for run in runs]
     rounding = EXACT * sum(((run * run).sum(axis=0) for run in runs), start=np.zeros(d))
     yield BurgOrder(coefficients, correlations, left)
     for _ in range(largest):
-        pairs = list(zip(forward, backward, strict=True))
-        both = sum(((f * f + b * b).sum(axis=0) for f, b in pairs), start=np.zeros(d))
-        alike = 2.0 * sum(((f * b).sum(axis=0) for f, b in pairs), start=np.zeros(d))
+        both, alike = np.zeros(d), np.zeros(d)
+        for forward, backward in pairs:
+            add_products(forward, backward, both, alike)
         some = both > rounding
-        reflection = np.where(some, alike / np.where(some, both, 1.0), 0.0)
+        reflection = np.where(some, 2.0 * alike / np.where(some, both, 1.0), 0.0)
         reflection = reflection.clip(-LARGEST_REFLECTION, LARGEST_REFLECTION)
         next_one = (coefficients * correlations[:0:-1]).sum(axis=0) + reflection * left
         correlations = np.concatenate([correlations, [next_one]])
         coefficients = np.concatenate([coefficients - reflection * coefficients[::-1], [reflection]])
         left = left * (1.0 - reflection**2)
         yield BurgOrder(coefficients, correlations, left)
-        forward = [(f - reflection * b)[1:] for f, b in pairs]
-        backward = [(b - reflection * f)[:-1] for f, b in pairs]
+        for forward, backward in pairs:
+            reflect(forward, backward, reflection)
+        pairs = [(forward[1:], backward[:-1]) for forward, backward in pairs]
+
+
+@kernel
+def add_products(forward: Array, backward: Array, both: Array, alike: Array) -> None:
+    """Add the sums over a run of f^2 + b^2 and of f b, shape (d,) each."""
+    for t in range(len(forward)):
+        for i in range(forward.shape[1]):
+            f, b = forward[t, i], backward[t, i]
+            both[i] += f * f + b * b
+            alike[i] += f * b
+
+
+@kernel
+def reflect(forward: Array, backward: Array, reflection: Array) -> None:
+    """Replace what an order leaves of a run, (n, d) forwards and backwards, by what the next one does."""
+    for t in range(len(forward)):
+        for i in range(forward.shape[1]):
+            f, b = forward[t, i], backward[t, i]
+            forward[t, i], backward[t, i] = f - reflection[i] * b, b - reflection[i] * f

@@ -18,10 +18,10 @@ from math import log
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.signal import lfilter
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.errors import StudyError
+from mech_twin.kernels.kernel import kernel
 from mech_twin.studies.burg import burg_orders
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 
@@ -75,23 +75,43 @@ class Baseline:
 
     def innovations(self, rows: Array) -> Array:
         """Return the innovations of consecutive cycles, (n, d) to (n - p, d)."""
-        left, p = rows - self.mean, self.order
-        found = left[p:].copy()
-        for lag, coefficients in enumerate(self.coefficients, 1):
-            found -= coefficients * left[p - lag : len(left) - lag]
-        return found
+        return innovations_of(self.coefficients, rows - self.mean)
 
     def features(self, innovations: Array) -> Array:
         """Return the features (n, d) that innovations drive from rest at the mean: the inverse of `innovations`."""
-        found = np.empty_like(innovations)
-        for i, own in enumerate(self.coefficients.T):
-            found[:, i] = lfilter([1.0], [1.0, *-own], innovations[:, i])
-        return found + self.mean
+        return features_of(self.coefficients, innovations) + self.mean
 
     def whitened(self, innovations: Array) -> Array:
         """Return innovations (n, d) of unit covariance: L^-1 e with S = L L'."""
         factor = cholesky(self.covariance, lower=True)
         return np.ascontiguousarray(solve_triangular(factor, innovations.T, lower=True).T)
+
+
+@kernel
+def innovations_of(coefficients: Array, rows: Array) -> Array:
+    """Return the innovations (n - p, d) of features without mean (n, d); ``coefficients`` is (p, d)."""
+    order, (count, width) = len(coefficients), rows.shape
+    found = np.empty((max(count - order, 0), width))
+    for t in range(len(found)):
+        for i in range(width):
+            left = rows[t + order, i]
+            for lag in range(order):
+                left -= coefficients[lag, i] * rows[t + order - 1 - lag, i]
+            found[t, i] = left
+    return found
+
+
+@kernel
+def features_of(coefficients: Array, innovations: Array) -> Array:
+    """Return the features (n, d) that innovations drive from rest: the inverse of `innovations_of`."""
+    order, found = len(coefficients), np.empty(innovations.shape)
+    for t in range(len(found)):
+        for i in range(innovations.shape[1]):
+            remembered = 0.0
+            for lag in range(min(order, t) - 1, -1, -1):
+                remembered += coefficients[lag, i] * found[t - 1 - lag, i]
+            found[t, i] = innovations[t, i] + remembered
+    return found
 
 
 def feature_runs(vectors: Sequence[FeatureVector], names: Sequence[str]) -> list[Array]:
