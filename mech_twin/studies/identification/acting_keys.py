@@ -7,6 +7,7 @@ the carts that name no load of their own.  A key of the set changes nothing whil
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -17,7 +18,9 @@ from mech_twin.declarations.configuration_tree import (
     tree_from_flat,
 )
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.engine.compiled_machine import compiled_machine
 from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.roles import Machine
 
 MOVED = 1e-3  # of a key, or of the unit where it is 0: enough to be seen, too little to be refused
 
@@ -40,20 +43,52 @@ def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, A
         The machine accepts no other value of a key, such as the inertia of a motor that is named from a catalogue.
     """
     whole = configuration_tree(base)
-    moved = {key: _moved(name, whole, key) for key in keys}
-    left = whole
+    moved = {key: other_value(name, whole, key) for key in keys}
     try:
         _configured(name, whole, moved)
         steps = [moved]
     except ConfigurationError:  # each of them alone is accepted
         steps = [{key: value} for key, value in moved.items()]
-    for leaf in _filled_in(name, base, whole):
-        if leaf not in moved and any(_follows(name, whole, leaf, step) for step in steps):
+    return _acting(name, whole, tuple(_filled_in(name, base, whole)), steps)
+
+
+def keys_of_motion(name: str, base: Parameters, keys: Sequence[str]) -> tuple[str, ...]:
+    """Return those of the keys of which the machine accepts another value, and that its equations of motion contain.
+
+    The others change no constant of its kernels: keys of a tool in which no waves run, of an excitation of another
+    kind.
+    """
+    whole, build = configuration_tree(base), catalogue_entry(name).build
+    filled, own, found = tuple(_filled_in(name, base, whole)), _constants(build(base)), []
+    for key in keys:
+        try:
+            step = {key: other_value(name, whole, key)}
+        except ConfigurationError:
+            continue
+        tree = _acting(name, whole, filled, [step])
+        if own is None or _constants(build(_configured(name, tree, step))) != own:
+            found.append(key)
+    return tuple(found)
+
+
+def _constants(machine: Machine) -> bytes | None:
+    """Return the constants of the kernels of a machine, None where it has none."""
+    compiled = compiled_machine(machine)
+    return None if compiled is None else pickle.dumps(compiled.models)
+
+
+def _acting(
+    name: str, tree: Mapping[str, Any], filled: Sequence[str], steps: Sequence[Mapping[str, float]]
+) -> dict[str, Any]:
+    """Return a tree without those filled-in numbers that follow from one of the steps of keys."""
+    left = dict(tree)
+    for leaf in filled:
+        if all(leaf not in step for step in steps) and any(_follows(name, tree, leaf, step) for step in steps):
             left = _without(left, leaf)
     return left
 
 
-def _moved(name: str, tree: Mapping[str, Any], key: str) -> float:
+def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
     """Return another value of a key that the machine accepts."""
     value = float(number_in(tree, key))
     step, refused = MOVED * (abs(value) or 1.0), None

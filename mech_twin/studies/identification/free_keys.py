@@ -10,13 +10,14 @@ from pathlib import Path
 
 import yaml
 
-from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import configuration_file
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, numbers_of
+from mech_twin.studies.identification.acting_keys import keys_of_motion
+from mech_twin.studies.identification.keyed_configuration import numbers_of
 
 ASSUMED = "assumed"
-AUTO = "auto"  # in place of a key: every number of the machine
+AUTO = "auto"  # in place of a key: every number that the motion of the machine depends on
 _ORIGIN = re.compile(r"#.*?\b(assumed|published|derived|measured|catalogue|printed)\b")
 # how a run is computed, started and ended, and not what the machine is
 NOT_OF_THE_MACHINE = ("coupling", "supply", "integrator", "start", "stall", "run")
@@ -52,15 +53,8 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
 
 
 def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
-    """Return the keys that are numbers of the machine itself and of which it accepts another value, whatever origin."""
-    found = []
-    for key in _numbers(parameters):
-        try:
-            KeyedConfiguration(name, parameters, (key,)).check()
-        except ConfigurationError:
-            continue
-        found.append(key)
-    return tuple(found)
+    """Return the numbers of the machine itself that its motion depends on and of which it accepts another value."""
+    return keys_of_motion(name, parameters, tuple(_numbers(parameters)))
 
 
 def _numbers(parameters: Parameters) -> Iterator[str]:

@@ -6,12 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin import rollout
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.identification.acting_keys import acting_tree
-from mech_twin.studies.identification.free_keys import assumed_keys
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.acting_keys import acting_tree, other_value
+from mech_twin.studies.identification.free_keys import assumed_keys, machine_keys
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, numbers_of
 from mech_twin.studies.identification.sensitivity import sensitivity
 
 
@@ -35,6 +36,26 @@ def test_the_configuration_itself_comes_back_from_its_own_values(name: str) -> N
     base = machine_parameters(name)
     keyed = KeyedConfiguration(name, base, assumed_keys(name, base))
     assert keyed.parameters(keyed.values()) == base
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_the_motion_depends_on_no_key_that_all_keys_leave_out(name: str) -> None:
+    base = machine_parameters(name)
+    found, run = machine_keys(name, base), rollout(name, 0.3)
+    of_other_models = (
+        "load_sets.printed.",
+        "tool.wave.",
+        "stop.wave.",
+        "excitation.a",
+        "excitation.b",
+        "masses.crank",
+        "masses.pin",
+    )
+    left = [key for key, _ in numbers_of(configuration_tree(base)) if key.startswith(of_other_models)]
+    assert not set(found) & set(left)
+    for key in left:
+        changed = rollout(name, 0.3, {key: other_value(name, configuration_tree(base), key)})
+        assert [column for column in run.columns if changed[column].tobytes() != run[column].tobytes()] == [], key
 
 
 def test_of_keys_that_repeat_each_other_the_one_with_the_larger_effect_is_estimated() -> None:
