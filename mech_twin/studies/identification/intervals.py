@@ -28,6 +28,7 @@ from mech_twin.studies.identification.noise_memory import remembered_noise
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
 RANK = 1e-10  # of the largest singular value of the scaled derivatives
+MOST_LEVERAGE = 0.9  # of a group on a direction: without it, hardly any data tell that direction
 NORMAL = float(stats.norm.ppf(0.975))
 FIXED_OFF = 0.5  # of its size: by how much a free key that stays as configured may be off
 
@@ -179,13 +180,18 @@ def moved_by_fixed(found: Linearised, fixed: Array) -> Array:
 
 def inverse_information(jacobian: Array) -> Array:
     """Return the inverse of J'J of scaled columns; directions that nothing sees are left out, shape (n, n)."""
+    root = _root_of_inverse(jacobian)
+    return np.asarray(root @ root.T)
+
+
+def _root_of_inverse(jacobian: Array) -> Array:
+    """Return R with R'J'J R = 1 and R R' = (J'J)^-1, without directions that nothing sees, shape (n, seen)."""
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     triangle = np.linalg.qr(jacobian / size, mode="r")  # the same singular values, of few rows
     _, singular, directions = np.linalg.svd(triangle, full_matrices=False)
     kept = singular > RANK * singular.max(initial=0.0)
-    scaled = directions[kept] / singular[kept, None]
-    return np.asarray(scaled.T @ scaled / np.outer(size, size))
+    return np.asarray((directions[kept] / singular[kept, None]).T / size[:, None])
 
 
 def _scores(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
@@ -196,24 +202,19 @@ def _scores(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
 
 
 def _jackknife(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
-    """Return the standard errors by leaving out one group at a time, one step of Newton each."""
+    """Return the standard errors by leaving out one group at a time, one step of Newton each.
+
+    A direction of which one group holds nearly all information stays where that group is left out: the rest would move
+    it by h / (1 - h) times its error, h the leverage of the group.
+    """
+    root, moved = _root_of_inverse(found.jacobian), []
     groups = np.unique(labels[labels >= 0])
-    information = found.jacobian.T @ found.jacobian
-    moved = []
     for group in groups:
-        out = found.jacobian[labels == group]
-        score = out.T @ found.residuals[labels == group]
-        moved.append(_solved(information - out.T @ out, score))
+        out = found.jacobian[labels == group] @ root
+        leverages, directions = np.linalg.eigh(out.T @ out)
+        kept = leverages < MOST_LEVERAGE
+        score = directions[:, kept].T @ (out.T @ found.residuals[labels == group])
+        moved.append(root @ (directions[:, kept] @ (score / (1.0 - leverages[kept]))))
     away = np.array(moved)
     away = away - away.mean(axis=0)
     return np.asarray(np.sqrt((len(groups) - 1) / len(groups) * np.sum(away**2, axis=0)))
-
-
-def _solved(information: Array, score: Array) -> Array:
-    """Return the step that the rest of the data take without a group; directions only it saw stay."""
-    size = np.sqrt(np.maximum(np.diag(information), 0.0))
-    size = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(information / np.outer(size, size))
-    kept = values > RANK * values.max(initial=0.0)
-    along = vectors[:, kept]
-    return np.asarray((along / values[kept]) @ (along.T @ (score / size)) / size)
