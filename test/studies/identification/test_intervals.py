@@ -47,6 +47,25 @@ def test_nineteen_of_twenty_intervals_hold_the_truth(memory: float, every: int) 
     assert every > 1 or (plainly.mean() < 0.7 * REPEATS) == (memory > 0.0)
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.8], ids=["white", "correlated"])
+def test_an_unknown_that_one_block_tells_has_an_interval_of_the_size_of_its_error(memory: float) -> None:
+    """As a restitution is told by the few bounces of a run, and by a weak trace of them elsewhere."""
+    random = np.random.default_rng(11)
+    columns = COLUMNS.copy()
+    columns[:, 4] = 1e-3 * np.sin(200.0 * TIMES)
+    columns[200:220, 4] = np.sin(np.arange(20.0))
+    estimates, halves = [], []
+    for _ in range(REPEATS):
+        noise = random.standard_normal(ROWS)
+        for i in range(1, ROWS):
+            noise[i] += memory * noise[i - 1]
+        estimate, *_ = np.linalg.lstsq(columns, noise, rcond=None)
+        estimates.append(estimate[4])
+        halves.append(uncertainty(line_of(noise - columns @ estimate, columns)).half_widths[1, 4])
+    assert np.mean(np.abs(estimates) <= halves) >= 0.9
+    assert np.max(halves) < 6.0 * np.std(estimates)
+
+
 def test_a_fit_that_stopped_early_has_the_rest_of_its_way_as_last_step() -> None:
     random = np.random.default_rng(3)
     away = np.array([0.3, -0.2, 0.0, 1.5, -0.4])
