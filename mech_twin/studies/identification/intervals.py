@@ -28,7 +28,7 @@ from mech_twin.studies.identification.noise_memory import remembered_noise
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
 RANK = 1e-10  # of the largest singular value of the scaled derivatives
-MOST_LEVERAGE = 0.9  # of a group on a direction: without it, hardly any data tell that direction
+MOST_LEVERAGE = 0.9  # of a block on a direction: the other blocks hold hardly any information of it
 NORMAL = float(stats.norm.ppf(0.975))
 FIXED_OFF = 0.5  # of its size: by how much a free key that stays as configured may be off
 
@@ -129,16 +129,16 @@ def uncertainty(found: Linearised) -> Uncertainty:
     plain = inverse * variance
     candidates = [("least squares", np.sqrt(np.diag(plain)), float(stats.t.ppf(0.975, freedom)))]
     candidates.append(_with_memory(found, inverse))
-    groups = [("blocks", found.blocks)]
+    groups = [("blocks", found.blocks, MOST_LEVERAGE)]
     if found.runs.max(initial=0) > 0:
-        groups.append(("runs", found.runs))
-    for name, labels in groups:
+        groups.append(("runs", found.runs, 1.0 - RANK))  # a short run that disagrees with a long one counts in full
+    for name, labels, most_leverage in groups:
         scores = _scores(found, labels)
         count = len(scores)
         share = float(stats.t.ppf(0.975, count - 1))
         middle = scores.T @ scores * count / (count - 1)
         candidates.append((f"sandwich over {name}", np.sqrt(np.diag(inverse @ middle @ inverse)), share))
-        candidates.append((f"jackknife over {name}", _jackknife(found, labels), share))
+        candidates.append((f"jackknife over {name}", _jackknife(found, labels, most_leverage), share))
     widths = np.array([error * share for _, error, share in candidates])
     widest = widths.argmax(axis=0)
     errors = np.array([candidates[w][1][i] for i, w in enumerate(widest)])
@@ -201,18 +201,18 @@ def _scores(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
     return np.array([rows[labels == group].sum(axis=0) for group in groups])
 
 
-def _jackknife(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
+def _jackknife(found: Linearised, labels: npt.NDArray[np.int64], most_leverage: float) -> Array:
     """Return the standard errors by leaving out one group at a time, one step of Newton each.
 
-    A direction of which one group holds nearly all information stays where that group is left out: the rest would move
-    it by h / (1 - h) times its error, h the leverage of the group.
+    A direction on which a group has more than this leverage h stays where the group is left out: the rest would move it
+    by h / (1 - h) times its error.
     """
     root, moved = _root_of_inverse(found.jacobian), []
     groups = np.unique(labels[labels >= 0])
     for group in groups:
         out = found.jacobian[labels == group] @ root
         leverages, directions = np.linalg.eigh(out.T @ out)
-        kept = leverages < MOST_LEVERAGE
+        kept = leverages < most_leverage
         score = directions[:, kept].T @ (out.T @ found.residuals[labels == group])
         moved.append(root @ (directions[:, kept] @ (score / (1.0 - leverages[kept]))))
     away = np.array(moved)
