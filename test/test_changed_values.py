@@ -3,17 +3,20 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 from catalogue import NAMES
-from changed_values import outcome_of, paired_changes, single_changes, told
-from random_configurations import BROKEN, RAN, UNBUILT
+from draws.keys import Changed, paired_changes, single_changes, told
+from draws.outcomes import BROKEN, RAN, UNBUILT, outcome_of
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_one_key_at_another_of_its_values_runs_or_is_refused_in_one_line(name: str) -> None:
-    found = [outcome_of(name, number, made) for number, made in enumerate(single_changes(name))]
-    assert [outcome.what for outcome in found if outcome.end == BROKEN] == []
+    singles = single_changes(name)
+    found = [outcome_of(number, partial(Changed, name, made)) for number, made in enumerate(singles)]
+    assert [f"{told(singles[end.number])}: {end.what}" for end in found if end.end == BROKEN] == []
     assert {RAN, UNBUILT} <= {outcome.end for outcome in found}
 
 

@@ -1,17 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """No legal configuration of any machine ends in a trace, a number that is not finite, or a broken residual.
 
-The short form of `random_configurations.py`, with fixed seeds.
+The short form of `benchmarks/reliability/random_draws.py`, with fixed seeds.
 """
 
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 from catalogue import NAMES
-from configuration_draws import Draw, leaves, value_at
-from random_configurations import BROKEN, RAN, REFUSED_IN_RUN, RUN_S, bad_refusal, outcome_of, run, worst_margin
+from draws.keys import leaves, value_at
+from draws.outcomes import BROKEN, RAN, REFUSED_IN_RUN, Outcome, bad_refusal, outcome_of, run, worst_margin
+from draws.random_draw import CORNERS, Draw
 
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
@@ -20,8 +22,14 @@ from mech_twin.parameters.load import description_text
 
 SEED = 2
 COUNT = 12
+CORNER_STEPS = 1000
 MOST_STEPS = 5000  # of a draw at the shortest coupling step, at which half a second takes minutes
 machines = pytest.mark.parametrize("name", NAMES)
+
+
+def drawn(name: str, seed: int, number: int) -> Outcome:
+    """Return what became of one draw."""
+    return outcome_of(number, partial(Draw, name, seed, number))
 
 
 @pytest.mark.slow
@@ -30,9 +38,24 @@ machines = pytest.mark.parametrize("name", NAMES)
 def test_a_legal_configuration_runs_and_what_is_refused_is_refused_in_one_line(name: str, number: int) -> None:
     draw = Draw(name, SEED, number)
     assert [bad_refusal(name, refused) for refused in draw.refused if bad_refusal(name, refused)] == []
-    machine = CATALOGUE[name].build(draw.parameters)
-    broken, _ = run(machine, draw.commands, min(RUN_S, MOST_STEPS * machine.coupling_step_s))
+    broken, _ = run(CATALOGUE[name].build(draw.parameters), draw.commands, MOST_STEPS)
     assert broken == "", f"{broken} {draw.commands}\n{description_text(name, draw.parameters)}"
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        *(("impact_mass", number) for number in range(40)),
+        *(pytest.param("compaction_press", number, marks=pytest.mark.slow) for number in range(40)),
+        *(pytest.param("vibration_crank", number, marks=pytest.mark.slow) for number in range(40)),
+        *(pytest.param("roller_former", number, marks=pytest.mark.slow) for number in range(24)),
+    ],
+)
+def test_a_configuration_with_many_values_at_corners_runs(name: str, number: int) -> None:
+    """The second press has a crank too light for its loads: its first step is refused, with a shorter one to try."""
+    found = outcome_of(number, partial(Draw, name, SEED, number, CORNERS), CORNER_STEPS)
+    refused = (name, number) == ("compaction_press", 1)
+    assert found.end == (REFUSED_IN_RUN if refused else RAN), f"{found.what}\n{found.text}"
 
 
 @pytest.mark.slow
@@ -44,7 +67,7 @@ def test_a_legal_configuration_runs_and_what_is_refused_is_refused_in_one_line(n
     ],
 )
 def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, number: int) -> None:
-    found = outcome_of(name, 6, number)
+    found = drawn(name, 6, number)
     assert found.end != BROKEN, found.what
 
 
@@ -55,7 +78,7 @@ def test_a_crank_at_rest_that_two_rules_sent_to_and_fro_runs(number: int) -> Non
 
     1737 starts where a load that holds was, by rounding, one that drives.
     """
-    assert outcome_of("roller_former", 6, number).end == RAN
+    assert drawn("roller_former", 6, number).end == RAN
 
 
 @pytest.mark.slow
@@ -107,5 +130,5 @@ def test_a_run_that_ends_is_refused_in_one_line_with_key_and_number_or_broken(mo
             raise refusal
         return "", 0.0
 
-    monkeypatch.setattr("random_configurations.run", ending)
-    assert outcome_of("winding_drum", SEED, 0).end == end
+    monkeypatch.setattr("draws.outcomes.run", ending)
+    assert drawn("winding_drum", SEED, 0).end == end

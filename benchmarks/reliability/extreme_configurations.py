@@ -18,7 +18,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 
-from extreme_values import BALANCE, FINE, REFUSED, VERBS, Case, Outcome, cases, outcome_of
+from draws.keys import Change, extreme_changes
+from draws.outcomes import ANSWERED, BALANCE, REFUSED, VERBS, CommandOutcome, command_outcome
 from limited_worker import LimitedWorker, NoAnswerError
 from measured import add_rows, here
 
@@ -27,42 +28,48 @@ from mech_twin.machines.catalog import CATALOGUE
 LONGEST_S = 120.0  # of one case beside other work: more counts as endless
 FIRST_S = 600.0  # of the first, which may compile
 SEED = 1
-COLUMNS = ("machine", "keys", "configurations", FINE, REFUSED, BALANCE, "broken", "slowest", "made")
+COLUMNS = ("machine", "keys", "configurations", ANSWERED, REFUSED, BALANCE, "broken", "slowest", "made")
 
 
-def tried(name: str, share: float) -> tuple[list[Case], list[Outcome]]:
+def outcome_of_case(case: tuple[str, Change]) -> CommandOutcome:
+    """Return what became of a machine's change; the function that a worker applies."""
+    return command_outcome(*case)
+
+
+def tried(name: str, share: float) -> tuple[list[Change], list[CommandOutcome]]:
     """Try a share of a machine's cases; print what is wrong, at once."""
-    chosen = cases(name)
+    chosen = extreme_changes(name)
     if share < 1.0:
         chosen = random.Random(f"{SEED} {name}").sample(chosen, round(share * len(chosen)))
     outcomes = []
-    warm = LimitedWorker(outcome_of, FIRST_S)
-    warm.answer(chosen[0]._replace(key="coupling.step_s", value=1e-4))
+    warm = LimitedWorker(outcome_of_case, FIRST_S)
+    warm.answer((name, Change(("coupling", "step_s"), 1e-4)))
     warm.close()
-    worker = LimitedWorker(outcome_of, LONGEST_S)
+    worker = LimitedWorker(outcome_of_case, LONGEST_S)
     for case in chosen:
         try:
-            outcome = worker.answer(case)
+            outcome = worker.answer((name, case))
         except NoAnswerError as error:
-            outcome = Outcome(dict.fromkeys(VERBS, str(error)), LONGEST_S)
+            outcome = CommandOutcome(dict.fromkeys(VERBS, str(error)), LONGEST_S)
         outcomes.append(outcome)
         for verb, end in outcome.ends.items():
-            if end not in {FINE, REFUSED, BALANCE}:
+            if end not in {ANSWERED, REFUSED, BALANCE}:
                 print(f"{name} {case.key}={case.value!r} {verb}: {end}", flush=True)
     worker.close()
     return chosen, outcomes
 
 
-def row(name: str, chosen: list[Case], outcomes: list[Outcome]) -> list[Any]:
+def row(name: str, chosen: list[Change], outcomes: list[CommandOutcome]) -> list[Any]:
     """Return the counts of a machine."""
-    worst = [next((end for end in one.ends.values() if end not in {FINE, REFUSED}), None) for one in outcomes]
+    # of the ends of a case the worst counts: what is wrong, a balance, a refusal, an answer
+    good = (BALANCE, REFUSED, ANSWERED)
     counts = Counter(
-        (REFUSED if REFUSED in one.ends.values() else FINE) if bad is None else BALANCE if bad == BALANCE else "broken"
-        for one, bad in zip(outcomes, worst, strict=True)
+        "broken" if not set(one.ends.values()) <= set(good) else next(end for end in good if end in one.ends.values())
+        for one in outcomes
     )
     keys = len({case.key for case in chosen})
     slowest = max(outcome.seconds for outcome in outcomes)
-    ends = [counts[end] for end in (FINE, REFUSED, BALANCE, "broken")]
+    ends = [counts[end] for end in (ANSWERED, REFUSED, BALANCE, "broken")]
     return [name, keys, len(chosen), *ends, f"{slowest:.1f} s", here()]
 
 

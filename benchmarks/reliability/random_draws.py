@@ -17,53 +17,66 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 
+from draws.keys import Changed
+from draws.outcomes import BROKEN, RAN, REFUSED_IN_RUN, UNBUILT, Outcome, outcome_of
+from draws.random_draw import Draw
 from limited_worker import LimitedWorker, NoAnswerError
 from measured import add_rows, here
-from random_configurations import BROKEN, RAN, REFUSED_IN_RUN, UNBUILT, Outcome, outcome_of
 
 from mech_twin.machines.catalog import CATALOGUE
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "build" / "random_draws"
-LONGEST_CPU_S = 60.0  # processor time of one draw: more counts as broken
-LONGEST_S = 3600.0  # of one draw by the clock beside other work: more is no work but waiting, and broken as well
+LONGEST_CPU_S = 60.0  # processor time of one configuration: more counts as broken
+LONGEST_S = 3600.0  # of one by the clock beside other work: more is no work but waiting, and broken as well
 TURN_LENGTH = 50  # draws of a machine before the next one's turn
-COLUMNS = (
-    "machine",
-    "seed",
-    "drawn",
-    "values refused on the way",
-    "refused at configuration",
-    "ran",
-    "refused with one line in the run",
-    "broken",
-    "worst residual over its limit",
-    "slowest",
-    "made",
-)
+ENDS = (UNBUILT, RAN, REFUSED_IN_RUN, BROKEN)
+COUNTED = (UNBUILT, RAN, "refused with one line in the run", BROKEN, "worst residual over its limit", "slowest")
+COLUMNS = ("machine", "seed", "drawn", "values refused on the way", *COUNTED, "made")
 
 
 class Work(NamedTuple):
-    """One draw to be made."""
+    """One configuration to be made: its machine, its number, what is told of it, and how it is made."""
 
     machine: str
-    seed: int
     number: int
+    told: str
+    make: Callable[[], Draw | Changed]
 
 
 def made(work: Work) -> Outcome:
-    """Make a draw; the function that a worker applies, whose process ends where it takes too much processor time."""
+    """Make a configuration; the function of a worker, whose process ends where it takes too much processor time."""
     signal.setitimer(signal.ITIMER_PROF, LONGEST_CPU_S)
-    outcome = outcome_of(*work)
+    outcome = outcome_of(work.number, work.make)
     signal.setitimer(signal.ITIMER_PROF, 0.0)
     return outcome
+
+
+def answer(worker: LimitedWorker, work: Work) -> Outcome:
+    """Return what became of a configuration, made in another process with a limited time; print it where it broke."""
+    try:
+        outcome = worker.answer(work)
+    except NoAnswerError as error:
+        what = f"{error}; at most {LONGEST_CPU_S:g} s of processor time"
+        outcome = Outcome(work.number, BROKEN, what, seconds=LONGEST_CPU_S)
+    if outcome.end == BROKEN:
+        print(f"# {work.machine} {work.told}: {outcome.what}\n{outcome.text}", flush=True)
+    return outcome
+
+
+def counted(found: Sequence[Outcome]) -> list[Any]:
+    """Return the cells of a row that both tables have: how often each end was, the worst margin, the slowest."""
+    ends = Counter(outcome.end for outcome in found)
+    margin, slowest = max(outcome.margin for outcome in found), max(outcome.seconds for outcome in found)
+    return [*(ends[end] for end in ENDS), f"{margin:.2g}", f"{slowest:.1f} s"]
 
 
 def kept(name: str, seed: int) -> dict[int, dict[str, Any]]:
@@ -73,15 +86,13 @@ def kept(name: str, seed: int) -> dict[int, dict[str, Any]]:
     return {record["number"]: record for record in map(json.loads, lines)}
 
 
-def make_some(worker: LimitedWorker, works: Sequence[Work]) -> None:
-    """Make draws in another process, which is ended where it does not come back in time, and keep each."""
+def make_some(worker: LimitedWorker, seed: int, works: Sequence[Work]) -> None:
+    """Make draws and keep what became of each."""
     for work in works:
-        try:
-            outcome = worker.answer(work)
-        except NoAnswerError as error:
-            what = f"{error}; at most {LONGEST_CPU_S:g} s of processor time"
-            outcome = Outcome(work.number, BROKEN, what, 0.0, 0, LONGEST_CPU_S, "")
-        keep(work.machine, work.seed, outcome)
+        outcome = answer(worker, work)
+        text = "" if outcome.end == RAN else outcome.text
+        with (KEPT / f"{work.machine}_{seed}.jsonl").open("a", encoding="utf-8") as log:
+            log.write(json.dumps(outcome._replace(text=text)._asdict() | {"made": here()}) + "\n")
 
 
 def turns(missing: Mapping[str, Sequence[int]]) -> Iterator[tuple[str, Sequence[int]]]:
@@ -93,24 +104,13 @@ def turns(missing: Mapping[str, Sequence[int]]) -> Iterator[tuple[str, Sequence[
                 yield name, numbers[begin : begin + TURN_LENGTH]
 
 
-def keep(name: str, seed: int, outcome: Outcome) -> None:
-    """Write down what became of a draw, and print it where it broke."""
-    text = "" if outcome.end == RAN else outcome.text
-    with (KEPT / f"{name}_{seed}.jsonl").open("a", encoding="utf-8") as log:
-        log.write(json.dumps(outcome._replace(text=text)._asdict() | {"made": here()}) + "\n")
-    if outcome.end == BROKEN:
-        print(f"# {name} {seed}/{outcome.number}: {outcome.what}\n{outcome.text}", flush=True)
-
-
 def row(name: str, seed: int, first: int) -> list[Any]:
     """Return the counts of a machine's draws from a number on."""
-    found = [record for number, record in kept(name, seed).items() if number >= first]
-    ends = Counter(record["end"] for record in found)
-    counts = [ends[end] for end in (UNBUILT, RAN, REFUSED_IN_RUN, BROKEN)]
-    margin, slowest = max(record["margin"] for record in found), max(record["seconds"] for record in found)
-    refused, day = sum(record["refused"] for record in found), max(record["made"] for record in found)
+    records = [dict(record) for number, record in kept(name, seed).items() if number >= first]
+    day = max(record.pop("made") for record in records)
+    found = [Outcome(**record) for record in records]
     drawn = f"{seed}, from {first} on" if first else seed
-    return [name, drawn, len(found), refused, *counts, f"{margin:.2g}", f"{slowest:.1f} s", day]
+    return [name, drawn, len(found), sum(outcome.refused for outcome in found), *counted(found), day]
 
 
 def missing_numbers(name: str, seed: int, first: int, count: int) -> list[int]:
@@ -137,8 +137,10 @@ def main() -> int:
     workers = [LimitedWorker(made, LONGEST_S) for _ in range(asked.workers)]
     with ThreadPoolExecutor(asked.workers) as pool:
         for name, numbers in turns(missing):
-            works = [Work(name, asked.seed, number) for number in numbers]
-            list(pool.map(make_some, workers, [works[place :: asked.workers] for place in range(asked.workers)]))
+            made_by = partial(Draw, name, asked.seed)
+            works = [Work(name, number, f"{asked.seed}/{number}", partial(made_by, number)) for number in numbers]
+            shares = [works[place :: asked.workers] for place in range(asked.workers)]
+            list(pool.map(make_some, workers, [asked.seed] * asked.workers, shares))
             print(*row(name, asked.seed, asked.first), sep=" | ", flush=True)
     for worker in workers:
         worker.close()

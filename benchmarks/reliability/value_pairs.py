@@ -11,82 +11,39 @@ parameter file; exit code 1 if there is any.  ``--write`` puts the counts into d
 from __future__ import annotations
 
 import argparse
-import signal
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "test"))
 
-from changed_values import Change, outcome_of, paired_changes, single_changes, told
-from limited_worker import LimitedWorker, NoAnswerError
+from draws.keys import Changed, paired_changes, single_changes, told
+from draws.outcomes import Outcome
+from limited_worker import LimitedWorker
 from measured import add_rows, here
-from random_configurations import BROKEN, RAN, REFUSED_IN_RUN, UNBUILT, Outcome
+from random_draws import COUNTED, LONGEST_S, ROOT, Work, answer, counted, made
 
 from mech_twin.machines.catalog import CATALOGUE
 
-ROOT = Path(__file__).resolve().parents[2]
-LONGEST_CPU_S = 60.0  # processor time of one configuration: more counts as broken
-LONGEST_S = 3600.0
-COLUMNS = (
-    "machine",
-    "one key",
-    "two keys",
-    "refused at configuration",
-    "ran",
-    "refused with one line in the run",
-    "broken",
-    "worst residual over its limit",
-    "slowest",
-    "made",
-)
-
-
-class Work(NamedTuple):
-    """One configuration to be made."""
-
-    machine: str
-    number: int
-    made: tuple[Change, ...]
-
-
-def made(work: Work) -> Outcome:
-    """Make a configuration; the function that a worker applies, which is ended where it takes too long."""
-    signal.setitimer(signal.ITIMER_PROF, LONGEST_CPU_S)
-    outcome = outcome_of(*work)
-    signal.setitimer(signal.ITIMER_PROF, 0.0)
-    return outcome
+COLUMNS = ("machine", "one key", "two keys", *COUNTED, "made")
 
 
 def make_some(worker: LimitedWorker, works: Sequence[Work]) -> list[Outcome]:
-    """Return what became of some configurations, and print those that broke."""
-    found = []
-    for work in works:
-        try:
-            outcome = worker.answer(work)
-        except NoAnswerError as error:
-            what = f"{told(work.made)}: {error}; at most {LONGEST_CPU_S:g} s of processor time"
-            outcome = Outcome(work.number, BROKEN, what, 0.0, 0, LONGEST_CPU_S, "")
-        if outcome.end == BROKEN:
-            print(f"# {work.machine}: {outcome.what}\n{outcome.text}", flush=True)
-        found.append(outcome)
-    return found
+    """Return what became of some configurations."""
+    return [answer(worker, work) for work in works]
 
 
 def row(name: str, workers: Sequence[LimitedWorker], pool: ThreadPoolExecutor) -> list[Any]:
     """Return the counts of a machine."""
     singles, pairs = single_changes(name), paired_changes(name)
-    works = [Work(name, number, made) for number, made in enumerate(singles + pairs)]
+    works = [Work(name, n, told(both), partial(Changed, name, both)) for n, both in enumerate(singles + pairs)]
     shares = [works[place :: len(workers)] for place in range(len(workers))]
     found = [outcome for share in pool.map(make_some, workers, shares) for outcome in share]
-    ends = Counter(outcome.end for outcome in found)
-    counts = [ends[end] for end in (UNBUILT, RAN, REFUSED_IN_RUN, BROKEN)]
-    margin, slowest = max(outcome.margin for outcome in found), max(outcome.seconds for outcome in found)
-    return [name, len(singles), len(pairs), *counts, f"{margin:.2g}", f"{slowest:.1f} s", here()]
+    return [name, len(singles), len(pairs), *counted(found), here()]
 
 
 def main() -> int:

@@ -11,23 +11,21 @@ import random
 
 import pytest
 from catalogue import NAMES
-from configuration_draws import is_group
-from extreme_values import FINE, MAGNITUDES, REFUSED, cases, outcome_of, present_leaves
+from draws.keys import MAGNITUDES, extreme_changes, installed_tree, leaves
+from draws.outcomes import ANSWERED, REFUSED, command_outcome
 
-from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import RANGES
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import machine_parameters
 
 SHOWN = 8  # of each machine
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_number_declares_a_range(name: str) -> None:
-    numbers = {case.key for case in cases(name)}
+    numbers = {change.key for change in extreme_changes(name)}
     assert len(numbers) > 10
-    for leaf in present_leaves(CATALOGUE[name].parameters, configuration_tree(machine_parameters(name))):
-        if ".".join(leaf.path) in numbers and not is_group(leaf.kinds):
+    for leaf in leaves(CATALOGUE[name].parameters, (), installed_tree(name)):
+        if leaf.key in numbers:
             assert leaf.unit in RANGES, leaf.path
             low, high = leaf.bounds
             assert -math.inf < low < high < math.inf, leaf.path
@@ -38,6 +36,7 @@ def test_every_number_declares_a_range(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_an_extreme_number_is_an_answer_or_one_line(name: str) -> None:
     chance = random.Random(f"{name} extremes")
-    ends = [end for case in chance.sample(cases(name), SHOWN) for end in outcome_of(case).ends.values()]
-    assert set(ends) <= {FINE, REFUSED}
+    shown = chance.sample(extreme_changes(name), SHOWN)
+    ends = [end for change in shown for end in command_outcome(name, change).ends.values()]
+    assert set(ends) <= {ANSWERED, REFUSED}
     assert REFUSED in ends

@@ -6,8 +6,8 @@ from __future__ import annotations
 import itertools
 
 import pytest
+from draws.outcomes import worst_margin
 from machines.mb10_breaker.breaker_reference import BreakerReference
-from random_configurations import worst_margin
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.invariants import broken_lines

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from draws.outcomes import run
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from roller_former_cases import machine_for, parameters_for
@@ -302,3 +303,30 @@ def test_the_expansion_misses_the_linkage_by_no_more_than_its_transfer_function_
 def test_the_limit_of_an_expansion_is_never_below_rounding():
     machine = machine_for(2, {"kinematics": "expanded", "carts.rod_m": 100.0, "carts.crank_m": 0.05})
     assert machine.forces.residual_limits["drive_torque_routes"] == 1e-10
+
+
+def test_a_small_crank_in_dry_friction_of_its_shaft_keeps_its_residuals():
+    changes = {
+        "carts.crank_m": 0.04690310364803357,
+        "carts.rod_mass_kg": 1.6643721682638273,
+        "carts.roller_force_x_n": 0.0,
+        "carts.weight_n": 365.18956793064604,
+        "carts.friction": 0.18488586312433702,
+        "carts.gravity_m_per_s2": 9.81,
+        "carts.states": ["loaded", "empty", "empty"],
+        "guide_friction": "signed",
+        "kinematics": "expanded",
+        "drive.gear_loss": "printed",
+        "drive.inertia_factor": 1.0,
+        "drive.ratio": 0.8443576597824098,
+        "friction.coulomb_nm": 7720.572455470508,
+        "friction.viscous_nms_per_rad": 0.0,
+        "supply.initial_fraction": 0.5961993734876235,
+        "supply.rate_per_s": 0.29269894482845266,
+        "start.speed_fraction": 1.0,
+        "start.load_from_fraction": 0.9,
+        "start.load_rise_s": 0.5,
+        "stall.time_s": 1e-06,
+        "integrator.tolerance": 1e-07,
+    }
+    assert run(machine_for(3, changes), (1.0, 0.644665381531002, 0.0, 1.0))[0] == ""

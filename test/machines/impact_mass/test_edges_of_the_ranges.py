@@ -1,21 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""No legal configuration ends in a trace, a number that is not finite, or a balance over its limit."""
+"""At the edges of its ranges the impact mass is finite and balanced; what lies beyond is refused by its key."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from machines.impact_mass.legal_configurations import broken_by, drawn
+from draws.outcomes import RAN, end_of_run
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters
 
-
-@pytest.mark.parametrize("seed", range(40))
-def test_a_random_legal_configuration_is_finite_and_balanced_or_refused_in_one_line(seed):
-    random = np.random.default_rng(seed)
-    assert broken_by(drawn(random)) == ""
-
+MOST_STEPS = 500
 
 EDGES = [
     {"restitution": 0.999999, "initial_position_m": -1e-12},
@@ -25,7 +19,7 @@ EDGES = [
     {"phase1_force_n": 0.0, "phase2_force_n": 0.0, "initial_velocity_m_per_s": 0.0},
     {"phase1_force_n": 0.0, "phase2_force_n": 0.0, "initial_position_m": 0.0, "initial_velocity_m_per_s": 1e4},
     {"period_s": 1e-5, "phase1_duration_s": 9.9e-6, "restitution": 0.995, "initial_position_m": -1e-12},
-    {"period_s": 1e6, "phase1_duration_s": 1e-9, "initial_velocity_m_per_s": -1e4},
+    {"period_s": 1e6, "phase1_duration_s": 1e-4, "initial_velocity_m_per_s": -1e4},
     {"chatter_cutoff": 1e-300, "restitution": 0.99999, "initial_position_m": -1e-9},
     {"stop_position_m": 1e4, "initial_position_m": -1e4, "contact_stiffness_n_per_m": 1e-9},
     {"supply.initial_fraction": 0.0, "initial_position_m": 0.0},
@@ -34,7 +28,9 @@ EDGES = [
 
 @pytest.mark.parametrize("overrides", EDGES, ids=lambda overrides: ",".join(f"{k}={v}" for k, v in overrides.items()))
 def test_the_edges_of_the_ranges_are_finite_and_balanced(overrides):
-    assert broken_by(overrides) == ""
+    parameters = machine_parameters("impact_mass", overrides=overrides)
+    end, told, _ = end_of_run("impact_mass", parameters, (1.0,), MOST_STEPS)
+    assert end == RAN, told
 
 
 @pytest.mark.parametrize(
@@ -42,6 +38,7 @@ def test_the_edges_of_the_ranges_are_finite_and_balanced(overrides):
     [
         ({"restitution": 0.9999999}, "restitution"),
         ({"restitution": 1e-7}, "restitution"),
+        ({"period_s": 1e6, "phase1_duration_s": 1e-9}, "phase1_duration_s"),
         ({"mass_kg": 1e-10}, "mass_kg"),
         ({"phase1_force_n": 2e9}, "phase1_force_n"),
         ({"contact_stiffness_n_per_m": 0.0}, "contact_stiffness_n_per_m"),
