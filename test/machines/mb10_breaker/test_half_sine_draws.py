@@ -51,99 +51,32 @@ USUAL = {
 }
 # stiff, damped bodies that follow a slow load
 SLOWLY_LOADED = [
-    (
-        {
-            "inertia_kg_m2": 1.7429042478671806,
-            "spring_rate_n_per_m": 7854294.235278325,
-            "preload_deflection_m": 0.00015710834929969606,
-            "restitution": 0.0,
-            "damping_ratio": 0.99,
-            "contact": "none",
-        },
-        {
-            "form": "printed",
-            "amplitude_nm": -1e6,
-            "onset_fraction": 0.43896880820811485,
-            "blow_rate_hz": 0.12676294808430977,
-        },
-    ),
-    (
-        {
-            "inertia_kg_m2": 0.001,
-            "spring_arm_m": 0.015134155420432567,
-            "spring_rate_n_per_m": 1e10,
-            "preload_deflection_m": 0.006489732948330646,
-            "restitution": 0.0,
-            "tool_radius_m": 0.004936403444694,
-            "damping_ratio": 0.9850436227839859,
-        },
-        {"form": "printed", "amplitude_nm": 1e6, "onset_fraction": 0.2456004223110051},
-    ),
-    (
-        {
-            "inertia_kg_m2": 0.1137416126204901,
-            "spring_arm_m": 0.07067436504761301,
-            "spring_rate_n_per_m": 1e10,
-            "preload_deflection_m": 0.0018365071466399081,
-            "restitution": 0.047764718007289264,
-            "tool_radius_m": 0.7155663049757263,
-            "damping_ratio": 0.8593262742600303,
-        },
-        {"amplitude_nm": 1e6, "onset_fraction": 0.12275541935382232, "blow_rate_hz": 12.171110897347948},
-    ),
-    (
-        {
-            "spring_arm_m": 0.060344661674718476,
-            "spring_rate_n_per_m": 4624394.358393508,
-            "preload_deflection_m": 0.11722240775381848,
-            "restitution": 0.99,
-            "tool_radius_m": 0.040238868472044616,
-            "damping_ratio": 0.7317217536178194,
-        },
-        {"amplitude_nm": -1e6, "onset_fraction": 0.028722130805656006, "blow_rate_hz": 0.1},
-    ),
-    (
-        {
-            "spring_arm_m": 0.8417520999957695,
-            "spring_rate_n_per_m": 336907.2522472347,
-            "preload_deflection_m": 1.3787456630857045,
-            "tool_radius_m": 0.8617098598636581,
-            "damping_ratio": 0.99,
-            "blow_impulse_nms": 64970.73570701441,
-        },
-        {
-            "form": "printed",
-            "amplitude_nm": -625164.6732130682,
-            "onset_fraction": 0.5074689369438629,
-            "blow_rate_hz": 0.14177462564783141,
-        },
-    ),
-    (
-        {
-            "inertia_kg_m2": 0.41061493891524714,
-            "spring_arm_m": 0.01243062742213913,
-            "spring_rate_n_per_m": 181042278.14625853,
-            "preload_deflection_m": 0.1584346704058129,
-            "restitution": 0.8823230106721537,
-            "tool_radius_m": 0.001,
-            "damping_ratio": 0.99,
-            "blow_impulse_nms": 0.0682281853644917,
-        },
-        {"form": "printed", "amplitude_nm": 758587.7205663, "onset_fraction": 0.27510999568922345, "blow_rate_hz": 0.1},
-    ),
-    (
-        {
-            "inertia_kg_m2": 0.001,
-            "spring_arm_m": 0.001,
-            "spring_rate_n_per_m": 1e10,
-            "preload_deflection_m": 5.45998505231295e-07,
-            "tool_radius_m": 10.0,
-            "damping_ratio": 0.5426411505463405,
-            "blow_impulse_nms": 373.39503420795637,
-        },
-        {"onset_fraction": 0.12121835500355738, "blow_rate_hz": 1.054562540658632},
-    ),
-]
+    ({"inertia_kg_m2": 1.7429042478671806, "spring_rate_n_per_m": 7854294.235278325, "preload_deflection_m":
+     0.00015710834929969606, "restitution": 0.0, "damping_ratio": 0.99, "contact": "none"}, {"form": "printed",
+     "amplitude_nm": -1e6, "onset_fraction": 0.43896880820811485, "blow_rate_hz": 0.12676294808430977}),
+    ({"inertia_kg_m2": 0.001, "spring_arm_m": 0.015134155420432567, "spring_rate_n_per_m": 1e10,
+     "preload_deflection_m": 0.006489732948330646, "restitution": 0.0, "tool_radius_m": 0.004936403444694,
+     "damping_ratio": 0.9850436227839859}, {"form": "printed", "amplitude_nm": 1e6, "onset_fraction":
+     0.2456004223110051}),
+    ({"inertia_kg_m2": 0.1137416126204901, "spring_arm_m": 0.07067436504761301, "spring_rate_n_per_m": 1e10,
+     "preload_deflection_m": 0.0018365071466399081, "restitution": 0.047764718007289264, "tool_radius_m":
+     0.7155663049757263, "damping_ratio": 0.8593262742600303}, {"amplitude_nm": 1e6, "onset_fraction":
+     0.12275541935382232, "blow_rate_hz": 12.171110897347948}),
+    ({"spring_arm_m": 0.060344661674718476, "spring_rate_n_per_m": 4624394.358393508, "preload_deflection_m":
+     0.11722240775381848, "restitution": 0.99, "tool_radius_m": 0.040238868472044616, "damping_ratio":
+     0.7317217536178194}, {"amplitude_nm": -1e6, "onset_fraction": 0.028722130805656006, "blow_rate_hz": 0.1}),
+    ({"spring_arm_m": 0.8417520999957695, "spring_rate_n_per_m": 336907.2522472347, "preload_deflection_m":
+     1.3787456630857045, "tool_radius_m": 0.8617098598636581, "damping_ratio": 0.99, "blow_impulse_nms":
+     64970.73570701441}, {"form": "printed", "amplitude_nm": -625164.6732130682, "onset_fraction":
+     0.5074689369438629, "blow_rate_hz": 0.14177462564783141}),
+    ({"inertia_kg_m2": 0.41061493891524714, "spring_arm_m": 0.01243062742213913, "spring_rate_n_per_m":
+     181042278.14625853, "preload_deflection_m": 0.1584346704058129, "restitution": 0.8823230106721537,
+     "tool_radius_m": 0.001, "damping_ratio": 0.99, "blow_impulse_nms": 0.0682281853644917}, {"form": "printed",
+     "amplitude_nm": 758587.7205663, "onset_fraction": 0.27510999568922345, "blow_rate_hz": 0.1}),
+    ({"inertia_kg_m2": 0.001, "spring_arm_m": 0.001, "spring_rate_n_per_m": 1e10, "preload_deflection_m":
+     5.45998505231295e-07, "tool_radius_m": 10.0, "damping_ratio": 0.5426411505463405, "blow_impulse_nms":
+     373.39503420795637}, {"onset_fraction": 0.12121835500355738, "blow_rate_hz": 1.054562540658632}),
+]  # fmt: skip
 
 
 def swung(body, excitation):
