@@ -86,7 +86,8 @@ class Draw:
         self.refused: list[Refused] = []
         self.edges = 0
         self.floor = self.random.random() < FLOOR_SHARE
-        self.tree = self._base()
+        self.tree = self._one_of(self.what.bases)
+        self._leave_out()
         self._fill_groups()
         self._scale()
         share = float(self.random.choice([0.05, 0.2, 0.5, 1.0]))
@@ -115,13 +116,11 @@ class Draw:
     def _one_of(self, values: Any) -> Any:
         return values[self.random.integers(len(values))]
 
-    def _base(self) -> dict[str, Any]:
-        """Return one of the configurations to start from, most often without what is optional."""
-        self.tree = self._one_of(self.what.bases)
+    def _leave_out(self) -> None:
+        """Leave most of what is optional out."""
         for leaf in leaves(self.what.parameters):
             if leaf.optional and value_at(self.tree, leaf.path) is not None and self.random.random() < 0.7:
                 self._adopt(with_value(self.tree, leaf.path, None), leaf.key, None, keep=False)
-        return self.tree
 
     def _fill_groups(self) -> None:
         """Put half of the optional groups that are absent in."""
