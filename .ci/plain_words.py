@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIST = ".ci/not_yet_plain.txt"  # files that fail; it may only shrink
 MOST_WORDS = 40
 MOST_WORDS_OF_A_CHANGE = 25
 MOST_LETTERS_OF_A_SUBJECT = 72
@@ -96,16 +95,10 @@ def subject_faults(subject: str) -> list[str]:
 
 def faults() -> Iterator[str]:
     """Yield every fault of the tree."""
-    listed = set((ROOT / LIST).read_text(encoding="utf-8").split())
     pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
     for file in sorted([*pages, *(file for room in ("mech_twin", ".ci") for file in (ROOT / room).rglob("*.py"))]):
         name = file.relative_to(ROOT).as_posix()
-        wrong = [*long_sentences(file), *house_words(file)]
-        if wrong and name in listed:
-            listed.discard(name)
-        else:
-            yield from (f"{name}: {fault}" for fault in wrong)
-    yield from (f"{LIST}: {name} is plain or gone; take it out" for name in sorted(listed))
+        yield from (f"{name}: {fault}" for fault in (*long_sentences(file), *house_words(file)))
     for file in sorted((ROOT / "changelog.d").glob("*.*.md")):
         for line in file.read_text(encoding="utf-8").splitlines():
             if len(line.split()) > MOST_WORDS_OF_A_CHANGE:

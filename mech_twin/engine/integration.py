@@ -39,10 +39,10 @@ SHORTEST_S = 1e-13  # a step that would have to be shorter than this is given up
 class Tableau(NamedTuple):
     """An explicit Runge and Kutta method of ``s`` stages.
 
-    ``stages`` (S, S) and ``nodes`` (S,) hold the stages, from row ``s`` on those of the dense output; ``weights`` (s,);
-    ``errors`` (m, s + 1): weights of the m = 1 or 2 embedded error estimates; ``interpolant`` (S, p): y at the
-    share x of the step is ``y + h sum_i k_i sum_j interpolant[i, j] x^(j + 1)``; ``error_order`` p of the estimate,
-    which falls as h^(p + 1).
+    ``nodes`` (S,) and ``stages`` (S, S) are c and a of all stages; those from row ``s`` on serve the dense output.
+    ``weights`` (s,) are b; ``errors`` (m, s + 1) are the weights of the m = 1 or 2 embedded error estimates.
+    ``interpolant`` (S, p) gives y at the share x of the step: ``y + h sum_i k_i sum_j interpolant[i, j] x^(j + 1)``.
+    ``error_order`` is p of the error estimate, which falls as h^(p + 1).
     """
 
     nodes: Array

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The `mcap` writer with a faster path for messages and a smaller index of an open file.
 
-A message record is packed at once instead of field by field, and what the summary says of a chunk is kept as the bytes
-that it will have there, a seventh of what the objects take: the index of an open file is all that grows with it.
+A message record is packed in one call instead of field by field.  The summary of a chunk is kept as its final bytes,
+a seventh of the memory of the objects; this index is the only memory that grows with an open file.
 
 The output is byte for byte that of `mcap.writer.Writer`, as a test checks.  Both use private members of that class;
 with a release of `mcap` that lacks them, its own methods are used.

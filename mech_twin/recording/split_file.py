@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output file of one split, written in transactions.
 
-The output of the MCAP writer is buffered in memory and written by `commit`, completely or not at all, so that a full
-disk never leaves a partial record: what was written stays valid, and the buffered bytes wait for the next attempt.
+The output of the MCAP writer is buffered in memory and written by `commit`, completely or not at all.  A full disk
+never leaves a partial record: what was written stays valid, and the buffered bytes wait for the next attempt.
 
 While recording, disk space is reserved on the same file system.  It is released when the disk is full, which leaves
 room to write the buffered data, the summary and `metadata.yaml`.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Design problem of the press: what is asked of a design (r, l, h, R), and the numbers that judge one.
+"""Design problem of the press: constraints and criteria of a design (r, l, h, R).
 
-A design is a configuration's press with other lengths: the plate is as long as the bearings are apart (R1 = l, the
-paper's rule), masses and inertias follow the lengths by the configuration's own mass per metre, and speed, working
-force and asked non-uniformity are the configuration's.
+A design is a configuration's press with other lengths.  The plate is as long as the bearings are apart (R1 = l, the
+paper's rule).  Masses and inertias follow the lengths by the configuration's own mass per metre.  Speed, working
+force and required non-uniformity are the configuration's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Limits(NamedTuple):
-    """What must hold (degrees, m), and the constant torque (N m) of the mean press force; the reference problem's."""
+    """Limits of the constraints (degrees, m), and constant torque (N m) of the mean force, as in the reference."""
 
     gamma_max_deg: float = 20.0
     stroke_m: float = 0.05

@@ -12,9 +12,9 @@
 
 The force P of the generator acts on during the contact.  With w = sqrt(k/m), equation by equation in closed form:
 
-- loading, m d'' = P - k d from d = 0, d' = v-: peak force F = P + sqrt(P^2 + m k v-^2);
-- unloading, m d'' = P - k/R^2 (d - d0) from rest: the mass leaves with exactly R v-, whatever P is;
-- so the restitution of the motion is kept, and the motion itself is that of the rigid stop.
+Loading, m d'' = P - k d from d = 0, d' = v-: the peak force is F = P + sqrt(P^2 + m k v-^2).
+Unloading, m d'' = P - k/R^2 (d - d0) from rest: the mass leaves with exactly R v-, whatever P is.
+The coefficient of restitution is therefore kept, and the motion is that of the rigid stop.
 
 Valid while the flight between impacts is long against the contact: below `merging_speed` the impacts of a series merge
 into one contact.  Source: Walton and Braun, J. Rheology 30 (1986) 949, the hysteretic spring; the force is ours.

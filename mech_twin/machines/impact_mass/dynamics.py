@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The event walk of the impact mass: from one event to the next, in closed form, without a time step.
+"""Event-driven simulation of the impact mass: from one event to the next in closed form, without a time step.
 
-A motion is anchored at its last event: the number of the period, the time tau within it, gap and velocity there.
-Time within the period is all the walk computes with, so nothing is lost at large times: the instant of an event is
+A motion is stored as its last event: the number of the period, the time tau within it, gap and velocity there.
+Only tau enters the computation, so no digits are lost at large times: the instant of an event is
 period * T + tau, formed once.  Between events the motion is a parabola, or rest at the stop.
 
-The events: *impact*; *chatter_end*, when an endless series (or, with a cut-off, its kept part) is over and the mass
-rests; *phase*, when the force changes; *release*, when the force turns away from a resting mass, right after the
-phase at the same instant; *impacts_summed*, several impacts of one series in one event: a series near R = 1 has
-millions of them, so those after the first thousand are summed in closed form up to the end of the phase or of the
-coupling step.
+Events are *impact*, *phase* (the force changes) and *chatter_end*: an endless series, or its kept part with a cut-off,
+is over and the mass rests.  At *release* the force turns away from a resting mass, right after the phase at the same
+instant.  An event *impacts_summed* stands for several impacts of one series: near R = 1 it has millions.  Those after
+the first thousand are summed in closed form up to the end of the phase or of the coupling step.
 
 Ties: an impact or a chatter end at exactly the instant of a change belongs to the phase that ends and comes before
 the change.  A phase that starts at the stop with v > 0 (rounding put the blow behind the change) strikes at once.

@@ -127,9 +127,9 @@ def one_impact_cycle(
 ) -> OneImpactCycle | None:
     """Return the period-T motion whose blow falls in the given phase (0 or 1), or None if <A> <= 0 or A1 = A2.
 
-    The blow waits w after the start of its phase (length l, acceleration A; the other phase: k, B):
-    w = (R v- T - A l^2/2 - A l k - B k^2/2)/(k (B - A)), linear because the displacement of a period is zero.
-    The motion exists if 0 <= w <= l and nothing strikes earlier; the second is for the caller to check.
+    The blow falls at w after the start of its phase (length l, acceleration A; the other phase: k, B).
+    The displacement over a period is zero, which is linear in w: w = (R v- T - A l^2/2 - A l k - B k^2/2)/(k (B - A)).
+    The motion exists if 0 <= w <= l and there is no earlier impact; the caller checks the second condition.
     """
     mean = (
         accelerations_m_per_s2[0] * phase1_duration_s + accelerations_m_per_s2[1] * (period_s - phase1_duration_s)

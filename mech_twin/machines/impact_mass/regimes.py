@@ -3,17 +3,18 @@
 
 How regimes are told apart (every rule but the last two is exact):
 
-- *rest*: at the stop with A1 >= 0 and A2 >= 0; no phase ever releases it.
-- *escape*: <A> <= 0 and a period without contact that ends no nearer and no faster than it began.
-- *periodic*, by release: a mass released from rest always goes on the same way, so two releases close an exact
-  period; its length is the number of periods between them.
-- *not resolved*: periodic by release, but a small difference grows by so much from one release to the next that
-  rounding (1e-16) is no longer small there: the number of periods would be an accident of the arithmetic.
-- *periodic*, by return: gap and velocity at the period starts repeat after k periods, throughout a window of
-  `WINDOW` periods, within 1e-9 of the largest gap and speed in it; k at most half the window.
-- Neither: the run is doubled, `DOUBLINGS` times, for it may be a long transient.  Then *chaotic* if the largest
-  Lyapunov exponent (closed-form tangent map of flights and blows) exceeds 0.01 a period in both halves of a last
-  long window, else *undecided*: a transient longer than the run, or a marginal motion.
+*Rest*: at the stop with A1 >= 0 and A2 >= 0; no phase ever releases the mass.
+*Escape*: <A> <= 0 and a period without contact that ends no nearer and no faster than it began.
+*Periodic*, by release: every release from rest starts the same motion, so two releases close an exact period.
+The order of the motion is the number of forcing periods between them.
+*Not resolved*: periodic by release, but a perturbation of the size of rounding (1e-16) does not stay small from
+one release to the next: the order found would be an accident of the arithmetic.
+*Periodic*, by return: gap and velocity at the period starts repeat after k periods, throughout a window of
+`WINDOW` periods, within 1e-9 of the largest gap and speed in it; k at most half the window.
+Neither: the run is doubled, `DOUBLINGS` times, as it may be a long transient.
+*Chaotic* then if the largest Lyapunov exponent (closed-form tangent map of flights and blows) exceeds 0.01 a period
+in both halves of a last long window.
+*Undecided* otherwise: a transient longer than the run, or a marginal motion.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Synthesis of a one-impact cycle of the impact mass: as published, and one that survives.
+"""Synthesis of a one-impact cycle of the impact mass: the published one, and a robust one.
 
-The published synthesis with v0 = 0 always lands on P2 = R^2 P1, where the blow falls on the change of the force: the
-border of existence.  The robust synthesis keeps v-, T and t1 and so <A> = v- (1 + R)/T; that leaves P2 free, with
-P1 = (m <A> T - P2 (T - t1))/t1.  P2 is searched over its stable range for a cycle with the asked margin
-1 - |multiplier| and stroke whose basin holds in the worst case tried over a box of tolerances of P1, P2, t1, T and R;
-of those that hold, the one that holds over the widest box is chosen, and certified (see `tolerance_box`).
+The published synthesis with v0 = 0 always gives P2 = R^2 P1.  There the blow coincides with the change of the force,
+which is the border of existence.  The robust synthesis keeps v-, T and t1 and so <A> = v- (1 + R)/T; P2 stays free,
+with P1 = (m <A> T - P2 (T - t1))/t1.  P2 is searched over its stable range.  A cycle needs the required stroke and
+margin 1 - |multiplier|, and its basin must hold in the worst case tried over a box of tolerances of P1, P2, t1, T
+and R.  Of those the one that holds over the widest box is chosen, and certified (see `tolerance_box`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every pin of the breaker by the equilibrium of the dyad, between impacts and across them.
+"""Pin reactions of the breaker from the equilibrium of the dyad, between impacts and across them.
 
-The accelerations follow from the joint states and the crank's torque by the reduced masses; the pins then follow from
-the equilibrium of links 2 and 3, and with them the torque on the crank and the moment on the body a second time.
-Forces are in the frame of the machine, the moment on the body is lifting positive.
+The accelerations follow from the joint states and the crank's torque by the reduced masses.  The pin reactions follow
+from the equilibrium of links 2 and 3.  They give the torque on the crank and the moment on the body a second time.
+Forces are in the frame of the machine; a moment that lifts the body is positive.
 """
 
 from __future__ import annotations
@@ -44,10 +44,11 @@ QUANTITIES = (
 
 
 class PinForces(NamedTuple):
-    """Reactions (N; N s across an impact) and what follows from them.
+    """Pin reactions (N; N s across an impact) and what follows from them.
 
-    o: body on crank, a: crank on coupler, b: rocker on coupler, c: body on rocker; ``drive`` is the torque on the crank
-    behind the gear found from the pins, ``moment`` theirs on the body; the errors are the misses of the two routes.
+    o: body on crank, a: crank on coupler, b: rocker on coupler, c: body on rocker.  ``drive`` is the torque on the
+    crank behind the gear and ``moment`` the moment on the body, both from the pin reactions.  The errors are the
+    differences between the two routes.
     """
 
     o_x: float

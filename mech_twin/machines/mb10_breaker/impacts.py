@@ -3,20 +3,19 @@ r"""Impacts of the breaker: the striker on the tool, the body on its collar; cra
 
 Symbols as in ``dynamics``.
 
-The blow of the striker as a wave in tool, foot and wall: what it gives crank, body and tool in place of `strike`.
-
-The striker is rigid, with the effective mass m_e of crank and body at its face; it strikes at the closing speed.  The
-impulse P of the whole blow acts as a rigid one does, -M^-1 j P.  Springs, motor and gravity give none within it.
-A tool that goes on into the wall keeps its mean momentum.  One that the wall throws back strikes the collar of the
-body, with the collar's restitution, where the body does not leave faster; then it rests in its seat, at the permanent
-penetration, and what it has left is lost.
+The blow as a stress wave in tool, foot and wall (`strike` is the rigid impact).  The striker is rigid, with the
+effective mass m_e of crank and body at its face; it strikes at the closing speed.  The impulse P of the whole blow
+acts as that of a rigid impact, -M^-1 j P; impulses of springs, motor and gravity during the blow are neglected.
+A tool that goes on into the wall keeps its mean momentum.  A tool thrown back by the wall strikes the collar of the
+body with the collar's restitution, unless the body leaves faster.  It then rests in its seat, at the permanent
+penetration, and its remaining energy is lost.
 
 A blow through a contact of finite stiffness: peak force, contact time and loss of energy beside the impulse.
 
-The closing motion y(q) - r_tool phi - (tool) is reduced to one mass and one rate: the reduced mass of tool and of what
-the tool feels of crank and body, m_e = 1/(j' M^-1 j), and the rate at which the closing speed would fade without the
-contact, a = -(j . (u', p') + j' . (u, p)): the striker nears the end of its travel and slows down.  Both are taken at
-the first touch.
+The closing motion y(q) - r_tool phi - (tool) is reduced to one mass and one deceleration, both taken at first contact.
+The mass is the reduced mass of the tool and of m_e = 1/(j' M^-1 j), the effective mass of crank and body.  The
+deceleration of the closing motion without contact is a = -(j . (u', p') + j' . (u, p)): the striker slows down near
+the end of its travel.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Preload of the running breaker: the tool seated before every blow, in the worst case over the tolerances.
 
-The worst corner is looked for one number at a time, by the part of the cycle in flight that a preload below the edge
-leaves, and then tried: the preload chosen is run at the corners next to it and at random points within the box.  A
-point that breaks a limit there becomes the new worst one, until none is found.
+The worst corner is sought one number at a time; the measure is the share of the cycle in flight at a preload below
+the limit.  Then the preload chosen is run at the neighbouring corners and at random points within the box.  A point
+that breaks a limit becomes the new worst one, until none is found.
 
 A run of the breaker from standstill until it is steady, and the breaker with another preload.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Spring and preload of the breaker, or its tool and striker: which question is asked, and what the answers share.
+"""Sizing of the breaker: spring rate and preload, or tool and striker; what both have in common.
 
 The limits hold in the worst case over a box of tolerances: every number that is assumed, not published, off by up to
 the tolerance.  The spring's rate is the soft one, k = 0.3 of the blow frequency.
@@ -8,9 +8,9 @@ Preload of the breaker's body under the half sine: the worst case over every cor
 
 The body over spring rate and preload: amplitude, pressing force, metrics on the collar, the rational range.
 
-The paper's two figures first (amplitude and largest pressing force against spring rate, no preload, no collar), then
-the same with preload, then the machine on its collar: gap at the blow, return speed and pressing force weighed against
-each other over spring rate and preload.
+First the paper's two figures: amplitude and largest pressing force against spring rate, no preload, no collar.  Then
+the same with preload.  Then the machine on its collar: gap at the blow, return speed and pressing force traded off
+over spring rate and preload.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from mech_twin.parts.induction_motor import (
 
 @dataclass(frozen=True)
 class CatalogueValue:
-    """A value of the catalogue or the print beside the one that follows from the others."""
+    """A printed value of the catalogue or paper, and the value derived from the other printed data."""
 
     quantity: str
     printed: float
@@ -53,9 +53,9 @@ PUBLISHED_MOTOR = {
 class MotorVerdict:
     """How a motor suits the installation; torques in N m on the motor shaft.
 
-    ``rated_enough`` compares rated power with the mean demand; ``load_peak_nm`` is the largest static load, which the
-    moving masses smooth; ``runs`` is whether the motor settles to a steady turn under load; the starts are computed
-    from rest, at the configured crank angle, with the load on from the first instant or coming on as configured.
+    ``rated_enough``: the rated power covers the mean demand.  ``load_peak_nm`` is the largest static load, which the
+    inertia smooths.  ``runs``: the motor settles to a steady turn under load.  The starts are computed from rest at
+    the configured crank angle, with the load applied at once or as configured.
     """
 
     name: str

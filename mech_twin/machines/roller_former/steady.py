@@ -120,10 +120,10 @@ def next_section(
 
 
 def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> tuple[Array, int]:
-    """Return the state whose turn closes by the slopes of the turn at a state, and the integration steps it took.
+    """Return the state after one Newton step towards a periodic turn (shooting), and the integration steps it took.
 
-    One step of Newton's method on y - P(y) over twist, crank speed and twist rate, P the turn, or a part of it; the
-    state itself where a turn nearby does not end, the slopes have no solution, or no turn from there closes better.
+    The step is on y - P(y) over twist, crank speed and twist rate, with P the map over a turn.  It is taken in full or
+    in part.  Returned unchanged where a turn nearby does not end, the matrix is singular, or no step reduces y - P(y).
     """
     steps, entry = 0, entry_for(former)
 
@@ -183,11 +183,11 @@ def steady_turn(
 ) -> SteadyTurn | None:
     """Return the periodic motion under full load at rated supply, or None if the motor cannot keep it up.
 
-    Started at synchronous speed, untwisted.  Steady means: from one passage of the starting crank angle to the next,
-    twist, crank speed and twist rate change by less than 1e-11 of their scales (twist of the rated moment, synchronous
-    speed), or than a hundredth of the integrator's tolerance if that is more.  Where twenty turns do not get there, the
-    state that the turns tend to is looked for as well (`closing_state`).  None too if that does not happen within
-    ``most_turns``, or within the budget of integration steps.
+    Started at synchronous speed, untwisted.  Steady means that from one passage of the starting crank angle to the
+    next twist, crank speed and twist rate change by less than 1e-11 of their scales.  The scales are the twist of the
+    rated moment and synchronous speed; a hundredth of the integrator's tolerance counts if it is more.  After twenty
+    turns without success, Newton steps are tried as well (`closing_state`).  None too if the turn is not steady within
+    ``most_turns`` or within the budget of integration steps.
 
     Raises
     ------

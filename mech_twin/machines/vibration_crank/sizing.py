@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Counterweight and balancing fraction of the vibration crank, for the worst machine within a tolerance.
 
-The counterweight is built from the configured masses; what turns out otherwise are the masses it balances, the working
-force and the speed.  Force on the frame and drive moment are affine in each of them (in the square of the speed), so
-the largest size over the box is that of a corner; they are affine in the counterweight too, so the worst case is convex
+The counterweight is computed from the configured masses.  The balanced masses, the working force and the speed have
+tolerances.  Force on the frame and drive moment are affine in each of them (in the square of the speed), so their
+largest magnitude over the box is at a corner.  They are affine in the counterweight too, so the worst case is convex
 in the balancing fraction.
 """
 
@@ -40,7 +40,7 @@ GROUPS = (
 
 
 class BalanceEffect(NamedTuple):
-    """What a balancing fraction brings."""
+    """Counterweight and loads at a balancing fraction."""
 
     counterweight_mass_kg: float
     drive_torque_peak_nm: float

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one executor of a process: serves its nodes until something holds, and takes them down within a bound.
+"""The one executor of a process: serves its nodes until a condition holds, and shuts them down within a time limit.
 
-The middleware may never let go: Fast DDS 2.14 waits until no callback of its discovery runs before it takes a
-participant down, in a loop that hardly ever leaves the lock which those callbacks need to end: of nodes that all end at
-one instant about one in a thousand went on for ever.  The interpreter's lock is held meanwhile, so no thread and no
-handler of the process can act.  The kernel can: by then all that was open is closed.
+The middleware may hang at shutdown.  Fast DDS 2.14 waits for its discovery callbacks before it deletes a participant,
+in a loop that rarely releases the lock those callbacks need.  Of nodes that all end at one instant about one in a
+thousand hung for ever.  The interpreter's lock is held meanwhile, so no thread or handler of the process can act.
+The operating system can: an alarm ends the process, whose files are closed by then.
 """
 
 from __future__ import annotations

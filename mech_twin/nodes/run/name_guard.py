@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Refuses to start beside a living publisher of the same step messages.
 
-A name on the graph alone proves nothing: what was killed stays there for the lease of the middleware (20 s).  So a
-publisher counts as living if a step message of it arrives, or a diagnostics status of its node; a node of the twin
-sends one each second, and a run that waits repeats its step ten times a second.
+A name on the graph alone proves nothing: a killed node stays there for the lease of the middleware (20 s).  So a
+publisher counts as living if a step message of it arrives, or a diagnostics status of its node.  A node of the twin
+sends a status each second, and a run that waits repeats its step ten times a second.
 
-Of several that start at one instant none publishes yet.  So each claims its topics for as long as it lives.  On one
-host the kernel keeps the claims: that is known at once, and over with the process, however it ends.  Across hosts each
-tells the instant at which it began; who hears an elder claim to one of its own ends.
+Of several runs that start at one instant none publishes yet.  So each claims its topics while it lives.  On one host
+the kernel keeps the claims: they are visible at once and end with the process, however it ends.  Across hosts each
+run publishes its starting time; a run that hears an older claim to one of its topics ends.
 """
 
 from __future__ import annotations

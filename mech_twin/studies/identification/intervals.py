@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard errors of a fit: the widest of least squares, noise with a memory, blocks of the runs, leaving parts out.
+"""Standard errors of a fit: the largest of least squares, coloured noise, block sandwich and jackknife estimates.
 
-Residuals of one stretch of a run are alike: an unmodelled motion, a sensor's own filter.  Blocks of a run, taken as
-independent of each other instead of its samples, give the middle of the sandwich::
+Residuals within one stretch of a run are correlated by unmodelled motion or a sensor's filter.  Blocks of a run,
+instead of its samples, are taken as independent; they give the covariance of the sandwich estimate::
 
     C = H^-1 (sum over blocks of g g') H^-1,    g = J' r of the block,  H = J' J
 
-and leaving out one block, or one run, at a time gives the jackknife, here by one step of Newton from the whole fit.
+Leaving out one block, or one run, at a time gives the jackknife, here by one Newton step from the whole fit.
 
-Two things that no residual tells are added: how far one more step of Gauss and Newton would lead, where the fit ended
-before its minimum (the offset of Bates and Watts 1981), and how far a key would move if keys that stay as configured,
-because the runs do not tell them apart, were off by half of themselves (consider parameters: Schmidt 1966).
+Two errors that residuals do not show are added.  One is the length of the next Gauss-Newton step, where the fit ended
+before its minimum (the offset of Bates and Watts 1981).  The other is the shift of a key if the keys held fixed,
+because the runs do not identify them, were off by half their value (consider parameters: Schmidt 1966).
 """
 
 from __future__ import annotations

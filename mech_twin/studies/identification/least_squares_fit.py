@@ -65,7 +65,7 @@ class Fitted:
 
 
 def quiet(_: str) -> None:
-    """Tell nobody."""
+    """Discard progress."""
 
 
 def stage_fit(problem: FitProblem, x: Array, share: float, progress: Progress = quiet) -> Fitted:

@@ -9,8 +9,8 @@
       0 +---+-----------+---> s   s runs from the start of the stretch, theta is the phase of the load there
             start       touchdown
 
-Nothing is stepped in time.  The response to the load is written with (e^z - 1)/z, which has no singular point, so
-k = mu needs no case of its own; very short stretches are summed as a power series, so that the smallest bounce keeps
+There is no time stepping.  The response to the load is written with (e^z - 1)/z, which has no singular point, so
+k = mu is no special case.  Very short stretches are summed as a power series: the smallest bounce then keeps
 its relative accuracy.
 """
 

@@ -9,10 +9,10 @@
        0          t1    T      with damping the A and B parts fade as e^(-zeta k t), k in them being k sqrt(1 - zeta^2)
 
 Here the collar does not stop the body.  t restarts with each cycle.  The amplitudes form one complex number
-Z = A1 + i A2, and a cycle maps it to q Z + g, q = e^((i w - zeta k) T): the linear cycle map, which holds for any
-onset, either form of the load and any damping, k = mu included.
+Z = A1 + i A2.  A cycle maps it to q Z + g, q = e^((i w - zeta k) T).  This linear cycle map holds for any onset,
+either form of the load and any damping, k = mu included.
 
-What the freely swinging body comes to: a periodic regime, a beat about it, or growth without end.
+Its long-run motion is a periodic regime, a beat about it, or unbounded growth.
 """
 
 from __future__ import annotations
