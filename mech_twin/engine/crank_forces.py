@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Force analysis of a crank linkage: what it reads of the linkage's row, and the two routes to the drive torque."""
+"""Force analysis of a crank linkage, checked by two independent computations of the drive torque."""
 
 from __future__ import annotations
 
@@ -17,16 +17,18 @@ RESIDUAL, LIMIT = "drive_torque_routes", 1e-10
 
 @kernel
 def route_miss(drive_nm: float, torque_nm: float, inertia: float, memory: Memory, scale_nm: float) -> float:
-    """Return by how much two routes to the drive torque differ, over the largest torque in sight.
+    """Return the relative difference of two computations of the drive torque.
+
+    Its scale is the largest of the cycle's peak, the present torque and the inertia torque.
 
     Parameters
     ----------
     drive_nm, torque_nm : float
-        Torque at the crank by the equilibrium of the links, and that of the linkage's row, friction included (N m).
+        Torque at the crank from the equilibrium of the links, and from the linkage's row, with friction (N m).
     inertia : float
         Inertia of the mechanism reduced to its crank (kg m2).
     memory : Memory
-        That of the linkage's row.
+        Memory in the linkage's row.
     scale_nm : float
         Largest torque of a cycle (N m).
     """
@@ -35,14 +37,14 @@ def route_miss(drive_nm: float, torque_nm: float, inertia: float, memory: Memory
 
 
 class CrankForces(CompiledForces):
-    """Every pin force, from equilibrium of the links; its one residual is `route_miss`."""
+    """Pin forces from the equilibrium of the links; the residual is `route_miss`."""
 
     QUANTITIES: ClassVar[tuple[str, ...]]
     pins: tuple[str, ...]
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
-        """Limit of the residual: the two routes to the drive torque, over the peak torque."""
+        """Limit of the residual: relative difference of the two computations of the drive torque."""
         return {RESIDUAL: LIMIT}
 
     @cached_property

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linkage with one freedom, turned at its crank: prescribed speed or motor torque, with exact changes of regime.
+"""Crank-driven linkage with one degree of freedom: prescribed speed or motor torque, with exact changes of regime.
 
-What a step does is in `crank_step`; the mechanism itself comes as the kernels that `crank_state` names.
+The step is in `crank_step`; the mechanism is given by the kernels listed in `crank_state`.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
-CRANK = "crank"  # the joint whose angle the motion is integrated in
+CRANK = "crank"  # the joint whose angle is integrated
 SCALE_ANGLES = 72
 RESIDUALS = ("loop_closure_m", "energy_balance")
 
 
 @dataclass(frozen=True)
 class CrankLinkage(CompiledLinkage):
-    """Owner of crank angle and speed; ``transmission`` is None for a prescribed speed.
+    """Linkage driven at its crank; ``transmission`` is None for a prescribed speed.
 
-    ``mechanism`` are constants for whose type the functions of `crank_state` are declared.
+    ``mechanism`` holds constants of a type for which the functions of `crank_state` are declared.
     """
 
     mechanism: Any
@@ -64,18 +64,18 @@ class CrankLinkage(CompiledLinkage):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What a step may end in, told with the coupling step."""
+        """Messages of the failures of a step."""
         return failures_at(self.step_s)
 
     @property
     def residual_limits(self) -> Mapping[str, float]:
-        """Limits of the residuals: rod lengths (m, of a linkage beyond 1 m over its size), energy balance."""
+        """Limits of the residuals: loop closure (m, times the size of a linkage beyond 1 m), energy balance."""
         return {"loop_closure_m": 1e-12 * max(1.0, self.size_m), "energy_balance": 1e-8}
 
     def at_rated_speed(self, speed_rad_per_s: float) -> CrankLinkage:
-        """Return this linkage, its energy balance over at least the largest energy of a turn at a speed.
+        """Return this linkage with its energy balance scaled by at least the largest energy (J) of a turn at a speed.
 
-        Where its masses stand still a mechanism holds little, and a stop gives back what the drive gave.
+        At rest the energies alone would be too small a scale.
         """
         angles = (TURN * i / SCALE_ANGLES for i in range(SCALE_ANGLES))
         speed, regime = float(speed_rad_per_s), self.start_regime
@@ -108,14 +108,14 @@ class CrankLinkage(CompiledLinkage):
         )
 
     def start(self, step: int = 0) -> LinkageSample:
-        """Return the machine at its first angle and speed; at rest it is held until the motor is heard."""
+        """Return the linkage at its initial angle and speed; at rest it is held until the first motor sample."""
         out, speed, command = np.empty(self.layout.size), float(self.start_speed), float(self.start_command)
         if not start_row(self.model, float(self.start_angle), speed, 0.0, command, self.start_regime, out):
             raise failed(self.failures, NO_TORQUE, step * self.step_s)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
 
     def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
-        """Return the linkage in a measured motion of its crank, with the torque at the crank that it needs."""
+        """Return the linkage in a measured motion of its crank, with the crank torque by inverse dynamics."""
         f, w, e = map(float, motion[:3])
         out, regime = np.empty(self.layout.size), self._regime_at(f, sign_of(w))
         if not start_row(self.model, f, w, e, float(self.start_command), regime, out):
@@ -123,7 +123,7 @@ class CrankLinkage(CompiledLinkage):
         return self.layout.sample(step, time_s, out.tolist(), ())
 
     def _regime_at(self, f: float, sense: float) -> int:
-        """Return the regime of a crank that came to an angle in this sense: the one after the last boundary it met."""
+        """Return the regime at an angle (rad) reached in this sense of rotation: that of the last boundary passed."""
         passed = [
             (TURN * ((sense * (f - boundary.angle) / TURN) % 1.0), boundary.after)
             for boundary in self.boundaries

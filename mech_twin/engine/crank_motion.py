@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Motion of a linkage with one freedom, turned at its crank: what it declares to the one loop.
+r"""Equation of motion of a crank-driven linkage with one degree of freedom, as declared to the event loop.
 
 ::
 
@@ -60,19 +60,19 @@ from mech_twin.parts.gear import gear_split
 from mech_twin.parts.induction_motor import torque_in_step
 
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
-HELD_SHARE = 0.01  # of the energy held and moved: no error of work is asked to be below its rounding
+HELD_SHARE = 0.01  # of the energy held and moved: the tolerance of work stays above its rounding
 KINDS = ("started", "stopped", "stalled", "reversed")  # then those of the boundaries
 STARTED, STOPPED, STALLED, REVERSED = range(4)
 CRANK_CONTACT, LOAD_CONTACT = 0, 1
 ANGLE, SPEED, DRIVE_WORK, GEAR_LOSS, FRICTION_LOSS = range(5)  # the state that is integrated; the angle within a turn
 STATE_SIZE = 5
-TURNED, LOAD_WORK, STALLED_1, TURNED_BACK, AIM, BOUNDARY = range(6)  # kept beside: whole angle, work of the load, ...
+TURNED, LOAD_WORK, STALLED_1, TURNED_BACK, AIM, BOUNDARY = range(6)  # stored values: whole angle, work of load, ...
 BEGIN_ROOM = STATE_SIZE + 6  # of the numbers a step computes in
 CRANK_LAW, MECHANISM_REGIME = 0, 1
 
 
 class TurningCrank(NamedTuple):
-    """A crank within a coupling step: what drives it, or its acceleration (rad/s2); the command; what is kept."""
+    """A crank within a coupling step: its drive, or prescribed acceleration ``e`` (rad/s2); command; stored values."""
 
     model: Any
     drive: ShaftDrive
@@ -89,19 +89,19 @@ def sign_of(value: float) -> float:
 
 @inline_kernel
 def turning_sense(regime: int) -> float:
-    """Return the sense of turning (+1, -1, 0 at rest) of the crank's law."""
+    """Return the sense of rotation (+1, -1, 0 at rest) of a regime of the crank's law."""
     return 1.0 if regime == LOW else -1.0 if regime == HIGH else 0.0
 
 
 @inline_kernel
 def law_of(sense: float) -> int:
-    """Return the regime of the crank's law in a sense of turning."""
+    """Return the regime of the crank's law for a sense of rotation."""
     return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
 
 
 @inline_kernel
 def resisting_row(crank: Crank, regime: int) -> int:
-    """Return the row of the load that only resists in a regime, -1 where there is none."""
+    """Return the row of the purely resisting load of a regime, -1 where there is none."""
     for i in range(len(crank.resisting)):
         if crank.resisting[i, 0] == regime:
             return i
@@ -116,7 +116,7 @@ def load_torque(mechanism: Any, f: float, regime: int) -> float:
 
 @declares(evaluate, TurningCrank)
 def evaluate_crank(motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill in inertia, moment and the bounds of the one law at the crank."""
+    """Fill inertia, moment and the bounds of the one law at the crank."""
     crank, drive, f, w = motion.model.crank, motion.drive, y[ANGLE], y[SPEED]
     at.directions[0, 0] = 1.0
     if crank.drive.prescribed:
@@ -141,10 +141,10 @@ def evaluate_crank(motion: TurningCrank, t: float, y: Array, regimes: Indices, a
 
 @declares(accumulate, TurningCrank)
 def accumulate_work(motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
-    """Fill in the power on the mechanism, the loss of the gear and of friction.
+    """Fill the power on the mechanism, and the power lost in the gear and by friction (W).
 
-    At a prescribed speed the power is that of the moment that the pin forces give: the load's work is in closed form
-    and the energy from the reduced inertia, so the balance compares three routes.
+    At a prescribed speed the power is that of the moment from the pin forces.  The load's work is in closed form and
+    the energy from the reduced inertia, so the energy balance compares three routes.
     """
     drive, w, sense = motion.drive, y[SPEED], turning_sense(regimes[CRANK_LAW])
     lost = (drive.coulomb_nm * sense + drive.viscous_nms_per_rad * w) * w
@@ -164,7 +164,7 @@ def accumulate_work(motion: TurningCrank, t: float, y: Array, regimes: Indices, 
 def signal_boundary(
     motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
-    """Fill in the way to the next boundary of the load (rad)."""
+    """Fill the angle left to the next boundary of the load (rad) and its rate."""
     sense = turning_sense(regimes[CRANK_LAW])
     values[2] = math.inf
     if motion.kept[BOUNDARY] >= 0.0 and sense != 0.0:
@@ -173,7 +173,7 @@ def signal_boundary(
 
 @declares(begin_piece, TurningCrank)
 def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) -> None:
-    """Keep the next boundary in the sense of turning, and its angle in this turn less what the state leaves out."""
+    """Store the next boundary in the sense of rotation, and its angle (rad) counted as ``y[ANGLE]`` is."""
     boundaries, kept, sense = motion.model.crank.boundaries, motion.kept, turning_sense(regimes[CRANK_LAW])
     best, aim = -1, math.copysign(math.inf, sense)
     for i in range(len(boundaries)):
@@ -191,7 +191,7 @@ def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) ->
 
 @declares(end_piece, TurningCrank)
 def book_load(motion: TurningCrank, t: float, before: Array, y: Array, regimes: Indices) -> None:
-    """Book the load's work in closed form, and what rounding takes from a large angle: equal steps round alike."""
+    """Add the load's closed-form work (J), correct the drive's for rounding of a large angle, and store the angle."""
     mechanism, regime, past = motion.model.mechanism, regimes[MECHANISM_REGIME], motion.kept[TURNED]
     now = past + (y[ANGLE] - before[ANGLE])
     if abs(now) >= LARGE_ANGLE:
@@ -206,7 +206,7 @@ def log_crank(
     motion: TurningCrank, time_s: float, kind: int, contact: int, speeds: tuple[float, float, float],
     torques: tuple[float, float], log: Array, count: int
 ) -> int:  # fmt: skip
-    """Log an event with speed of the contact, speed and sense of the crank, and its torque on either side."""
+    """Log an event with the speeds of contact (m/s) and crank (rad/s), and the crank torque before and after (N m)."""
     (contact_speed, w, sense), turned = speeds, motion.kept[TURNED]
     turns = math.floor((turned - motion.model.crank.start_rad) / TURN * (1.0 if sense >= 0.0 else -1.0))
     fill_event(log, count, time_s, kind, contact, contact_speed, contact_speed, 0.0, max(0.0, float(turns)))
@@ -221,7 +221,7 @@ def log_crank(
 def pass_boundary(
     motion: TurningCrank, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int
 ) -> int:
-    """Change the regime of the load, and log that with the speed of the loaded point."""
+    """Change the regime of the load at its boundary, and log the event with the speed of the loaded point (m/s)."""
     crank, mechanism, kept, w = motion.model.crank, motion.model.mechanism, motion.kept, y[SPEED]
     row, before = int(kept[BOUNDARY]), regimes[MECHANISM_REGIME]
     after, kind = int(crank.boundaries[row, 3]), int(crank.boundaries[row, 4])
@@ -241,7 +241,7 @@ def pass_boundary(
 def change_sense(
     motion: TurningCrank, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
-    """Log that the crank stops, starts, turns back or stalls; a load that only resists lets go where it turns back."""
+    """Log that the crank stops, starts, reverses or stalls; remove a purely resisting load where it reverses."""
     crank, kept = motion.model.crank, motion.kept
     before, sense = turning_sense(past[CRANK_LAW]), turning_sense(regimes[CRANK_LAW])
     y[SPEED] = 0.0
@@ -270,13 +270,13 @@ def change_sense(
 
 @declares(note_impact, TurningCrank)
 def no_impact(motion: TurningCrank, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Return that there was none."""
+    """Log nothing: a crank linkage has no impacts."""
     return count
 
 
 @borrowing_kernel
 def note_stall(motion: TurningCrank, system: Declared, y: Array, regimes: Indices, room: Room, log: Array) -> int:
-    """Log once that a supply that is on does not turn a crank at rest."""
+    """Log a stall once: the crank stays at rest under a constant supply that is on."""
     if motion.model.crank.drive.prescribed or regimes[CRANK_LAW] != HOLD or motion.kept[STALLED_1] != 0.0:
         return 0
     if motion.command == 0.0 or motion.drive.motor.command_per_s != 0.0:
@@ -293,13 +293,13 @@ def note_stall(motion: TurningCrank, system: Declared, y: Array, regimes: Indice
 
 @inline_kernel
 def turned_over(y: Array, load_work: float) -> float:
-    """Return the work (J) turned over, at least 1."""
+    """Return the largest of drive, load and friction work (J), at least 1: the scale of the energy balance."""
     return float(max(1.0, abs(y[DRIVE_WORK]), abs(load_work), y[FRICTION_LOSS]))
 
 
 @borrowing_kernel
 def fill_tolerance(model: Any, y: Array, e: float, regime: int, load_work: float, out: Array) -> None:
-    """Fill in the largest error of a step: works over what was turned over, or is held and moved in a step."""
+    """Fill the error tolerances of a step; those of works scale with the work done, or the energy held and moved."""
     friction, w, h = model.crank.friction, y[SPEED], model.crank.step_s
     _, torque, energy = count_torque_energy(model.mechanism, y[ANGLE], w, e, regime)
     resisting = friction.coulomb_nm + friction.viscous_nms_per_rad * abs(w)
@@ -311,9 +311,9 @@ def fill_tolerance(model: Any, y: Array, e: float, regime: int, load_work: float
 
 @borrowing_kernel
 def held_shares(motion: TurningCrank, y: Array, regimes: Indices, at: Equations) -> tuple[float, float]:
-    """Return friction of the bearing (N m) and share of the load at rest: the load holds first, then friction.
+    """Return static bearing friction (N m) and share of the load that acts at rest; the load acts first.
 
-    At a prescribed speed friction carries all it can of the load, and the drive what is left.
+    At a prescribed speed friction carries the load up to its limit, and the drive the rest.
     """
     crank, mechanism, regime = motion.model.crank, motion.model.mechanism, regimes[MECHANISM_REGIME]
     coulomb = crank.friction.coulomb_nm

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a crank linkage is made of: its mechanism as kernels, the boundaries of its load, drive, friction and state."""
+"""Parts of a crank linkage: its mechanism as kernels, the boundaries of its load, drive, friction and state."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
 
 @kernel
 def within_a_turn(angle: float) -> float:
-    """Return a large angle (rad) less whole turns, so that sums with it keep their digits; a small one as it is."""
+    """Return an angle of 1e3 rad or more modulo 2 pi, which keeps digits in sums; a smaller one unchanged."""
     return angle if abs(angle) < LARGE_ANGLE else float(np.fmod(angle, TURN))
 
 
 class Memory(NamedTuple):
-    """State that is no joint: how the crank turns, and the energy balance."""
+    """State besides the joints: sense of rotation, friction and load of the crank, and the energy balance."""
 
     crank_acceleration_rad_per_s2: float
     friction_torque_nm: float
     turning_sense: float  # +1, -1; 0 at rest
-    stalled_1: float  # 1 where a supply that is on does not turn the crank
-    load_share: float  # of the load that acts: less than 1 at rest against a load that only resists
-    turned_back_rad: float  # crank angle at which it last turned back under such a load
+    stalled_1: float  # 1 if the crank rests although the supply is on
+    load_share: float  # share of the load that acts: less than 1 at rest against a purely resisting load
+    turned_back_rad: float  # crank angle at its last reversal under such a load
     drive_work_j: float
     gear_loss_j: float
     friction_loss_j: float
@@ -46,14 +46,14 @@ MEMORY_SIZE = len(Memory._fields)
 
 @kernel
 def memory_of(row: Array, joints: int) -> Memory:
-    """Return the memory of a linkage row with so many joints."""
+    """Return the memory in a linkage row with this number of joints."""
     m = row[LINKAGE_JOINTS + 3 * joints :]
     return Memory(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9], m[10], m[11], m[12])
 
 
 @kernel
 def fill_memory(memory: Memory, row: Array, joints: int) -> None:
-    """Put the memory into a linkage row with so many joints."""
+    """Write the memory into a linkage row with this number of joints."""
     begin = LINKAGE_JOINTS + 3 * joints
     for i in range(MEMORY_SIZE):
         row[begin + i] = memory[i]
@@ -64,19 +64,19 @@ def fill_memory(memory: Memory, row: Array, joints: int) -> None:
 
 
 def mechanism_state(mechanism: Any, f: float, w: float, e: float, regime: int) -> Any:
-    """Return positions, velocities of the joints, crank torque (N m), energy (J), closure error (m)."""
+    """Return positions and velocities of the joints, crank torque (N m), energy (J), loop closure error (m)."""
     return chosen(mechanism_state, mechanism)(mechanism, f, w, e, regime)
 
 
 @kernel
 def count_torque_energy(mechanism: Any, f: float, w: float, e: float, regime: int) -> tuple[int, float, float]:
-    """Return number of joints, crank torque (N m) and energy (J); what the mechanism makes besides is freed here."""
+    """Return number of joints, crank torque (N m) and energy (J); the other results of the mechanism are freed."""
     positions, _, torque, energy, _ = mechanism_state(mechanism, f, w, e, regime)
     return len(positions), torque, energy
 
 
 def mechanism_load_work(mechanism: Any, before: float, after: float, regime: int) -> float:
-    """Return the work (J) of the load on the way from one crank angle (rad) to another."""
+    """Return the work (J) of the load between two crank angles (rad)."""
     return float(chosen(mechanism_load_work, mechanism)(mechanism, before, after, regime))
 
 
@@ -86,7 +86,7 @@ def mechanism_load_speed(mechanism: Any, f: float, w: float) -> float:
 
 
 def mechanism_drive_moment(mechanism: Any, f: float, w: float, e: float, regime: int) -> float:
-    """Return the moment (N m) at the crank that the pin forces give."""
+    """Return the moment (N m) at the crank from the pin forces."""
     return float(chosen(mechanism_drive_moment, mechanism)(mechanism, f, w, e, regime))
 
 
@@ -101,9 +101,9 @@ def under_load_share(mechanism: Any, share: float) -> Any:
 
 
 class Boundary(NamedTuple):
-    """A crank angle (rad, any turn) where the regime ``before`` becomes ``after``, met in this direction (+1, -1).
+    """A crank angle (rad, any turn) where regime ``before`` becomes ``after`` when passed in ``direction`` (+1, -1).
 
-    The angle is nan where it is that at which the crank last turned back.
+    A nan angle stands for the angle of the crank's last reversal.
     """
 
     angle: float
@@ -124,14 +124,14 @@ NO_FRICTION = ShaftFriction()
 
 
 class Resisting(NamedTuple):
-    """A regime whose load resists one sense of turning (+1, -1) and gives nothing back; ``after`` turning back."""
+    """A load that resists one sense of rotation (+1, -1) and returns no energy; ``after``: the regime on reversal."""
 
     sense: float
     after: int
 
 
 class Transmission(NamedTuple):
-    """Motor to crank: ratio, efficiency, rotor inertia (kg m2), the motor's curve (None: its torque is constant)."""
+    """Motor to crank: gear ratio, efficiency, rotor inertia (kg m2), torque-speed curve (None: constant torque)."""
 
     ratio: float
     efficiency: float
@@ -143,7 +143,7 @@ NO_MOTOR = MotorConstants(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, KLOSS)
 
 
 class CrankDrive(NamedTuple):
-    """What the kernels know of a transmission; ``prescribed``: there is none, ``curved``: the motor has a curve."""
+    """Kernel constants of a transmission; ``prescribed``: the speed is given, ``curved``: the motor has a curve."""
 
     prescribed: bool
     curved: bool
@@ -154,7 +154,7 @@ class CrankDrive(NamedTuple):
 
 
 def crank_drive(transmission: Transmission | None) -> CrankDrive:
-    """Return the constants of a transmission, None for a prescribed speed."""
+    """Return the kernel constants of a transmission (None: prescribed speed)."""
     if transmission is None:
         return CrankDrive(True, False, 1.0, 1.0, 0.0, NO_MOTOR)
     ratio, motor = float(transmission.ratio), transmission.motor
@@ -180,7 +180,7 @@ class Crank(NamedTuple):
 
 
 class ShaftDrive(NamedTuple):
-    """What turns the crank during one coupling step; t = 0 at its start.
+    """Drive and friction of the crank during one coupling step; t = 0 at its start.
 
     ``start_s`` is the time at the start (s).
     """
@@ -196,7 +196,7 @@ class ShaftDrive(NamedTuple):
 
 @kernel
 def shaft_drive(crank: Crank, start_s: float, speed: float, before: float, torque: float, command: float) -> ShaftDrive:
-    """Return what turns the crank in a step.
+    """Return the drive of the crank in a step.
 
     Parameters
     ----------

@@ -87,12 +87,12 @@ FAILURES = {
 
 
 def failures_at(step_s: float) -> tuple[str, ...]:
-    """Return what each failure is told by, at a coupling step (s)."""
+    """Return the messages of the failures, for a coupling step (s)."""
     return tuple(FAILURES[-1 - i].format(step_s=step_s, shorter_s=0.1 * step_s) for i in range(len(FAILURES)))
 
 
 class TurnedCrank(NamedTuple):
-    """A crank linkage: its constants, those of its mechanism, and the address of its functions."""
+    """A crank linkage: its constants, those of its mechanism, and the address of its compiled functions."""
 
     crank: Crank
     mechanism: Any
@@ -111,9 +111,9 @@ def turned_crank(crank: Crank, mechanism: Any) -> TurnedCrank:
 def fill_row(
     model: TurnedCrank, y: Array, turned: float, sense: float, regime: int, memory: Memory, command: float, out: Array
 ) -> bool:
-    """Fill a linkage row with a state; return whether the crank torque is finite.
+    """Fill a linkage row from a state; return whether the crank torque is finite.
 
-    ``memory`` is filled but for friction while turning, energy, and the energy at the start (nan: this is the start).
+    ``memory`` lacks sense, drive work, losses, kinetic friction and energy; a nan initial energy marks the start.
     """
     crank, mechanism = model.crank, under_load_share(model.mechanism, memory.load_share)
     w, e = y[SPEED], memory.crank_acceleration_rad_per_s2
@@ -142,9 +142,9 @@ def fill_row(
 
 @kernel
 def start_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
-    """Fill the row of a crank at an angle, speed, acceleration (rad); return whether its torque is finite.
+    """Fill the row of a crank from angle, speed, acceleration (rad, s); return whether its torque is finite.
 
-    At rest friction carries all it can of the load.
+    At rest friction carries the load up to its limit.
     """
     y, held, coulomb = np.zeros(STATE_SIZE), 0.0, model.crank.friction.coulomb_nm
     y[ANGLE], y[SPEED] = f, w
@@ -158,7 +158,7 @@ def start_row(model: TurnedCrank, f: float, w: float, e: float, command: float, 
 def try_step(
     model: TurnedCrank, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
 ) -> int:
-    """Fill in the linkage one step later; return the number of events, negative where it failed."""
+    """Fill ``out`` with the linkage one step later; return the number of events, negative for a failure."""
     crank, y, kept, regimes = model.crank, numbers[:STATE_SIZE], numbers[STATE_SIZE:BEGIN_ROOM], marks[:2]
     f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
     joints, _, energy = count_torque_energy(model.mechanism, f, w, 0.0, regime)
@@ -200,7 +200,7 @@ def try_step(
 def crank_step(
     model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the linkage one step later, its changes of regime and instants of rest located inside the step."""
+    """Fill ``out`` with the linkage one step later; changes of regime and stops are located within the step."""
     size, places = room_sizes(1, 1, 1, STATE_SIZE)
     numbers, marks = np.zeros(BEGIN_ROOM + size), np.zeros(2 + places, dtype=np.int64)
     count = try_step(model, step, linkage, motor, out, log, numbers, marks)

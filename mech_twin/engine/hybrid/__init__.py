@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One law of contact and one loop: what every machine with impacts, friction and stops is advanced by."""
+"""Hybrid dynamics: one force law for contact, friction and stops, and one event loop for every machine."""

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Which laws hold, let go or slide: one linear complementarity problem between bounds.
+r"""Sticking, sliding or separation of each law: a linear complementarity problem with lower and upper bounds.
 
     a = A lam + c,   low <= lam <= high:    lam = low => a >= 0,   lam = high => a <= 0,   between => a = 0
 
-A = W M^-1 W' is positive definite where the directions that hold are independent: then the solution is unique, and
-principal pivoting on the least index (K. G. Murty, Linear Complementarity, Linear and Nonlinear Programming, 1988,
-chapter 4) ends.  Where they are dependent (two stops on one body) the force stands at the laws declared first, and the
-others keep the force nearest to zero; where they contradict each other, that is said.
+A = W M^-1 W' is positive definite where the active directions are independent.  Then the solution is unique, and
+principal pivoting by least index (K. G. Murty, Linear Complementarity, Linear and Nonlinear Programming, 1988,
+chapter 4) terminates.  Where they are dependent (two stops on one body) the laws declared first carry the force, and
+the others take the admissible force nearest to zero; inconsistent laws give `CONTRADICTION`.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 SOLVED, CONTRADICTION = 0, -1
-DEPENDENT = 1e-11  # of a law's own mobility: less is left of it beside the laws that hold before it
-NEAR = 1e-11  # of the terms that are summed: acceleration or force that is zero but for rounding
+DEPENDENT = 1e-11  # relative pivot below which a law counts as linearly dependent on earlier holding ones
+NEAR = 1e-11  # relative to the terms summed: a smaller acceleration or force is rounding
 
 
 @inline_kernel
 def factorise(matrix: Array, factor: Array) -> None:
-    """Fill L of a symmetric positive definite matrix (n, n) = L D L', with 1 / D on the diagonal."""
+    """Fill the LDL' factorisation of a symmetric positive definite matrix (n, n), with 1 / D on the diagonal."""
     for i in range(len(matrix)):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -34,7 +34,7 @@ def factorise(matrix: Array, factor: Array) -> None:
 
 @inline_kernel
 def back_substitute(factor: Array, vector: Array) -> None:
-    """Solve in place with a factor of `factorise`."""
+    """Solve a linear system in place with a factor of `factorise`."""
     n = len(vector)
     for i in range(n):
         for k in range(i):
@@ -47,7 +47,7 @@ def back_substitute(factor: Array, vector: Array) -> None:
 
 @borrowing_kernel
 def fill_mobilities(at: Equations, all_laws: bool) -> None:
-    """Fill M^-1 w of the laws that are part (``at.status`` not `OPEN`), or of all, and w . M^-1 w between them."""
+    """Fill M^-1 w and W M^-1 W' (``at.matrix``) of the laws that are not `OPEN` in ``at.status``, or of all."""
     m, n = at.directions.shape
     for i in range(m):
         if at.status[i] == OPEN and not all_laws:
@@ -71,13 +71,13 @@ def nearest_to_zero(low: float, high: float) -> float:
 
 @inline_kernel
 def holds_by_itself(at: Equations, law: int) -> bool:
-    """Tell whether a law holds and does not depend on those before it."""
+    """Return whether a law holds and is linearly independent of the holding laws before it."""
     return bool(at.status[law] == HOLD and at.hold_factor[law, law] != 0.0)
 
 
 @borrowing_kernel
 def factor_holding(at: Equations, force: Array) -> None:
-    """Factorise the mobilities of the laws that hold; a dependent one has a row of zeros, and its force is filled."""
+    """Fill the Cholesky factor of ``at.matrix`` over the holding laws, and the force of dependent ones (zero pivot)."""
     factor = at.hold_factor
     for i in range(len(force)):
         factor[i, i] = 0.0
@@ -101,9 +101,9 @@ def factor_holding(at: Equations, force: Array) -> None:
 
 @borrowing_kernel
 def solve_holding(at: Equations, force: Array) -> None:
-    """Fill the forces of the laws that hold (``at.status``), those at a bound being filled in already.
+    """Fill the forces for zero acceleration of the holding laws (``at.status``), given the forces at bounds.
 
-    A law that depends on those before it takes the force nearest to zero.
+    A law linearly dependent on those before it takes the admissible force nearest to zero.
     """
     m, factor = len(force), at.hold_factor
     factor_holding(at, force)
@@ -127,7 +127,7 @@ def solve_holding(at: Equations, force: Array) -> None:
 
 @inline_kernel
 def acceleration_of(at: Equations, force: Array, law: int) -> tuple[float, float]:
-    """Return the acceleration of a law under the forces, and the size of the terms it is the sum of."""
+    """Return the acceleration of a law under the forces, and the sum of the magnitudes of its terms (for rounding)."""
     total, size = at.free[law], abs(at.free[law])
     for j in range(len(force)):
         if at.status[j] != OPEN:
@@ -138,7 +138,7 @@ def acceleration_of(at: Equations, force: Array, law: int) -> tuple[float, float
 
 @inline_kernel
 def better_status(at: Equations, force: Array, law: int) -> int:
-    """Return the status that a law ought to have: its own where it is right."""
+    """Return the status a law changes to if it violates complementarity, else its present one."""
     better = int(at.status[law])
     if holds_by_itself(at, law):
         if force[law] < at.least[law] - NEAR * (abs(force[law]) + abs(at.least[law])):
@@ -156,7 +156,7 @@ def better_status(at: Equations, force: Array, law: int) -> int:
 
 @inline_kernel
 def earlier_law(at: Equations, law: int) -> int:
-    """Return the law that must let go so that a dependent one may hold, -1 where none can."""
+    """Return the first earlier holding law that is coupled and may reach its lower bound, -1 for none."""
     for j in range(law):
         if at.status[j] == HOLD and abs(at.least[j]) < math.inf and at.matrix[law, j] != 0.0:
             return j
@@ -165,15 +165,15 @@ def earlier_law(at: Equations, law: int) -> int:
 
 @borrowing_kernel
 def solve_laws(at: Equations, force: Array) -> int:
-    """Fill forces and status of the laws that are part; return `SOLVED` or `CONTRADICTION`.
+    """Solve for forces and status of the laws that are not `OPEN`; return `SOLVED` or `CONTRADICTION`.
 
     Parameters
     ----------
     at : Equations
-        ``matrix``, ``free``, ``least`` and ``most`` are filled; ``status`` says what each law did before, and is
-        changed: `HOLD`, `LOW` or `HIGH` (at that bound), `OPEN` where the law is no part.
+        ``matrix``, ``free``, ``least`` and ``most`` are input.  ``status`` is the initial guess and the result:
+        `HOLD`, `LOW` or `HIGH` (at that bound), `OPEN` where the law is left out.
     force : (m,) array
-        Filled.
+        Filled with the forces of the laws.
     """
     m = len(force)
     for _ in range(50 + 50 * m):

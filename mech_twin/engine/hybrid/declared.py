@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Any declared system as one type, so that the loop is compiled once and not for each machine.
+"""Type erasure of hybrid systems by function pointer, so that the loop is compiled once and not for each machine.
 
-The functions of a system (`laws`) are compiled behind one entry; `Declared` holds the entry's address and those of the
-system and of the equations it fills.  A call through an address costs some nanoseconds, and the compiler does not look
-through it.
+The functions of a system (`laws`) are compiled behind one entry function.  `Declared` holds the address of that
+function, of the system's constants and of the equations it fills.  An indirect call costs some nanoseconds, and is
+not inlined.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ NUMBERS, MARKS, TABLE = types.float64[::1], types.int64[::1], types.float64[:, :
 
 
 def entry_types(system: Any, equations: Any) -> tuple[Any, ...]:
-    """Return the types of the arguments of `enter`."""
+    """Return the argument types of `enter`."""
     at = [types.CPointer(kind) for kind in (system, equations, NUMBERS, MARKS, NUMBERS, NUMBERS, MARKS, TABLE)]
     return (types.int64, types.int64, types.float64, *at, types.int64)
 
 
 def _call(typing_context: Any, entry: Any, *arguments: Any) -> Any:
-    """Call `enter`, compiled for a system, at its address; the arguments are its own, pointers as numbers."""
+    """Call the compiled `enter` through its address (numba intrinsic); pointers are passed as integers."""
     opaque = entry_types(types.void, types.void)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -71,7 +71,7 @@ call: Any = intrinsic(_call)
 
 @inline_kernel
 def address_of(value: Any) -> int:
-    """Return where a value is kept, as a number."""
+    """Return the address of a value as an integer."""
     return number_of(place_of(value))  # type: ignore[no-any-return]
 
 
@@ -80,7 +80,7 @@ def enter(
     phase: int, which: int, t: float, system: Any, equations: Any, y: Any, regimes: Any, first: Any, second: Any,
     past: Any, log: Any, count: int,
 ) -> int:  # fmt: skip
-    """Do for a system what the phase says, all arrays and constants given by their places in memory."""
+    """Call the function of `laws` that the phase names; arrays and constants are passed by address."""
     if phase == EVALUATE:
         evaluate(value_at(system), t, value_at(y), value_at(regimes), value_at(equations))
     elif phase == ACCUMULATE:
@@ -108,7 +108,7 @@ def enter(
 
 
 def entry_of(system: Any) -> int | None:
-    """Return the address in this process of `enter`, compiled for the type of a system; None in uncompiled code."""
+    """Return the address of `enter` compiled for a system's type in this process; None in interpreted code."""
     return None if interpreted else _entry_for(_numba.typeof(system))
 
 
@@ -122,7 +122,7 @@ def _entry_for(kind: Any) -> int:
 
 
 class Declared(NamedTuple):
-    """A system by the addresses of its entry, its constants, and the equations of the room it moves in."""
+    """A system by the addresses of its entry function, its constants, and its `Equations`."""
 
     entry: int
     system: int
@@ -130,7 +130,7 @@ class Declared(NamedTuple):
 
 
 def by_address(entry: int | None, system: Any, place: Any, equations: Any) -> Any:
-    """Return a system as `Declared`; without an entry the system itself."""
+    """Return a system as `Declared`, or unchanged without an entry address."""
     return system
 
 
@@ -147,9 +147,9 @@ def _by_address(entry: Any, system: Any, place: Any, equations: Any) -> Any:
 
 @inline_kernel
 def declared(entry: int | None, system: Any, at: Equations) -> Any:
-    """Return a system as `Declared`, for as long as the calling kernel runs; without an entry the system itself.
+    """Return a system as `Declared`, valid while the calling kernel runs, or unchanged without an entry address.
 
-    Code that is compiled ahead, or not at all, has no entry.
+    Code compiled ahead of time, and interpreted code, have no entry address.
     """
     return by_address(entry, system, place_of(system), place_of(at))
 

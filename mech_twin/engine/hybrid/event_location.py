@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where within a step of a motion its first signal crosses zero.
+"""Event location: the first zero crossing of the event functions (signals) within an integration step.
 
-Signals are sought on the dense output of the step taken, and the first is polished by integrating from the start of the
-step.  A signal that dips below zero within the step is found by its derivative.  One that starts at its root (a body
-that has just left its stop) is divided by the time.
+Roots are bracketed on the dense output of the step, and the first is refined by integrating from the start of the
+step.  A signal with two roots within the step is found through its minimum.  The known root of a signal that starts
+at zero (a body that has just left its stop) is divided out (deflation).
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993, II.6.
 """
@@ -32,7 +32,7 @@ NOTHING = -1
 
 
 class Signals(NamedTuple):
-    """Room for the signals of a step: at its start, its end, at another instant; (s,) each; the state y (n,)."""
+    """Work arrays of event location: the signals (s,) and rates at start, end and other instants; states y (n,)."""
 
     start: Array
     start_rate: Array
@@ -41,17 +41,17 @@ class Signals(NamedTuple):
     now: Array
     now_rate: Array
     middle: Array
-    at_root: Array  # 1 where the signal starts the piece at its root
+    at_root: Array  # 1 where the signal is zero at the start
     state: Array
     rate: Array
-    lost: Array  # (2 n,) what rounding took from coordinates and velocities
+    lost: Array  # (2 n,) carry of the compensated sums of coordinates and velocities
 
 
 @borrowing_kernel
 def dense_signal(
     piece: PieceAt, t: float, y: Array, h: float, share: float, which: int, work: Workspace, search: Signals
 ) -> tuple[float, float]:
-    """Return a signal and its derivative at a share of the step taken, from the dense output."""
+    """Return a signal and its time derivative at a share (0 to 1) of the step, from the dense output."""
     interpolate(piece, y, h, share, work, search.state)
     piece_rates(piece, t + share * h, search.state, search.rate)
     read_signals(piece, t + share * h, search.state, search.now, search.now_rate)
@@ -60,13 +60,13 @@ def dense_signal(
 
 @inline_kernel
 def divided(value: float, shift: float, span: float, at_root: bool) -> float:
-    """Return a signal, or what is left of it when the root it starts from is divided out."""
+    """Return a signal, with its root at the start divided out where ``at_root``."""
     return (value - shift) / span if at_root else value
 
 
 @inline_kernel
 def lowest_share(first: float, rate: float, last: float, last_rate: float, h: float) -> tuple[float, float]:
-    """Return the share of the step at which the cubic through both ends and rates is lowest, and its value there."""
+    """Return place (share of the step, -1 for none) and value of the minimum of the cubic Hermite interpolant."""
     p0, p1 = rate * h, last_rate * h
     c2, c3 = 3.0 * (last - first) - 2.0 * p0 - p1, p0 + p1 - 2.0 * (last - first)
     inner = c2 * c2 - 3.0 * c3 * p0
@@ -80,7 +80,7 @@ def lowest_share(first: float, rate: float, last: float, last_rate: float, h: fl
 
 @borrowing_kernel
 def fill_middle(piece: PieceAt, t: float, y: Array, h: float, end: Array, work: Workspace, search: Signals) -> None:
-    """Fill the signals in the middle of the step, the state there from states and rates at both ends (cubic)."""
+    """Fill the signals at the midpoint of the step, with the state from cubic Hermite interpolation."""
     last = len(method_of(piece).weights)
     for i in range(len(y)):
         search.state[i] = 0.5 * (y[i] + end[i]) + 0.125 * h * (work.rates[0, i] - work.rates[last, i])
@@ -90,7 +90,7 @@ def fill_middle(piece: PieceAt, t: float, y: Array, h: float, end: Array, work: 
 
 @inline_kernel
 def may_dip(search: Signals, which: int, h: float) -> bool:
-    """Tell whether a signal that is positive at both ends of the step comes near zero in between."""
+    """Return whether a signal positive at both ends may have a minimum near zero within the step."""
     first, last, rate = search.start[which], search.end[which], search.start_rate[which]
     if math.isnan(rate):
         curve = first - 2.0 * search.middle[which] + last
@@ -106,7 +106,7 @@ def may_dip(search: Signals, which: int, h: float) -> bool:
 
 @borrowing_kernel
 def dip_share(piece: PieceAt, t: float, y: Array, h: float, which: int, work: Workspace, search: Signals) -> float:
-    """Return a share of the step at which a signal that is positive at both ends is not positive, or -1."""
+    """Return a share of the step where a signal positive at both ends is zero or negative (at its minimum), or -1."""
     if math.isnan(search.start_rate[which]):
         low, high = 0.0, 1.0
         for _ in range(40):
@@ -142,7 +142,7 @@ def dip_share(piece: PieceAt, t: float, y: Array, h: float, which: int, work: Wo
 def root_share(
     piece: PieceAt, t: float, y: Array, h: float, which: int, high: float, work: Workspace, search: Signals
 ) -> float:
-    """Return the share of the step of the first root before ``high``, by the dense output (Illinois)."""
+    """Return the root of a signal before ``high`` as share of the step: Illinois method on the dense output."""
     at_root, shift = search.at_root[which] == 1.0, search.start[which]
     rate = search.start_rate[which]
     low, side = 0.0, 0
@@ -175,17 +175,17 @@ def root_share(
 
 @inline_kernel
 def is_beyond(first: float, rate: float, last: float, at_root: bool) -> bool:
-    """Tell whether a signal has its event at the start of the step, from its values at both ends and its rate."""
-    if at_root:  # a rate of rounding is none: what begins at its root has been found to leave it
+    """Return whether the event is at the start of the step already, from the signal at both ends and its rate."""
+    if at_root:  # the rate alone may be rounding
         return bool(rate < 0.0 and last < 0.0)
-    if first < 0.0:  # by rounding, where it becomes positive by itself: a gap that opens as friction lets go
+    if first < 0.0:  # negative by rounding only if it becomes positive: a gap that opens as friction slips
         return not (rate >= 0.0 and last > 0.0)
     return bool(first == 0.0 and (rate < 0.0 or last < 0.0))
 
 
 @inline_kernel
 def mark_roots(search: Signals) -> None:
-    """Mark signals that come from their root, to which they may fall back within the step."""
+    """Mark signals that are zero and rising at the start; they may return to zero within the step."""
     for which in range(len(search.start)):
         if search.start[which] == 0.0 and search.start_rate[which] > 0.0:
             search.at_root[which] = 1.0
@@ -193,7 +193,7 @@ def mark_roots(search: Signals) -> None:
 
 @borrowing_kernel
 def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, search: Signals) -> tuple[int, float]:
-    """Return the signal that crosses first within the step taken, and the share of the step; `NOTHING` for none."""
+    """Return the first signal to cross zero within the step, and where (share of the step); `NOTHING` for none."""
     found, share, dense, middle = NOTHING, 1.0, False, False
     mark_roots(search)
     for which in range(len(search.start)):
@@ -205,7 +205,7 @@ def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, 
         if is_beyond(first, rate, last, at_root):
             return which, 0.0
         if (first <= 0.0 and not at_root) or (at_root and rate == 0.0 and last == first):
-            continue  # a gap that other laws keep as it is stays open
+            continue  # a gap that other laws hold constant stays open
         high = 1.0
         if divided(last, first, h, at_root) > 0.0:
             if at_root:
@@ -234,7 +234,7 @@ def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, 
 def land_on(
     piece: PieceAt, t: float, y: Array, h: float, share: float, which: int, work: Workspace, search: Signals
 ) -> float:
-    """Integrate to the root of a signal: return the length of the step that ends there, its state in ``work.end``."""
+    """Return the step length (s) to the root of a signal, refined by Newton steps; the state is in ``work.end``."""
     span, slope = share * h, UNKNOWN
     if math.isnan(search.start_rate[which]):
         step = 1e-3
@@ -259,7 +259,7 @@ def land_on(
 
 @borrowing_kernel
 def carry_on(piece: PieceAt, h: float, y: Array, work: Workspace, search: Signals) -> None:
-    """Give ``y`` the state at the end of the step; coordinates and velocities keep what rounding took before."""
+    """Update ``y`` to the end of the step, with compensated (Kahan) summation of coordinates and velocities."""
     weights = method_of(piece).weights
     for i in range(len(search.lost)):
         change = 0.0
@@ -285,10 +285,10 @@ def advance_piece(
     work: Workspace,
     search: Signals,
 ) -> tuple[float, float, int, int]:
-    """Advance ``y`` by a smooth piece of at most ``left`` (s), the first step of at most ``wanted`` (s).
+    """Integrate ``y`` up to the first event or for ``left`` (s), the first step at most ``wanted`` (s).
 
-    Return its length, the step to try next, its signal, and the steps it took: -1 where none is short enough, -2 where
-    there are too many.
+    Return the time covered (s), the step to try next (s), the signal that ended it or `NOTHING`, and the steps taken.
+    The last is -1 if the state is not finite, -2 after ``most_steps``.
     """
     done = 0.0
     for steps in range(most_steps):
@@ -302,7 +302,7 @@ def advance_piece(
             h, following = min(trial, SHORTEST_S), 10.0 * SHORTEST_S
             take_step(piece, t + done, y, h, work)
             finish_step(piece, t + done, h, work)
-        if h < trial or following > wanted:  # a step that the end of the time cut short tells nothing
+        if h < trial or following > wanted:  # a step cut short by the end does not lower the next
             wanted = following
         for i in range(len(y)):
             if not math.isfinite(work.end[i]):

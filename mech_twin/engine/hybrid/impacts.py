@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Impacts: the law's problem in velocities and impulses, all contacts that close at an instant together.
+r"""Impacts: the complementarity problem in velocities and impulses, for all contacts that close at one instant.
 
     u+ = u- + M^-1 sum_i w_i P_i,    v_i+ + e_i v_i- >= 0,    P_i >= 0,    P_i (v_i+ + e_i v_i-) = 0
 
-for struck contacts (v_i- < 0), with e = 0 for those that are closed already (J. J. Moreau, with Newton's restitution).
-Friction, gears and walls that give way have bounded forces: they give no impulse.
+for struck contacts (v_i- < 0), with e = 0 for those already closed (J. J. Moreau, with Newton's restitution).
+Friction, gears and yielding walls have bounded forces and hence no impulse.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from mech_twin.engine.hybrid.laws import HOLD, OPEN, Array, Equations, Indices, 
 from mech_twin.kernels.kernel import borrowing_kernel
 
 STRUCK, CLOSED = 1, 2  # what an impact did to a law
-CLOSED_M = 1e-12  # a gap of this size is none
+CLOSED_M = 1e-12  # a gap up to this counts as closed
 
 
 @borrowing_kernel
 def add_impulses(at: Equations, y: Array, impulse: Array) -> None:
-    """Change the velocities of the state, and those of the laws, by impulses (m,)."""
+    """Add the velocity changes M^-1 W' P of impulses P (m,) to the state, and update the velocities of the laws."""
     m, n = at.mobility.shape
     for i in range(m):
         if impulse[i] != 0.0:
@@ -36,9 +36,9 @@ def add_impulses(at: Equations, y: Array, impulse: Array) -> None:
 
 @borrowing_kernel
 def seek_impulses(regimes: Indices, at: Equations, struck: Indices, rebounds: float) -> int:
-    """Fill ``at.multiplier`` with the impulses of all gaps that close; with ``rebounds`` 0 none of them rebounds.
+    """Solve for the impulses (``at.multiplier``) of all closing contacts; ``rebounds`` scales their restitution.
 
-    ``struck`` (m,) is filled: `STRUCK` for a contact that was struck, `CLOSED` for one that was closed, else 0.
+    ``struck`` (m,) is filled: `STRUCK` for a contact with an impact, `CLOSED` for one closed before, else 0.
     """
     m = len(at.gap)
     for i in range(m):
@@ -60,7 +60,7 @@ def seek_impulses(regimes: Indices, at: Equations, struck: Indices, rebounds: fl
 
 @borrowing_kernel
 def strike(y: Array, regimes: Indices, at: Equations, struck: Indices) -> int:
-    """Change velocities by the impacts of all gaps that close; ``at`` is prepared, ``struck`` as in `seek_impulses`."""
+    """Apply the impacts of all closing contacts to the velocities; ``at`` is prepared, ``struck`` is filled."""
     answer = seek_impulses(regimes, at, struck, 1.0)
     add_impulses(at, y, at.multiplier)
     return answer
@@ -68,7 +68,7 @@ def strike(y: Array, regimes: Indices, at: Equations, struck: Indices) -> int:
 
 @borrowing_kernel
 def halt(y: Array, regimes: Indices, at: Equations, halted: Indices, room: Array) -> None:
-    """Take the velocity out of the laws that are marked, those that hold staying without; ``at`` is prepared."""
+    """Stop marked and holding laws by impulses, which are filled in ``room``; ``at`` is prepared."""
     for i in range(len(at.gap)):
         at.status[i] = HOLD if halted[i] == 1 or regimes[i] == HOLD else OPEN
         at.free[i], at.least[i], at.most[i] = at.velocity[i], -math.inf, math.inf
@@ -76,7 +76,7 @@ def halt(y: Array, regimes: Indices, at: Equations, halted: Indices, room: Array
     fill_mobilities(at, True)
     solve_holding(at, room)
     add_impulses(at, y, room)
-    for i in range(len(at.gap)):  # one freedom is held to the bit
+    for i in range(len(at.gap)):  # exact if the law acts on one freedom
         k = only_freedom(at, i) if at.status[i] == HOLD else -1
         if k >= 0:
             y[len(at.force) + k], at.velocity[i] = -at.drift[i] / at.directions[i, k], 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""What a hybrid mechanical system declares, and the law that its contacts, frictions and stops share.
+r"""Interface of a hybrid mechanical system: equations of motion, and one set-valued force law for all its contacts.
 
 Coordinates q (n,), velocities u (n,), quadratures (k,) stand one after the other in the state y::
 
@@ -13,14 +13,14 @@ what it stands for                            w                     [low, high]
 ============================================  ====================  ===========================
 stop, body on its collar, striker on a tool   normal of the gap     [0, inf), restitution e
 Coulomb friction                              the joint             [-c, c]
-gear with loss eta about the moment i M       the geared shaft      i M [eta, 1/eta] less mean
-wall that gives way and never comes back      travel of the tool    [-F, 0]
+gear of efficiency eta with the moment i M    the geared shaft      i M [eta, 1/eta] less mean
+yielding wall without spring-back             travel of the tool    [-F, 0]
 brake, one-way clutch                         the joint             [-T, T], [0, inf)
 ============================================  ====================  ===========================
 
 Laws along one direction are declared as one: their bounds add up.  A machine declares, with `declares`, the functions
-below for the type of its constants; the loop (`loop.advance`) does the rest.  What a machine keeps from piece to piece
-is an array among those constants.
+below for the type of its constants; `loop.advance` integrates it.  A *piece* is the smooth motion between two events.
+State that a machine keeps from piece to piece is an array among its constants.
 
 Sources: F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral Contacts, Wiley 1996, chapters 4 to 8;
 J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, CISM 302, Springer 1988.
@@ -42,16 +42,16 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# regime of a law: open; sliding with v > 0 (force at its low bound), with v < 0 (at its high bound); holding, v = 0
+# regime of a law: open; sliding with v > 0 (force at its low bound), v < 0 (at its high bound); holding (sticking)
 OPEN, LOW, HIGH, HOLD = 0, 1, 2, 3
 
 
 class Equations(NamedTuple):
-    """The equations of a system at one instant; the fields from ``factor`` on are room to compute in.
+    """The equations of a system at one instant; the fields from ``factor`` on are work arrays.
 
     There are n freedoms and m laws.  Filled by `evaluate`: ``mass`` (n, n), and ``force`` (n,) of all but the laws.
-    Of each law it fills ``directions`` (m, n), ``drift`` (m,) v0, ``bias`` (m,) b, ``gap``, ``low`` and ``high`` (m,);
-    ``restitution`` (m,) of a law with a gap, less than 0 (as it begins) for a law without one.
+    For each law it fills ``directions`` (m, n), ``drift`` (m,) v0, ``bias`` (m,) b, ``gap``, ``low`` and ``high`` (m,).
+    ``restitution`` (m,) is filled for a law with a gap, and stays negative (initial value) for one without.
     Found by the loop: ``acceleration`` (n,), ``multiplier``, ``velocity`` and ``law_acceleration`` (m,).
     """
 
@@ -71,16 +71,16 @@ class Equations(NamedTuple):
     factor: Array  # (n, n) Cholesky factor of the mass
     mobility: Array  # (m, n) M^-1 w
     matrix: Array  # (m, m) w . M^-1 w
-    free: Array  # (m,) accelerations, or velocities, without the forces that are sought
-    least: Array  # (m,) bounds of the forces or impulses sought
+    free: Array  # (m,) accelerations, or velocities, without the unknown forces
+    least: Array  # (m,) bounds of the unknown forces or impulses
     most: Array
-    hold_factor: Array  # (m, m)
-    status: Indices  # (m,)
+    hold_factor: Array  # (m, m) Cholesky factor of ``matrix`` over the holding laws
+    status: Indices  # (m,) regimes during the solution
 
 
 @borrowing_kernel
 def only_freedom(at: Equations, law: int) -> int:
-    """Return the one freedom that a law acts on, -1 where there are several."""
+    """Return the only degree of freedom a law acts on, -1 if there are several or none."""
     found = -1
     for k in range(len(at.force)):
         if at.directions[law, k] != 0.0:
@@ -91,27 +91,27 @@ def only_freedom(at: Equations, law: int) -> int:
 
 
 def declares(generic: Callable[..., Any], system_type: type) -> Callable[[Function], Function]:
-    """Declare a kernel as one of the functions below for a type of system; it counts no references to arrays."""
+    """Declare a kernel as one of the functions below for a type of system; compiled without reference counting."""
     return step_of(generic, system_type, embedded_kernel)
 
 
 def evaluate(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill mass, force, and direction, drift, bias, gap and bounds of each law (entries that stay zero are zero)."""
+    """Fill mass, force, and direction, drift, bias, gap and bounds of each law (constant zeros may be left out)."""
     chosen(evaluate, system)(system, t, y, regimes, at)
 
 
 def accumulate(system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
-    """Fill ``out[2 n:]`` with the rates of the quadratures; acceleration and multipliers are known.
+    """Fill ``out[2 n:]`` with the rates of the quadratures; accelerations and multipliers are known.
 
-    A coordinate whose rate is not its velocity (a twist) gets it here too, in ``out[:n]``.
+    A coordinate whose time derivative is not its velocity (a twist) is given here too, in ``out[:n]``.
     """
     chosen(accumulate, system)(system, t, y, regimes, at, out)
 
 
 def fill_signals(system: Any, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array) -> None:
-    """Fill the machine's own signals, positive before their event, and their time derivatives (nan: not known).
+    """Fill the machine's own event functions, positive before the event, and their time derivatives (nan: unknown).
 
-    They stand behind those of the laws, from ``2 m`` on; infinite where none is sought.
+    They follow those of the laws, from index ``2 m`` on; infinite switches one off.
     """
     chosen(fill_signals, system)(system, t, y, regimes, at, values, rates)
 
@@ -122,14 +122,14 @@ def begin_piece(system: Any, t: float, y: Array, regimes: Indices) -> None:
 
 
 def end_piece(system: Any, t: float, before: Array, y: Array, regimes: Indices) -> None:
-    """Book what is known in closed form of a piece that ended at time ``t`` and began in the state ``before``."""
+    """Add closed-form integrals over a piece, from the state ``before`` to ``y`` at time ``t`` (s)."""
     chosen(end_piece, system)(system, t, before, y, regimes)
 
 
 def pass_signal(system: Any, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Do what an own signal of the machine stands for, and log it; return the number of events.
+    """Execute and log the event of the machine's own signal ``which``; return the number of events.
 
-    A number below 0 ends the motion there, and is what `loop.advance` returns.
+    A negative number ends the motion there; `loop.advance` returns it.
     """
     return int(chosen(pass_signal, system)(system, which, t, y, regimes, log, count))
 
@@ -137,14 +137,14 @@ def pass_signal(system: Any, which: int, t: float, y: Array, regimes: Indices, l
 def change_regimes(
     system: Any, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
-    """Take note of laws that have changed from ``past`` to ``regimes``, and log it; return the number of events."""
+    """Handle and log the change of regimes from ``past`` to ``regimes``; return the number of events."""
     return int(chosen(change_regimes, system)(system, t, y, past, regimes, at, log, count))
 
 
 def begin_impact(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill ``at.restitution`` of contacts that are about to strike, where it follows from the impact.
+    """Fill ``at.restitution`` of contacts before an impact, if it depends on the impact.
 
-    A system for which nothing is declared has given restitutions.
+    Without a declaration the system has constant coefficients of restitution.
     """
     if is_declared(begin_impact, type(system)):
         chosen(begin_impact, system)(system, t, y, regimes, at)
@@ -161,5 +161,5 @@ def _given_restitutions(system: Any, t: float, y: Array, regimes: Indices, at: E
 
 
 def note_impact(system: Any, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Log an impact and book its loss; ``at.multiplier`` holds the impulses (N s, N m s); return the number."""
+    """Log an impact and add its loss; ``at.multiplier`` has the impulses (N s, N m s); return the number of events."""
     return int(chosen(note_impact, system)(system, t, before, y, at, log, count))

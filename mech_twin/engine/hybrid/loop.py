@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one loop: smooth pieces of motion, and what their events change, through a coupling step of any machine.
+"""The event loop: integrates any machine over a coupling step, from event to event.
 
-After an event the law's problem decides the next regimes: in velocities and impulses where a gap closes
-(`impacts.strike`), in accelerations and forces else (`motion.settle_regimes`).
+After an event a complementarity problem gives the next regimes: in velocities and impulses where a gap closes
+(`impacts.strike`), otherwise in accelerations and forces (`motion.settle_regimes`).
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 
 TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4
-LOG_FULL, ENDED = -100, -101  # the second: the system asked for it
+LOG_FULL, ENDED = -100, -101  # table of events too short; ended by the system
 MOST_PIECES = 10_000  # of one coupling step
 MOST_STEPS = 20_000  # of one piece
-SHORTEST_SERIES_S = 1e-10  # a series of impacts that is over sooner has its limit at once
-MOVES = 1e-11  # of the velocities that the impulses give: a law that got less still holds
+SHORTEST_SERIES_S = 1e-10  # a series of impacts with less time left is replaced by its limit
+MOVES = 1e-11  # relative to the velocity changes of the impulses: below, a law still holds
 JUMPED = 3  # beside `STRUCK` and `CLOSED`: an impact set the law in motion
 LAST, ROUND, FASTEST = range(3)  # rows of `Room.series`
-LEAP = 1e3  # of a step's error: a halt that changes a velocity by more is none
+LEAP = 1e3  # times the error of a step: a law that stops may change no velocity by more
 ROWS = 16  # stages of the largest tableau
 
 
 class Room(NamedTuple):
-    """What the loop writes in: an instant, a step, signals; marks and regimes of the laws (m,); states."""
+    """Work arrays of the loop: equations, integration step, signals; marks and regimes of the laws (m,); states."""
 
     at: Equations
     work: Workspace
@@ -59,23 +59,23 @@ class Room(NamedTuple):
     ended: Indices
     past: Indices
     cut: Array
-    series: Array  # (3, m): last impact of each law (s), the time before it since the one before, its speed (m/s)
+    series: Array  # (3, m): time of the last impact of each law (s), interval before it (s), closing speed (m/s)
     before: Array
     tolerance: Array
     method: Tableau
-    steps: Indices  # (1,) steps of integration since the room is there
+    steps: Indices  # (1,) integration steps so far
 
 
 @inline_kernel
 def room_sizes(n: int, m: int, signals: int, size: int) -> tuple[int, int]:
-    """Return how many numbers and marks the room of `room_in` needs."""
+    """Return the lengths of the float and integer arrays that `room_in` needs."""
     numbers = 2 * n * n + 6 * n + 2 * m * m + 2 * m * n + 16 * m + (ROWS + 5) * size + 8 * (2 * m + signals)
     return numbers, 5 * m + 1
 
 
 @inline_kernel
 def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: int, method: Tableau) -> Room:
-    """Return room for a system of n freedoms, m laws, own signals, and numbers of state, as parts of two arrays."""
+    """Return work arrays as views of two arrays, for n freedoms, m laws, own signals and state size."""
     s, free = 2 * m + signals, 0
     mass, free = numbers[free : free + n * n].reshape(n, n), free + n * n
     factor, free = numbers[free : free + n * n].reshape(n, n), free + n * n
@@ -111,7 +111,7 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
 
 @kernel
 def room_for(freedoms: int, laws: int, signals: int, size: int) -> Room:
-    """Return new room for a system."""
+    """Return new work arrays for a system."""
     numbers, marks = room_sizes(freedoms, laws, signals, size)
     places = np.zeros(marks, dtype=np.int64)
     return room_in(np.zeros(numbers), places, freedoms, laws, signals, size, DORMAND_PRINCE_5)
@@ -119,7 +119,7 @@ def room_for(freedoms: int, laws: int, signals: int, size: int) -> Room:
 
 @inline_kernel
 def copy(source: Array, out: Array) -> None:
-    """Fill an array with another."""
+    """Copy an array into another."""
     for i in range(len(out)):
         out[i] = source[i]
 
@@ -133,7 +133,7 @@ def clear(out: Array) -> None:
 
 @borrowing_kernel
 def let_open(at: Equations, regimes: Indices) -> None:
-    """Name a gap whose law no longer presses open: its force is at its low bound, 0."""
+    """Set contacts with the force at its low bound 0 to `OPEN`."""
     for i in range(len(at.gap)):
         if regimes[i] == LOW and at.restitution[i] >= 0.0:
             regimes[i] = OPEN
@@ -141,7 +141,7 @@ def let_open(at: Equations, regimes: Indices) -> None:
 
 @borrowing_kernel
 def settle(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int:
-    """Decide the regimes of the laws that are marked as candidates; gaps that let go are open."""
+    """Find the regimes of the candidate laws; contacts without force become open."""
     answer = settle_regimes(system, t, y, regimes, room.candidates, room.at)
     let_open(room.at, regimes)
     return answer
@@ -149,7 +149,7 @@ def settle(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int
 
 @borrowing_kernel
 def series_ends(at: Equations, regimes: Indices, law: int) -> bool:
-    """Tell whether what is left of a bouncing contact's series takes less than `SHORTEST_SERIES_S`."""
+    """Return whether the remaining series of impacts of a bouncing contact takes less than `SHORTEST_SERIES_S`."""
     e, fall = at.restitution[law], -at.law_acceleration[law]
     return bool(
         regimes[law] == OPEN
@@ -161,11 +161,11 @@ def series_ends(at: Equations, regimes: Indices, law: int) -> bool:
 
 @borrowing_kernel
 def mark_turns(at: Equations, t: float, room: Room) -> None:
-    """Mark contacts that strike by turns (two bodies and a wall) where what is left of their series is over in no time.
+    """Mark contacts that strike alternately (two bodies and a wall) if the rest of their series is negligibly short.
 
-    From turn to turn the intervals of a contact, and the speeds at which it closes, fall by ratios: what is left is a
-    geometric series.  Impacts by turns whose speeds grow, or whose intervals do, end by themselves.  ``room.cut`` holds
-    the velocities before the impact.
+    Intervals and closing speeds of a contact fall by a constant ratio, so the rest is a geometric series; less than
+    `SHORTEST_SERIES_S` is negligible.  Alternate impacts with growing speeds or intervals end by themselves.
+    ``room.cut`` holds the velocities before the impact.
     """
     series = room.series
     for i in range(len(at.gap)):
@@ -186,7 +186,7 @@ def mark_turns(at: Equations, t: float, room: Room) -> None:
 
 @inline_kernel
 def moved_by_impact(regime: int, v: float, at: Equations, law: int) -> bool:
-    """Tell whether an impact has set a law without a gap in motion, or turned its motion round."""
+    """Return whether an impact has started a holding law without a gap, or reversed the velocity of a sliding one."""
     if regime == HOLD:
         size = 0.0
         for k in range(len(at.multiplier)):
@@ -197,7 +197,7 @@ def moved_by_impact(regime: int, v: float, at: Equations, law: int) -> bool:
 
 @borrowing_kernel
 def mark_stopped(at: Equations, regimes: Indices, candidates: Indices) -> None:
-    """Let those laws without a gap hold, if they can, that are at rest, or whose motion the impulses have used up."""
+    """Set laws without a gap to holding, as candidates, if their velocity is zero but for rounding."""
     for i in range(len(at.gap)):
         if at.restitution[i] < 0.0 and regimes[i] != HOLD:
             size = 0.0
@@ -209,7 +209,7 @@ def mark_stopped(at: Equations, regimes: Indices, candidates: Indices) -> None:
 
 @borrowing_kernel
 def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int:
-    """Let contacts strike whose gap has closed, cut series that are over, and decide the regimes."""
+    """Apply the impacts of closing contacts, end series that are negligibly short, and find the new regimes."""
     at, m = room.at, len(room.candidates)
     copy(at.velocity, room.cut)
     answer = strike(y, regimes, at, room.struck)
@@ -250,7 +250,7 @@ def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) ->
 
 @borrowing_kernel
 def leaps(y: Array, before: Array, tolerance: Array, n: int) -> bool:
-    """Tell whether a velocity differs from what it was by more than the error of a step."""
+    """Return whether a velocity differs from ``before`` by more than `LEAP` times the error of a step."""
     found = False
     for k in range(n, 2 * n):
         found = found or abs(y[k] - before[k]) > LEAP * tolerance[k]
@@ -259,10 +259,10 @@ def leaps(y: Array, before: Array, tolerance: Array, n: int) -> bool:
 
 @borrowing_kernel
 def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, upper: bool, room: Room) -> int:
-    """Let a law that holds reach a bound, or one that slides come to rest, and decide the regimes.
+    """Start sliding where the force of a holding law reaches a bound, or stop a sliding law; find the new regimes.
 
-    One that reaches its bound lets go: its acceleration is 0 there but for rounding, which must not decide.
-    One whose direction vanishes, at a dead centre, has no velocity whatever the motion is: it slides on, the other way.
+    At the bound the law slides in any case: its acceleration is 0 but for rounding, which must not decide.
+    At a dead centre the law's direction vanishes, and its velocity with it: it slides on with the opposite sign.
     """
     at, m = room.at, len(room.candidates)
     held = regimes[law] == HOLD
@@ -285,7 +285,7 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
 
 @borrowing_kernel
 def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room: Room, log: Array, count: int) -> int:
-    """Let a law change at its signal, and log it; return the number of events, or `CONTRADICTS`."""
+    """Execute and log the event of a law's signal; return the number of events, or `CONTRADICTS`."""
     at, search, m, law, answer = room.at, room.search, len(room.candidates), which // 2, SOLVED
     for i in range(m):
         room.past[i] = regimes[i]
@@ -308,7 +308,7 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
     if answer != SOLVED:
         return CONTRADICTS
     count = change_regimes(system, t, y, room.past, regimes, at, log, count)
-    for i in range(m):  # a law that the machine lets come in at rest, or hold
+    for i in range(m):  # a law that the machine closes at zero velocity, or makes hold
         slides = regimes[i] == LOW or regimes[i] == HIGH
         if room.past[i] == OPEN and slides and at.restitution[i] < 0.0 and at.velocity[i] == 0.0:
             search.at_root[2 * i] = 1.0
@@ -319,7 +319,7 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
 
 @borrowing_kernel
 def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room: Room, log: Array, count: int) -> int:
-    """Carry a system on for ``span`` (s) from ``t``; return the number of its events, negative where it failed.
+    """Integrate a system over ``span`` (s) from ``t`` (s); return the number of events, negative for a failure.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room
     room : Room
         From `room_for`; ``tolerance`` holds the largest error of a step.
     log : (rows, width) array
-        Table of events, of which ``count`` are there; where it may be too short the answer is `LOG_FULL`.
+        Table of events, ``count`` of them filled; `LOG_FULL` is returned if it may become too short.
     """
     m, done, wanted = len(room.candidates), 0.0, span
     clear(room.search.lost)
@@ -355,7 +355,7 @@ def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room
             return count
         if len(log) - count < 2 * m + 2:
             return LOG_FULL
-        clear(room.search.lost)  # what an event sets it sets exactly
+        clear(room.search.lost)  # the state set by an event is exact
         if which >= 2 * m:
             clear(room.search.at_root)
             count = pass_signal(system, which - 2 * m, t + done, y, regimes, log, count)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion between two events: accelerations under the laws that hold, and the signals that end it.
+"""Motion between two events: accelerations under the active laws, and the event functions (signals) that end it.
 
-Signals come from the laws: open -> gap; holding -> distance of the force to either bound; sliding -> velocity.  The
-machine adds its own.
+Signals of a law: open -> gap; holding -> distance of the force from either bound; sliding -> velocity.  The machine
+adds its own.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.integration import rates_of
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
-UNKNOWN = math.nan  # the derivative of a signal that has none to offer
+UNKNOWN = math.nan  # derivative of a signal, where it is not available
 
 
 class Piece(NamedTuple):
-    """A smooth piece of motion: constants of the system, regimes of its laws (and of the machine), room."""
+    """A smooth piece of motion: constants of the system, regimes of its laws (and of the machine), work arrays."""
 
     system: Any
     regimes: Indices
@@ -46,7 +46,7 @@ class Piece(NamedTuple):
 
 
 class PieceAt(NamedTuple):
-    """The places of a piece and of its method: what the integration passes from call to call."""
+    """Addresses of a piece and of its integration method, which are passed from call to call."""
 
     place: Any
     method: Any
@@ -54,7 +54,7 @@ class PieceAt(NamedTuple):
 
 @embedded_kernel
 def prepare_instant(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Evaluate the system, factorise its mass, and fill the velocities of the laws."""
+    """Evaluate the equations, factorise the mass matrix, and fill the velocities of the laws."""
     evaluate(system, t, y, regimes, at)
     factorise(at.mass, at.factor)
     n = len(at.force)
@@ -67,7 +67,7 @@ def prepare_instant(system: Any, t: float, y: Array, regimes: Indices, at: Equat
 
 @embedded_kernel
 def accelerate(at: Equations) -> None:
-    """Fill acceleration and accelerations of the laws under ``at.multiplier``, the mass being factorised."""
+    """Fill accelerations of coordinates and laws under ``at.multiplier``; the mass matrix is factorised."""
     n, m = len(at.force), len(at.gap)
     for k in range(n):
         at.acceleration[k] = at.force[k]
@@ -84,7 +84,7 @@ def accelerate(at: Equations) -> None:
 
 @embedded_kernel
 def fill_free_accelerations(at: Equations) -> None:
-    """Fill ``at.free`` with the accelerations of the laws under no force of theirs; ``at.multiplier`` is zero."""
+    """Fill ``at.free`` with the accelerations of the laws without law forces; ``at.multiplier`` becomes zero."""
     for i in range(len(at.gap)):
         at.multiplier[i] = 0.0
     accelerate(at)
@@ -94,7 +94,7 @@ def fill_free_accelerations(at: Equations) -> None:
 
 @embedded_kernel
 def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill accelerations and multipliers in given regimes: laws at a bound have that force, holding ones are solved."""
+    """Fill accelerations and multipliers for given regimes: sliding laws are at a bound, holding ones are unknown."""
     prepare_instant(system, t, y, regimes, at)
     m, holding = len(at.gap), False
     for i in range(m):
@@ -111,7 +111,7 @@ def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, at: Eq
             at.multiplier[i] = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
         solve_holding(at, at.multiplier)
     accelerate(at)
-    if holding:  # one freedom is held to the bit
+    if holding:  # exact if the law acts on one freedom
         for i in range(m):
             k = only_freedom(at, i) if regimes[i] == HOLD else -1
             if k >= 0:
@@ -120,10 +120,10 @@ def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, at: Eq
 
 @borrowing_kernel
 def settle_regimes(system: Any, t: float, y: Array, regimes: Indices, candidates: Indices, at: Equations) -> int:
-    """Decide the regimes of all laws without velocity by the complementarity of force and acceleration.
+    """Find the regimes of all laws at zero velocity by complementarity of force and acceleration.
 
-    ``candidates`` (m,): 1 for a law that is closed and has no velocity; the others keep their regime.  Return `SOLVED`,
-    or less where laws contradict each other.
+    ``candidates`` (m,): 1 for a closed law of zero velocity; the others keep their regime.  Return `SOLVED`, or a
+    negative number if the laws are inconsistent.
     """
     prepare_instant(system, t, y, regimes, at)
     m = len(at.gap)
@@ -131,7 +131,7 @@ def settle_regimes(system: Any, t: float, y: Array, regimes: Indices, candidates
         at.status[i] = regimes[i] if candidates[i] == 1 else OPEN
     fill_mobilities(at, True)
     fill_free_accelerations(at)
-    for i in range(m):  # sliding laws give a known force
+    for i in range(m):  # the force of a sliding law is known
         if candidates[i] == 1:
             at.least[i], at.most[i] = at.low[i], at.high[i]
             continue
@@ -157,7 +157,7 @@ def method_at(system: Any) -> Any:
 
 @rates_of(PieceAt, method_at)
 def piece_rates(piece: PieceAt, t: float, y: Array, out: Array) -> None:
-    """Fill in velocities, accelerations and the rates of the quadratures."""
+    """Fill ``out`` with dy/dt: velocities, accelerations and the rates of the quadratures."""
     system, regimes, at = value_at(piece.place)
     find_accelerations(system, t, y, regimes, at)
     n = len(at.force)
@@ -168,7 +168,7 @@ def piece_rates(piece: PieceAt, t: float, y: Array, out: Array) -> None:
 
 @borrowing_kernel
 def read_signals(piece: PieceAt, t: float, y: Array, values: Array, rates: Array) -> None:
-    """Fill all signals of the instant that `piece_rates` has just evaluated: two a law, then the machine's."""
+    """Fill signals and rates at the instant last evaluated by `piece_rates`: two for each law, then the machine's."""
     system, regimes, at = value_at(piece.place)
     for i in range(len(at.gap)):
         first, second = 2 * i, 2 * i + 1
