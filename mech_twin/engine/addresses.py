@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values by their place in memory: in a call one number goes over instead of all those of a large tuple.
+"""Pointers to values in compiled code: a call passes one address instead of all the numbers of a large tuple.
 
-A value is kept as long as the kernel runs in which its place was asked for; no references to its arrays are counted.
+An address is valid while the kernel that took it runs; references to arrays of the value are not counted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ interpreted = bool(numba.core.config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 
 def _keep(typing_context: Any, value: Any) -> Any:
-    """Return where a value is kept."""
+    """Return a pointer to a copy of a value on the stack (numba intrinsic)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = build.alloca_once_value(builder, arguments[0])
@@ -29,7 +29,7 @@ def _keep(typing_context: Any, value: Any) -> Any:
 
 
 def _number(typing_context: Any, place: Any) -> Any:
-    """Return a place as a number."""
+    """Return a pointer as an integer (numba intrinsic)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.ptrtoint(arguments[0], ir.IntType(64))
@@ -38,7 +38,7 @@ def _number(typing_context: Any, place: Any) -> Any:
 
 
 def _load(typing_context: Any, place: Any) -> Any:
-    """Return the value that is kept at a place."""
+    """Return the value that a pointer points to (numba intrinsic)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kept = context.get_value_type(place.dtype).as_pointer()
@@ -48,7 +48,7 @@ def _load(typing_context: Any, place: Any) -> Any:
 
 
 def _same(value: Any) -> Any:
-    """Return the value: uncompiled code has no places."""
+    """Return the value itself: interpreted code has no pointers."""
     return value
 
 

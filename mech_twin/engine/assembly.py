@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps put together from samples that arrive one by one, from topics or from a recording."""
+"""Assembly of steps from samples that arrive one by one, from topics or from a recording."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class StepAssembler:
     incomplete : int
         Steps given back with a sample missing.
     contradicted_from : int or None
-        The lowest step of which two samples differ: somebody else sent one of them, and which is not certain.
+        The lowest step with two different samples of one role: a second publisher must have sent one of them.
     """
 
     def __init__(self, fields: frozenset[str], unused: Counter[str] | None = None) -> None:
@@ -51,7 +51,7 @@ class StepAssembler:
         self._given: dict[int, StepSamples] = {}  # the newest ones
 
     def add(self, sample: Sample) -> list[StepSamples]:
-        """Return the steps that this sample completes or displaces, lowest first."""
+        """Return the steps that this sample completes or forces out, lowest first."""
         field = FIELDS[type(sample)]
         if self._newest is not None and sample.step <= self._newest.step:
             given = self._given.get(sample.step)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine whose roles are all faces of kernels: what the compiled run needs to know of it."""
+"""A machine whose roles are all backed by kernels, as needed by the compiled run."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ from mech_twin.engine.sample_vectors import (
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 
-FIRST_BLOCK = 256  # steps of the first call of `CompiledMachine.run`; a later one takes as many as fit the time
-SHORTEST_BLOCK_S, LONGEST_BLOCK_S = 0.05, 0.2  # real time of one call: as long as a signal waits
+FIRST_BLOCK = 256  # steps of the first call of `CompiledMachine.run`; later ones are adapted to the time below
+SHORTEST_BLOCK_S, LONGEST_BLOCK_S = 0.05, 0.2  # wall time of one call: the delay of a signal
 
 
 @dataclass(frozen=True)
 class CompiledMachine:
-    """The kernels' view of a machine.
+    """A machine as the kernels use it.
 
     Attributes
     ----------
@@ -64,17 +64,17 @@ class CompiledMachine:
 
     @cached_property
     def residuals(self) -> dict[str, int]:
-        """The place of each residual in a row, under the column's name."""
+        """Index in a row of each residual, by the name of its column."""
         return {name: place for name, place in self.layout.columns.items() if ".residual." in name}
 
     @cached_property
     def residual_places(self) -> Indices:
-        """The places of the residuals."""
+        """Indices in a row of the residuals."""
         return np.array(list(self.residuals.values()), dtype=np.int64)
 
     @cached_property
     def widths(self) -> Widths:
-        """Columns of the tables of events."""
+        """Numbers of columns of the tables of events."""
         linkage = self.layout.linkage.events.width
         body = EVENT_WIDTH if self.layout.body is None else self.layout.body.events.width
         return Widths(linkage, body, TABLE_EXTRA + max(linkage, body))
@@ -82,7 +82,7 @@ class CompiledMachine:
     def run(
         self, first: int, row: Array, targets: Array, picked: Indices, columns: Array, worst: Array
     ) -> tuple[RunEnd, MotionError | None]:
-        """Carry a frame on by one step for each target; return how, and the error that ended it before.
+        """Advance a frame by one step for each target; return the end of the run, and the error if there was one.
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class CompiledMachine:
         targets : ndarray, shape (n,)
             Asked fraction of rated supply frequency at each of the next steps.
         picked : ndarray, shape (m,)
-            Places in the row that are kept in ``columns`` (n, m).
+            Indices in the row whose numbers are stored in ``columns`` (n, m).
         worst : ndarray, shape (r,)
             Greatest magnitude of each residual so far, changed in place.
         """
@@ -110,7 +110,7 @@ class CompiledMachine:
         return end, failed(getattr(self.machine.body, "failures", ()), end.status, (first + end.steps) * step_s)
 
     def _failure(self, frame: Frame, target: float) -> MotionError:
-        """Return the error of the step that the linkage gives up, by its role, which has the events at hand."""
+        """Return the error of a failed linkage step by repeating it with the role, which knows the events."""
         try:
             next_frame(self.machine, frame, target)
         except MotionError as error:
@@ -127,7 +127,7 @@ class CompiledMachine:
         worst: Array,
         between: Callable[[], None],
     ) -> tuple[RunEnd, MotionError | None]:
-        """Do what `run` does a block of steps at a time, to the bit, so that a signal need not wait for the last.
+        """Run as `run` does, with identical results, in blocks of steps, so that signals are handled between them.
 
         Parameters
         ----------
@@ -153,7 +153,7 @@ class CompiledMachine:
         return RunEnd(table, len(table), done, failed_role, status), error
 
     def step_events(self, rows: Array) -> tuple[tuple[Event, ...], tuple[Event, ...]]:
-        """Return the events of linkage and of body in rows of the table of a run."""
+        """Return the events of linkage and of body from rows of the table of a run."""
         linkage, body = self.layout.linkage.events, self.layout.body
         of_body = rows[:, SOURCE] == FROM_BODY
         told = linkage.events(rows[~of_body, TABLE_EXTRA : TABLE_EXTRA + linkage.width])
@@ -162,7 +162,7 @@ class CompiledMachine:
         return told, body.events.events(rows[of_body, TABLE_EXTRA : TABLE_EXTRA + body.events.width])
 
     def events_in_order(self, table: Array) -> list[tuple[int, Event]]:
-        """Return the events in the table of a run with their steps: step by step in time order, the linkage's first."""
+        """Return the events of a run with their steps, in time order; at equal times the linkage's first."""
         found: list[tuple[int, Event]] = []
         steps = table[:, STEP].astype(np.int64)
         for step in np.unique(steps).tolist():
@@ -184,7 +184,7 @@ class CompiledMachine:
         return EventNumbers(table[order, STEP].astype(np.int64), rows[order, TIME], kinds[order], *speeds)
 
     def frame(self, step: int, row: Array, table: Array) -> Frame:
-        """Return the frame of a row; ``table`` holds the events of the run, or of its step."""
+        """Return a row as a frame; ``table`` holds the events of the run, or of this step."""
         return self._frame(step, row.tolist(), table[table[:, STEP] == step])
 
     def _frame(self, step: int, numbers: list[float], table: Array) -> Frame:
@@ -193,11 +193,11 @@ class CompiledMachine:
         events, body_events = self.step_events(table)
         frame = self.layout.frame(step, numbers, events, body_events)
         if events and self.layout.forces.reads_events:
-            frame = frame._replace(forces=self.machine.forces.analyse(frame.linkage))  # its loads are in no row
+            frame = frame._replace(forces=self.machine.forces.analyse(frame.linkage))  # rows hold no loads
         return frame
 
     def frames_after(self, start: Frame, targets: Array) -> Iterator[Frame]:
-        """Yield the frame of each step after ``start``, one a target; raise where the motion cannot be followed."""
+        """Yield the frame of each step after ``start``, one for each target; raise the error of a failed step."""
         layout, worst = self.layout, np.zeros(len(self.residuals))
         row, picked = layout.row(start), np.arange(layout.places.end)
         first = start.linkage.step
@@ -216,7 +216,7 @@ class CompiledMachine:
 
 
 def compiled_machine(machine: Machine) -> CompiledMachine | None:
-    """Return the kernels' view of a machine, None if one of its roles is no face of a kernel."""
+    """Return a machine as the kernels use it, None if one of its roles is not backed by a kernel."""
     motor, linkage, forces, body = machine.motor, machine.linkage, machine.forces, machine.body
     if not (
         isinstance(motor, CompiledMotor)

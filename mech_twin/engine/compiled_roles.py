@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Roles as faces of their kernels: sample to row, the kernel of `compiled_steps`, row to sample.
+"""Roles backed by kernels: convert a sample to a row, call the kernel of `compiled_steps`, convert back.
 
-A role that derives from one of these has nothing to say but its constants (``model``) and where its numbers stand
-(``layout``); the compiled run takes both from it, so it computes what the role does, to the bit.
+A derived role defines only its constants (``model``) and the layout of its row (``layout``).  The compiled run uses
+both too, so its results are bit for bit those of the role.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def no_loads() -> Array:
 
 
 def failed(failures: tuple[str, ...], status: int, begin_s: float) -> MotionError:
-    """Return the error for what a kernel returned in place of a count of events, in the step from ``begin_s``."""
+    """Return the error for a kernel's negative status, in the step from ``begin_s`` (s)."""
     return MotionError(f"{failures[-1 - status]}, in the step from {begin_s:.6g} s")
 
 
 class _Compiled(Generic[Layout]):
-    """A role whose map is a kernel."""
+    """A role whose computation is a kernel."""
 
     if TYPE_CHECKING:
 
@@ -60,7 +60,7 @@ class _Compiled(Generic[Layout]):
 
     @cached_property
     def held(self) -> Any:
-        """The constants, where the kernel has them."""
+        """The constants in compiled memory (see `held_models`)."""
         return held(self.model)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -68,31 +68,31 @@ class _Compiled(Generic[Layout]):
 
 
 class CompiledMotor(_Compiled[MotorLayout]):
-    """A motor whose map is a kernel of `motor_step`; it is told the row of the linkage it drives."""
+    """A motor computed by a kernel of `motor_step` from the row of the linkage it drives."""
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
-        """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
+        """Return the motor at the linkage's step; ``target`` is the required fraction of rated supply frequency."""
         layout, out = self.layout, np.empty(self.layout.size)
         held_motor_step(self.held, row_of(linkage), target, out)
         return layout.of_row(linkage.step, linkage.time_s, out)
 
 
 class CompiledLinkage(_Compiled[LinkageLayout]):
-    """A linkage whose step is a kernel of `linkage_step`."""
+    """A linkage advanced by a kernel of `linkage_step`."""
 
     step_s: float
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What a step may end in, in the order of its numbers."""
+        """Messages of the failures of a step, in the order of their status -1, -2, ..."""
         return ()
 
     def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
-        """Return the error for a step that the kernel gave up; ``log`` has the events that it still told."""
+        """Return the error for a failed step; ``log`` has the events up to the failure."""
         return failed(self.failures, status, begin_s)
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
-        """Return the linkage one coupling step later, its events located inside the step."""
+        """Return the linkage one coupling step later, with its events located within the step."""
         layout, out = self.layout, np.empty(self.layout.size)
         led = NO_NUMBERS if body is None else row_of(body)
         log, count = held_linkage_step(
@@ -105,7 +105,7 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
 
 
 class CompiledForces(_Compiled[ForceLayout]):
-    """A force analysis whose map is a kernel of `force_step`."""
+    """A force analysis computed by a kernel of `force_step`."""
 
     def analyse(self, linkage: LinkageSample) -> ForceSample:
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
@@ -117,7 +117,7 @@ class CompiledForces(_Compiled[ForceLayout]):
 
 
 class CompiledBody(_Compiled[BodyLayout]):
-    """A body whose step is a kernel of `body_step`; it reads the row of its forces and their loads."""
+    """A body advanced by a kernel of `body_step`, under the row of its forces and their loads."""
 
     step_s: float
     failures: tuple[str, ...] = ()

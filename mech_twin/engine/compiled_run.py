@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The coupling scheme of `coupling`, compiled: many steps of a machine's kernels without a sample or Python between.
+"""The coupling scheme of `coupling`, compiled: many steps of a machine's kernels without samples or Python calls.
 
 At step n::
 
@@ -44,7 +44,7 @@ class Widths(NamedTuple):
 
 
 class RunEnd(NamedTuple):
-    """How a run ended: table and number of its events, steps done, what failed if anything did, and how."""
+    """End of a run: table and number of its events, steps done, failed role if any, and its status."""
 
     events: Array
     told: int
@@ -55,7 +55,7 @@ class RunEnd(NamedTuple):
 
 @kernel
 def keep_events(table: Array, filled: int, step: int, source: int, log: Array, count: int) -> Array:
-    """Write the first ``count`` events of a step into the table of the run; return it, which may be longer now."""
+    """Append the first ``count`` events of a step to the table of the run; return the table, enlarged if needed."""
     while filled + count > len(table):
         longer = np.zeros((2 * len(table), table.shape[1]))
         longer[:filled] = table[:filled]
@@ -68,7 +68,7 @@ def keep_events(table: Array, filled: int, step: int, source: int, log: Array, c
 
 @kernel
 def keep_worst(row: Array, residuals: Indices, worst: Array) -> None:
-    """Take the residuals of a frame into account; once a residual was NaN, its worst is NaN."""
+    """Update the largest magnitude of each residual; once a residual was NaN, its worst is NaN."""
     for i in range(len(residuals)):
         size = abs(row[residuals[i]])
         if size > worst[i] or np.isnan(size):
@@ -89,16 +89,16 @@ def run_steps(
     residuals: Indices,
     worst: Array,
 ) -> tuple[Array, int, int, int, int]:
-    """Carry a frame on by one step for each target; return the fields of `RunEnd`.
+    """Advance a frame by one step for each target; return the fields of `RunEnd`.
 
-    A plain tuple, since a signal may raise an exception where a named one is made, and its wrapper does not survive it.
+    A plain tuple is returned: numba's wrapper crashes if a signal raises while it builds a named tuple.
 
     Parameters
     ----------
     models : Models
         Constants of the roles.
     at : Places
-        Where the roles stand in the row of a frame.
+        Where the row of each role begins in the row of a frame.
     widths : Widths
         Columns of the tables of events.
     first : int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the roles compute in a step, as kernels: declared for the type of a role's constants, called by one scheme.
+"""Kernels of the roles' steps: declared for the type of a role's constants, dispatched by that type.
 
 A role's author declares its constants as a `NamedTuple` and, with `step_of`, the kernel of its step::
 
@@ -9,9 +9,9 @@ A role's author declares its constants as a `NamedTuple` and, with `step_of`, th
     @step_of(motor_step, Torque)
     def torque_motor(model, linkage, target, out): ...
 
-The role itself is a face of that kernel (`compiled_roles`), and the compiled run calls the same one (`rollout`).
+The role calls that kernel (`compiled_roles`), and the compiled run calls the same one (`rollout`).
 Rows are those of `sample_vectors`.  A kernel fills every number of ``out``.  ``log`` is a table of events that may be
-replaced by a longer one (`with_room`); the count returned with it is negative where the step has failed.
+replaced by a longer one (`with_room`); the count returned with it is negative if the step failed.
 """
 
 from __future__ import annotations
@@ -73,12 +73,12 @@ def is_declared(generic: Callable[..., Any], model_type: type) -> bool:
 def step_of(
     generic: Callable[..., Any], model_type: type, compiler: Callable[[Any], Any] = kernel
 ) -> Callable[[Function], Function]:
-    """Declare a kernel as what a function of this kind does for one type of first argument, compiled or called.
+    """Declare a kernel as the implementation of a generic step for one type of first argument.
 
     Parameters
     ----------
     generic : callable
-        `motor_step`, `linkage_step`, ... or another function whose first argument decides.
+        `motor_step`, `linkage_step`, ... or another function dispatched on its first argument.
     model_type : type
         A `NamedTuple` of the same module as the kernel.
     compiler : callable
@@ -110,13 +110,13 @@ class NoBody(NamedTuple):
 def no_body(
     model: NoBody, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Return that there were no events."""
+    """Return no events: the machine has no body."""
     return log, 0
 
 
 @kernel
 def with_room(log: Array, count: int) -> Array:
-    """Return the table itself, or one twice as long with the same first rows if ``count`` rows fill it."""
+    """Return the table, or a copy of twice its length if ``count`` rows fill it."""
     if count < len(log):
         return log
     longer = np.empty((2 * len(log), log.shape[1]))
@@ -136,7 +136,7 @@ def fill_event(
     impulse_ns: float,
     period: float,
 ) -> None:
-    """Write an event without coordinates in a row that is there."""
+    """Write an event without coordinates into an existing row."""
     log[row, 0], log[row, 1], log[row, 2] = time_s, kind, contact
     log[row, 3], log[row, 4], log[row, 5], log[row, 6] = before_m_per_s, after_m_per_s, impulse_ns, period
     log[row, SIDES] = 0.0
@@ -154,7 +154,7 @@ def log_event(
     impulse_ns: float,
     period: float,
 ) -> Array:
-    """Write an event without coordinates in row ``count``; return the table, which may be longer now."""
+    """Write an event without coordinates into row ``count``; return the table, enlarged if needed."""
     log = with_room(log, count)
     fill_event(log, count, time_s, kind, contact, before_m_per_s, after_m_per_s, impulse_ns, period)
     return log

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The one coupling scheme: what is computed from what at a step, in one process and over topics alike.
+"""The coupling scheme: the order in which the roles are computed at a step, in one process and over topics alike.
 
 At step n::
 
@@ -26,7 +26,7 @@ GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to th
 
 
 def coupling_step(longest_s: float = 1.0) -> Any:
-    """Return the field of a coupling step (s), for a machine whose longest step is this."""
+    """Return the field of a coupling step (s), for a machine whose longest step is ``longest_s``."""
     return quantity("s", "coupling step: the roles exchange samples once per step", ge=1e-6, le=longest_s)
 
 
@@ -37,13 +37,13 @@ class Coupling(Parameters):
 
 
 def restarted(machine: Machine, step: int) -> LinkageSample:
-    """Return the linkage back in its initial state at a later step; simulation time goes on."""
+    """Return the linkage reset to its initial state at a later step; simulation time continues."""
     sample = machine.linkage.start(step)
     return sample._replace(events=(Event(sample.time_s, RESET, "linkage"), *sample.events))
 
 
 def next_body(role: BodyRole, body: BodySample | None, forces: ForceSample) -> BodySample:
-    """Return the body at the step of these forces; it starts anew at the first step and after a reset."""
+    """Return the body at the step of these forces; at the first step and after a reset it is in its initial state."""
     if body is None or any(load.kind == RESET for load in forces.loads):
         return role.start(forces)
     return role.follow(body, forces)
@@ -71,9 +71,9 @@ def _limit(machine: Machine) -> float:
 
 
 def driven(machine: Machine, linkage: LinkageSample, target: Target) -> MotorSample:
-    """Return the motor at the linkage's step: as its supply lets it, or with the effort asked of it, within its limit.
+    """Return the motor at the linkage's step: as its supply gives, or at the commanded effort, clipped to its limit.
 
-    Who takes a command asks `effort_limit` first; a limit that a live parameter has set to 0 since leaves no effort.
+    Commands are checked with `effort_limit` on arrival; if a live parameter has set the limit to 0, the effort is 0.
     """
     if not isinstance(target, EffortCommand):
         return machine.motor.respond(linkage, target)

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A motion that cannot be computed."""
+"""Errors of a motion that cannot be computed, and of a state that cannot be stored or restored."""
 
 from __future__ import annotations
 
 
 class MotionError(ArithmeticError):
-    """A step that no integration is short enough for, or with more events than are followed; one line for the user."""
+    """A step for which the integration fails or which has too many events; one line for the user."""
 
 
 class StateError(ValueError):
-    """A text that is no state of a machine, or a state that cannot be offered; one line for the user."""
+    """A text that is no state of a machine, or a state that cannot be stored; one line for the user."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Constants of a role kept in compiled memory, so that they are handed over once and not at each call.
+"""Constants of a role kept in compiled memory, so that they are converted once and not at each call.
 
-To take a `NamedTuple` of some eighty numbers apart costs more than a step of most roles computes.  A role's face holds
-its constants here and calls the kernels below with them; these are those of `compiled_steps`, to the bit.
+Unboxing a `NamedTuple` of some eighty numbers costs more than the step of most roles.  A role keeps its constants
+here and calls the kernels below with them; the results are bit for bit those of `compiled_steps`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _structref: Any = structref
 if _settings.DISABLE_JIT:
 
     class Uncompiled:
-        """Constants under the name they have in compiled memory."""
+        """Stand-in for `Held` in interpreted code."""
 
         def __init__(self, model: Any) -> None:
             self.model = model
@@ -47,7 +47,7 @@ else:
 
 @kernel
 def held(model: Any) -> Any:
-    """Return a model kept in compiled memory."""
+    """Return a model stored in compiled memory."""
     return Held(model)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Time integration of ordinary differential equations, once for every machine: tableaus as data, one compiled step.
+r"""Time integration of ordinary differential equations for every machine: tableaus as data, one compiled step.
 
 A machine declares the constants of its motion as a `NamedTuple`, and with `rates_of` the equation and the method::
 
@@ -55,9 +55,9 @@ class Tableau(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """What the kernels write in: rates of all stages (S, n), the state of a stage (n,), the state at the end (n,).
+    """Work arrays of a step: rates of all stages (S, n), the state of a stage (n,), the state at the end (n,).
 
-    ``stage`` may be shorter: the numbers behind are quadratures, on which no rate depends.
+    ``stage`` may be shorter than n: the rest of the state are quadratures, on which no rate depends.
     """
 
     rates: Array
@@ -74,7 +74,7 @@ _declared: dict[type, Callable[..., Any]] = {}
 
 
 def method_of(system: Any) -> Tableau:
-    """Return the method with which a system is integrated; in compiled code a constant, which the compiler unrolls."""
+    """Return the integration method of a system; in compiled code a constant, so that loops over it are unrolled."""
     method = _methods[type(system)]
     return method if isinstance(method, Tableau) else method(system)
 
@@ -90,7 +90,7 @@ def rates_of(system_type: type, tableau: Tableau | Callable[[Any], Tableau]) -> 
     system_type : type
         The `NamedTuple` of the constants, of the same module as the function.
     tableau : Tableau or function
-        The method with which these systems are integrated, or what returns it of a system.
+        The method with which these systems are integrated, or a function of the system that returns it.
     """
     _methods[system_type] = tableau
 
@@ -119,15 +119,15 @@ def rates_of(system_type: type, tableau: Tableau | Callable[[Any], Tableau]) -> 
 
 
 def declared_kernel(system_type: type, function: Function, compiler: Callable[[Any], Any] = kernel) -> Function:
-    """Return the function compiled, to be called for one type of constants.
+    """Return the function compiled, for one type of constants.
 
-    Compiled code is kept by the contents of the modules of the types it was compiled for, so a function in another
-    module than its type could be edited unseen.
+    The cache key is the contents of the modules of the argument types.  A function in another module than its type
+    could be edited without recompilation.
 
     Raises
     ------
     TypeError
-        If the function does not stand in the module of the type.
+        If the function is not defined in the module of the type.
     """
     if function.__module__ != system_type.__module__:
         raise TypeError(
@@ -137,13 +137,13 @@ def declared_kernel(system_type: type, function: Function, compiler: Callable[[A
 
 
 def workspace(tableau: Tableau, size: int) -> Workspace:
-    """Return room for the steps of a system of ``size`` equations."""
+    """Return work arrays for a system of ``size`` equations."""
     return Workspace(np.empty((len(tableau.nodes), size)), np.empty(size), np.empty(size))
 
 
 @borrowing_kernel
 def start_step(system: Any, t: float, y: Array, work: Workspace) -> None:
-    """Evaluate the rates at the start of a step, which trials of any length then share."""
+    """Evaluate the rates at the start of a step (first stage), shared by trial steps of any length."""
     rates(system, t, y, work.rates[0])
 
 
@@ -161,7 +161,7 @@ def combine(y: Array, h: float, weights: Array, count: int, slopes: Array, out: 
 
 @borrowing_kernel
 def take_step(system: Any, t: float, y: Array, h: float, work: Workspace) -> None:
-    """Fill ``work.end`` with the state a step of h (s) after ``y``; `start_step` has been there for this t and y."""
+    """Fill ``work.end`` with the state a step of h (s) after ``y``; `start_step` was called for this t and y."""
     tableau = method_of(system)
     count = len(tableau.weights)
     for row in range(1, count):
@@ -178,10 +178,10 @@ def finish_step(system: Any, t: float, h: float, work: Workspace) -> None:
 
 @borrowing_kernel
 def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> float:
-    """Return the root mean square of the estimated error of a finished step over the tolerances (n,): good up to 1.
+    """Return the RMS norm of the estimated error of a step over the tolerances (n,); accepted up to 1.
 
-    Of two estimates, the better divided by the root of its own and a tenth of the other's square (Hairer II.10).
-    Where the squares overflow, the error is infinite: the quotient could be 0.
+    Two estimates are combined as in DOP853, e5^2/sqrt(e5^2 + 0.01 e3^2) (Hairer II.10).
+    If the squares overflow the error is infinite: the quotient could be 0.
     """
     tableau = method_of(system)
     count, size = tableau.errors.shape

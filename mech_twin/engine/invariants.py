@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The worst of each residual over a window, against its limit: what diagnostics and ``simulate`` judge a run by."""
+"""The largest magnitude of each residual over a window and its limit, as shown by diagnostics and ``simulate``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNKNOWN = Invariant("", "")
 
 
 class Residual(NamedTuple):
-    """The greatest magnitude a residual had, and its limit, both in the residual's unit."""
+    """Largest magnitude of a residual, and its limit, both in the residual's unit."""
 
     worst: float
     limit: float
@@ -41,7 +41,7 @@ class ResidualWindow:
         self._worst: dict[str, float] = {}
 
     def observe(self, residuals: Named) -> None:
-        """Take the residuals of one sample into account; once a residual was NaN, its worst is NaN."""
+        """Update with the residuals of one sample; once a residual was NaN, its worst is NaN."""
         for name, value in zip(residuals.names, residuals.values, strict=True):
             size = abs(value)
             if size > self._worst.get(name, -1.0) or math.isnan(size):
@@ -52,7 +52,7 @@ class ResidualWindow:
         return {name: Residual(worst, self.limits.get(name, NO_LIMIT)) for name, worst in self._worst.items()}
 
     def close(self) -> dict[str, Residual]:
-        """Return the worst of each residual, and begin a new window."""
+        """Return the largest magnitude of each residual, and start a new window."""
         closed = self.residuals()
         self._worst.clear()
         return closed
@@ -117,10 +117,10 @@ def broken_lines(residuals: Mapping[str, Residual], step_s: float | None = None)
 
 
 def shorter_step_s(residual: Residual, step_s: float, least_limit: float = math.inf) -> float | None:
-    """Return a coupling step (s) with which a residual of the second order is within its limit, rounded down.
+    """Return a coupling step (s), rounded down, that brings a residual of second order within its limit.
 
-    A limit that falls with the step runs away from a residual that does, at the same rate, until it is at its least:
-    that is the one to be kept.  None where the residual is no number.
+    A limit that shrinks with the step as fast as the residual would never be met, so its lower bound ``least_limit``
+    is used.  None where the residual is not finite.
     """
     limit = min(residual.limit, least_limit)
     over = residual.worst / limit if limit > 0.0 else math.inf

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of numbers by name: records that share the numbers of an array, in compiled code and out of it.
+"""Rows with named numbers: structured records that share the memory of an array, in compiled and plain code.
 
-``array.view(dtype)[0]`` is such a record.  In compiled code it does not keep the array alive: make it where the array
-is an argument, or is used later still.
+``array.view(dtype)[0]`` is such a record.  In compiled code it does not keep the array alive: create it only where
+the array is an argument or is still used later.
 """
 
 from __future__ import annotations
@@ -13,5 +13,5 @@ import numpy as np
 
 
 def record_of(fields: type[NamedTuple]) -> np.dtype[Any]:
-    """Return the type of a record with the fields of a `NamedTuple`, all of them float64."""
+    """Return the numpy dtype of a record with the fields of a `NamedTuple`, all of them float64."""
     return np.dtype((np.record, [(name, np.float64) for name in fields._fields]))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Roll-out of a machine: a run as arrays, computed without a sample or Python between two steps.
+"""Roll-out of a machine: a run as arrays, computed without samples or Python calls between steps.
 
-A machine whose roles are faces of kernels runs through `compiled_run`; any other through its roles, with the same
-answer.  What comes out is what `engine.run.frames` yields, to the bit.
+A machine whose roles are backed by kernels runs through `compiled_run`; any other through its roles, with the same
+result.  The numbers are bit for bit those of `engine.run.frames`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class RollOut:
     residuals : dict of str to Residual
         The worst of each residual of the run, with its limit.
     error : MotionError or None
-        What ended the run before its time.
+        The error that ended the run early.
     machines : tuple of pairs
         The machine that ran, and the step up to which it did; one pair for each change.
     """
@@ -84,7 +84,9 @@ class RollOut:
         return tuple(event for _, event in self.stepped_events)
 
     def gauge_numbers(self, kind: str, name: str) -> Array:
-        """Return what a gauge tells of each event of a kind, in time order, a number of `GAUGE_UNITS`; nan of none.
+        """Return a quantity of `GAUGE_UNITS` of the machine's gauge for each event of a kind, in time order.
+
+        It is nan for an event that the gauge does not measure.
 
         Raises
         ------
@@ -98,7 +100,7 @@ class RollOut:
 
     @cached_property
     def _gauged(self) -> list[tuple[Event, tuple[float, ...]]]:
-        """Every event and the numbers that a gauge tells of it: each blow is led through its rod once."""
+        """Every event and the gauge's numbers for it; the wave of each blow is computed once."""
         found, none = [], (np.nan,) * len(GAUGE_UNITS)
         for step, event in self.stepped_events:
             gauge = next((one for last, one in self.machines if step <= last), self.machines[-1][1]).gauge

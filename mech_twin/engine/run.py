@@ -13,8 +13,8 @@ from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next
 from mech_twin.roles import Machine
 from mech_twin.samples import EffortCommand, Frame
 
-TIMES_AS_MANY = math.sqrt(5.0)  # steps of a run beside one: below half as long, and samples fall between the other's
-FEW_FRAMES, MANY_FRAMES = 32, 512  # computed at a time: few at first, since who asks may stop early
+TIMES_AS_MANY = math.sqrt(5.0)  # refinement for comparison runs: less than half the step, samples do not coincide
+FEW_FRAMES, MANY_FRAMES = 32, 512  # computed at a time: few at first, as the caller may stop early
 
 
 def steps_for(machine: Machine, duration_s: float) -> int:
@@ -23,13 +23,13 @@ def steps_for(machine: Machine, duration_s: float) -> int:
 
 
 def shorter_step_s(machine: Machine, duration_s: float) -> float:
-    """Return a shorter coupling step (s) that divides the run as the machine's own does."""
+    """Return a coupling step (s) shorter by about sqrt(5), of which the run has a whole number."""
     steps = steps_for(machine, duration_s)
     return machine.coupling_step_s * (steps / round(steps * TIMES_AS_MANY) if steps else 1.0 / TIMES_AS_MANY)
 
 
 def rated(step: int) -> float:
-    """Return the command that never changes: rated supply frequency."""
+    """Return the constant command 1: rated supply frequency."""
     return 1.0
 
 
@@ -48,7 +48,7 @@ def frames(
     duration_s : float
         Simulated time.
     target : callable
-        ``target(step)``: asked fraction of rated supply frequency at a step, or an effort in its place.
+        ``target(step)``: required fraction of rated supply frequency at a step, or an effort in its place.
     machine_at : callable, optional
         ``machine_at(step)``: the machine with the parameters in force at a step, where they change during the run.
     """
@@ -68,12 +68,12 @@ def frames(
 
 
 def continued(machine: Machine, frame: Frame, duration_s: float, target: float) -> Iterator[Frame]:
-    """Yield the frames after one, as the machine goes on from it at a constant target."""
+    """Yield the frames that follow a given one at a constant target."""
     yield from _frames_after(machine, frame, [target] * steps_for(machine, duration_s))
 
 
 def _frames_after(machine: Machine, frame: Frame, targets: Sequence[Target]) -> Iterator[Frame]:
-    """Yield the frame of each step after one; the whole of them computed at once where the roles are compiled."""
+    """Yield the frames that follow a given one; compiled roles compute all of them in one call."""
     compiled = compiled_machine(machine)
     if compiled is not None and not any(isinstance(target, EffortCommand) for target in targets):
         yield from compiled.frames_after(frame, np.array(targets, dtype=np.float64))
@@ -86,7 +86,7 @@ def _frames_after(machine: Machine, frame: Frame, targets: Sequence[Target]) -> 
 
 
 def warm_up(machine: Machine) -> None:
-    """Compile (or load) every kernel a step needs, so that the first step is not late."""
+    """Compile (or load) every kernel of a step, so that the first step is not delayed."""
     frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
     next_frame(machine, frame, 1.0)
 

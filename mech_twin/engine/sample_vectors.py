@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples as rows of numbers, declared once for each role: kernel, sample, column of a run and message follow from it.
+"""Samples as rows of numbers: one layout for each role defines kernel arguments, sample, run columns and message.
 
 =========  ==========================================================================================
 linkage    regime; command; position, velocity, effort of each joint; memory; residuals
@@ -10,7 +10,7 @@ event      a row of an event table: see `EventLayout`
 load       time, kind, contact, moment before, moment after, impulse
 =========  ==========================================================================================
 
-Step and time are not in a row: a kernel is told the step, and the time is the step times the coupling step.
+Step and time are not in a row: a kernel gets the step, and the time is the step times the coupling step.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ EVENT_WIDTH = 8
 # columns of a row of the loads
 LOAD_TIME, LOAD_KIND, LOAD_CONTACT, MOMENT_BEFORE, MOMENT_AFTER, LOAD_IMPULSE = range(6)
 LOAD_WIDTH = 6
-# rows of the roles: fixed places, and where what each joint, or each pin, has three of begins
+# rows of the roles: fixed indices, and where the threes of numbers of the joints or pins begin
 REGIME, COMMAND, PRESSING_FORCE = 0, 1, 1
 MOTOR_COMMAND, BODY_MOMENT = 0, 0
 LINKAGE_JOINTS, MOTOR_JOINTS, BODY_JOINTS, PINS = 2, 1, 2, 1
-FEW_ROWS = 8  # of a table at first; a kernel that needs more returns a longer one
+FEW_ROWS = 8  # initial length of a table; a kernel that needs more returns a longer one
 RESET_CONTACT = "linkage"
 
 
@@ -69,29 +69,29 @@ class EventNumbers(NamedTuple):
 
 
 def threes(make: Callable[[float, float, float], Made], numbers: Sequence[float]) -> tuple[Made, ...]:
-    """Return what is made of each three numbers."""
+    """Return the objects made from consecutive triples of numbers."""
     return tuple(map(make, numbers[::3], numbers[1::3], numbers[2::3]))
 
 
 def event_of(kind: str, contact: str, before: int, numbers: Sequence[float]) -> Event:
-    """Return the event of its numbers in the order of its fields, ``before`` coordinates on the side before it."""
+    """Return an event from its numbers in the order of its fields; the first ``before`` coordinates are before it."""
     time_s, pre, post, impulse, period, *told = numbers
     sides = threes(Coordinate, told)
     return Event(time_s, kind, contact, pre, post, impulse, int(period), sides[:before], sides[before:])
 
 
 def load_of(kind: str, contact: str, numbers: Sequence[float]) -> Load:
-    """Return the load of its numbers in the order of its fields."""
+    """Return a load from its numbers in the order of its fields."""
     return Load(numbers[0], kind, contact, *numbers[1:])
 
 
 @dataclass(frozen=True)
 class EventLayout:
-    """Kinds and contacts of a role's events by their number in a table, and coordinates on either side of one.
+    """Event table of a role: its kinds and contacts by number, and how many coordinates an event gives.
 
-    A row: time (s), kind, contact, velocities before and after (m/s), impulse (N s), period, 1 if the coordinates on
-    either side are told; then position, velocity, effort of each coordinate before, and of each after.  A row of the
-    loads that stand for such events: time (s), kind, contact, moments before and after (N m), impulse (N m s).
+    A row: time (s), kind, contact, velocities before and after (m/s), impulse (N s), period, 1 if coordinates are
+    given; then position, velocity, effort of each coordinate before the event, and of each after.  A row of the
+    loads caused by such events: time (s), kind, contact, moments before and after (N m), impulse (N m s).
     """
 
     kinds: tuple[str, ...] = ()
@@ -127,12 +127,12 @@ class EventLayout:
         return np.array(self._kinds)[rows[:, KIND].astype(np.int64)]
 
     def rows(self, told: Sequence[Event] | Sequence[Load]) -> Array:
-        """Return the table of events, or of loads; there is at least one.
+        """Return the table of at least one event, or load.
 
         Raises
         ------
         ValueError
-            If a kind or contact is none of the role's.
+            If the role has no such kind or contact.
         """
         table = []
         for one in told:
@@ -151,9 +151,9 @@ class EventLayout:
         return (*self.contacts, RESET_CONTACT, GIVEN_STATE)
 
 
-BODILY = ("position", "velocity", "effort")  # what a joint has three of, and the columns of a message
+BODILY = ("position", "velocity", "effort")  # numbers of a joint, and columns of a message
 EFFORT = 2
-MARK = "~"  # before the rows of a message that are no joints and no efforts of their own
+MARK = "~"  # prefix of the rows of a message that are no joints
 MOST_REMEMBERED = 1024  # a recorder that writes in batches reads them again
 NUMBERED = 3  # fields of a sample before its numbers: step, time, names
 WORDS = {"memory": "memory", "quantities": "", "residuals": "residual"}  # before each name of a list
@@ -161,7 +161,7 @@ LAYOUTS: dict[type, Any] = {}  # of the samples of a role
 
 
 class RowNumber(NamedTuple):
-    """A number of a row: its column in a run, and its row and column in a message."""
+    """A number of a row: its column name in a run, and its row and column in a message."""
 
     column: str
     row: str
@@ -170,19 +170,19 @@ class RowNumber(NamedTuple):
 
 @dataclass(frozen=True)
 class SampleLayout(Generic[SampleOf]):
-    """What the samples of a role hold, in the order of a row: single numbers, threes, named numbers.
+    """Layout of the samples of a role as a row: scalars, triples of each joint or pin, named numbers.
 
-    Each class is of one sample (``kind``) and takes ``scalars``, its single numbers, and ``lists``, its named ones,
-    from the fields of that.
+    Each subclass belongs to one type of sample (``kind``), whose fields give its scalars (``scalars``) and its lists
+    of named numbers (``lists``).
 
     Attributes
     ----------
     bodies : tuple of str
-        Names of the joints, or pins, each of which has ``threes``.
+        Names of the joints, or pins, each with the three numbers ``threes``.
     named, residuals : tuple of str
         Names in the memory, or of the quantities, and of the residuals.
     events : EventLayout
-        What happens to the role, or what its loads may stand for.
+        Table of the role's events, or of the events that cause its loads.
     """
 
     kind: ClassVar[Any]
@@ -219,7 +219,7 @@ class SampleLayout(Generic[SampleOf]):
 
     @cached_property
     def entries(self) -> tuple[RowNumber, ...]:
-        """What each number of a row is."""
+        """Description of each number of a row."""
         place = EFFORT if self.of_pins else 0
         found = [RowNumber(name, MARK + name, place) for name in self.scalars]
         for body in self.bodies:
@@ -238,7 +238,7 @@ class SampleLayout(Generic[SampleOf]):
         return len(self.entries)
 
     def sample(self, step: int, time_s: float, row: Sequence[float], *more: Any) -> SampleOf:
-        """Return a row (a list) as a sample; ``more`` are its events, or its loads."""
+        """Return a sample from a row (a list); ``more`` are its events, or its loads."""
         picked, makes = self._cuts
         parts = [*picked(tuple(row))]
         for place, make in makes:
@@ -247,14 +247,14 @@ class SampleLayout(Generic[SampleOf]):
         return made
 
     def of_row(self, step: int, time_s: float, row: Array, *more: Any) -> SampleOf:
-        """Return a row that nobody changes any more as a sample, which remembers it; see `sample`."""
+        """Return a sample as `sample` does, and cache its row, which must not be changed afterwards."""
         made = self.sample(step, time_s, row.tolist(), *more)
         _remember(made, row)
         return made
 
     @cached_property
     def _cuts(self) -> tuple[Any, list[tuple[int, Any]]]:
-        """What picks the fields of a sample from a row (a tuple), and those that are made of what was picked."""
+        """Getter of a sample's fields from a row (a tuple), and the constructors of its compound fields."""
         single = len(self.scalars)
         begin = single + 3 * len(self.bodies)
         end = begin + len(self.named)
@@ -287,7 +287,7 @@ class BodyLayout(SampleLayout[BodySample], kind=BodySample):
     """Row of a body sample."""
 
 
-# rows of the newest samples, which are held so that no other takes their place
+# rows of the newest samples, by id; the samples are kept alive so that an id stays unique
 _remembered: dict[int, tuple[Sample, Array]] = {}
 
 
@@ -298,7 +298,7 @@ def _remember(sample: Any, row: Array) -> None:
 
 
 def row_of(sample: Sample) -> Array:
-    """Return a sample as a row, which is not to be changed: several read it."""
+    """Return a sample as a row, which is shared and must not be changed."""
     known = _remembered.get(id(sample))
     if known is None:
         known = sample, LAYOUTS[type(sample)].numbers(sample)
@@ -307,7 +307,7 @@ def row_of(sample: Sample) -> Array:
 
 
 class Places(NamedTuple):
-    """Where the rows of the roles begin in the row of a frame, after the time at 0; ``end`` is its length."""
+    """Indices where the rows of the roles begin in the row of a frame, whose first number is the time; its length."""
 
     linkage: int
     motor: int
@@ -338,7 +338,7 @@ class FrameLayout:
 
     @cached_property
     def columns(self) -> dict[str, int]:
-        """The place of each number by the name of its column."""
+        """Index of each number by the name of its column."""
         names = [f"{role}.{number.column}" for role, layout in self.roles.items() for number in layout.entries]
         return {name: place for place, name in enumerate(("time_s", *names))}
 
@@ -349,7 +349,7 @@ class FrameLayout:
     def frame(
         self, step: int, row: Sequence[float], events: tuple[Event, ...] = (), body_events: tuple[Event, ...] = ()
     ) -> Frame:
-        """Return a row (a list) as a frame."""
+        """Return a frame from a row (a list)."""
         cuts = zip(self.roles.values(), self.places, self.places[1:], ((events,), (), (), (body_events,)), strict=False)
         samples = [role.sample(step, row[0], row[begin:end], *more) for role, begin, end, more in cuts]
         return Frame(*samples, *[None] * (len(Frame._fields) - len(samples)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a machine that is switched on will turn: its own roles computed ahead."""
+"""Forecast of whether a machine starts when it is switched on: its roles simulated ahead."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ STANDING_REACH = 1e-3  # rad or m of the drive within the standing time
 
 
 class StartForecast(NamedTuple):
-    """Whether the drive still turns at the end of the look-ahead, and where it is then (rad or m)."""
+    """Whether the drive turns at the end of the look-ahead, and its position then (rad or m)."""
 
     turns: bool
     position: float
 
 
 def start_forecast(machine: Machine, linkage: LinkageSample, target: float) -> StartForecast:
-    """Return what becomes of a machine switched on at a sample.
+    """Return whether a machine switched on at a sample starts.
 
-    A drive that stays within `STANDING_REACH` for the last `STANDING_S` of `LOOK_AHEAD_S` stands still; one that rests
-    in ordinary running (`Machine.rests_when_supplied`) is never said to.
+    A drive that stays within `STANDING_REACH` for the last `STANDING_S` of `LOOK_AHEAD_S` does not turn.  One that
+    rests at times in normal operation (`Machine.rests_when_supplied`) always counts as turning.
 
     Parameters
     ----------
     machine : Machine
-        What is switched on; a moving body is taken at rest on its stop.
+        The machine; its body starts at rest on its stop.
     linkage : LinkageSample
-        Where it is.
+        State of the linkage at switching on.
     target : float
-        Fraction of rated supply frequency asked for.
+        Required fraction of rated supply frequency.
     """
     frame = complete_frame(machine, linkage, None, target)
     steps = round(LOOK_AHEAD_S / machine.coupling_step_s)

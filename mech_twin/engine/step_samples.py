@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The samples known of one step: a frame in which some may be missing, as recordings and topics give it."""
+"""The samples received for one step: a frame in which some may be missing, from recordings and topics."""
 
 from __future__ import annotations
 

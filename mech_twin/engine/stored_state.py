@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of a machine as text, to be stored and given back to a later step of this run or of another.
+"""The state of a machine as text, to be stored and restored at another step of this or another run.
 
-All state is in the samples of linkage and body.  What is an instant of the run in them (names that begin with
-``origin_``) moves along with the step.
+All state is in the samples of linkage and body.  Instants of the run in them (names that begin with ``origin_``)
+are shifted with the step.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class StoredState(NamedTuple):
 
 
 def check_storable(machine: Machine) -> None:
-    """Refuse a machine whose state cannot be told from another step.
+    """Raise for a machine whose state cannot be moved to another step.
 
     Raises
     ------
     StateError
-        A drive of it follows the time of the run.
+        If one of its drives is a function of the time of the run.
     """
     timed = getattr(machine.linkage, "timed_drives", ())
     if timed:
@@ -42,17 +42,17 @@ def check_storable(machine: Machine) -> None:
 
 
 def begins_with_state(sample: LinkageSample) -> bool:
-    """Return whether a run was set to a stored state at this sample."""
+    """Return whether a stored state was restored at this sample."""
     return any(event.kind == RESET and event.contact == GIVEN_STATE for event in sample.events)
 
 
 def state_text(machine: Machine, state: StoredState) -> str:
-    """Return a state as JSON; its numbers read back to the bit.
+    """Return a state as JSON; its numbers are read back exactly.
 
     Raises
     ------
     StateError
-        It cannot be told from another step: a drive follows the time, or the step that ends here had an event.
+        If a drive is a function of time, or the step that ends here had an event.
     """
     check_storable(machine)
     samples = [sample for sample in state if sample is not None]
@@ -73,7 +73,7 @@ def state_text(machine: Machine, state: StoredState) -> str:
 
 
 def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> StoredState:
-    """Return the state of a text at a step, with the event that says so.
+    """Return the state restored from a text at a step, with a reset event.
 
     Parameters
     ----------
@@ -82,14 +82,14 @@ def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> S
     text : str
         What `state_text` returned.
     like : StoredState
-        Samples of this machine: which joints and memory a state has.
+        Samples of this machine, whose names of joints and memory the state must have.
     step : int
-        Step from which it goes on.
+        Step at which it is restored.
 
     Raises
     ------
     StateError
-        It is no state of this machine.
+        If it is no state of this machine.
     """
     check_storable(machine)
     told = _object(_parsed(text), "state")
@@ -151,7 +151,7 @@ def _object(value: Any, where: str) -> Mapping[str, Any]:
 
 
 def _moved(sample: Moving, stored: int, step: int, step_s: float) -> Moving:
-    """Return a sample stored at one step as one of another."""
+    """Return a stored sample moved to another step."""
     by = {ORIGIN_STEP: float(step - stored), ORIGIN_TIME: (step - stored) * step_s}
     pairs = zip(sample.memory.names, sample.memory.values, strict=True)
     memory = Named(sample.memory.names, tuple(value + by.get(name, 0.0) for name, value in pairs))

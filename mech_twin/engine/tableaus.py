@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def _with_end_row(stages: Array, weights: Array, nodes: Array) -> tuple[Array, Array]:
-    """Return stages and nodes with a row for the end of the step."""
+    """Return stages and nodes with a further row for the end of the step."""
     count = len(weights)
     table = np.zeros((count + 1, count + 1))
     table[:count, :count] = stages
