@@ -41,10 +41,10 @@ def extremes(bar: FourBar) -> tuple[float, float]:
 
 
 def crank_coulomb_nm(p: BreakerParameters) -> float:
-    """Return the Coulomb friction of the crank's bearing (N m): next to none where the gear alone may hold the weight.
+    """Return the Coulomb friction of the crank's bearing (N m), at least a tiny value where the gear alone can hold it.
 
-    A gear with losses holds a crank whose load at rest lies between eta tau and tau/eta; that is followed together with
-    the friction of the bearing.
+    A gear with losses holds a crank whose load at rest lies between eta tau and tau/eta; this is computed together
+    with the friction of the bearing.
     """
     if p.friction.coulomb_nm > 0.0 or p.gravity_m_per_s2 == 0.0 or p.gear.efficiency == 1.0:
         return p.friction.coulomb_nm

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's body: shown as the linkage led it, with the force of its springs and what it does.
+"""The breaker's body as the linkage computes it, with its spring force and regime.
 
-Crank, body and tool move under one set of equations, which the linkage solves; the body's angle and rate come to this
-role in the row of the forces.  A body of a user's own takes its place on the topics: it integrates the moments and
-impulses that the force analysis tells at each event and at the end of each step, and the linkage takes its angle.
+Crank, body and tool move under one set of equations, which the linkage solves.  Angle and rate of the body come to
+this role in the row of the forces.  A user's own body can replace it on the topics.  It integrates the moments and
+impulses that the force analysis gives at each event and step end, and the linkage then uses its angle.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Body(NamedTuple):
 
 @kernel
 def after_load(regime: int, kind: int, impulse: float) -> int:
-    """Return the regime after an event of the linkage, which may bring an angular impulse (N m s)."""
+    """Return the regime of the body after an event of the linkage with an angular impulse (N m s)."""
     if kind in STRIKES:
         return FLYING if regime != CONTACT or impulse > 0.0 else CONTACT
     if kind == SETTLED:
@@ -58,7 +58,7 @@ def after_load(regime: int, kind: int, impulse: float) -> int:
 
 @kernel
 def fill_body(b: Breaker, forces: Array, regime: int, out: Array) -> None:
-    """Fill the row of the body as the linkage led it."""
+    """Fill the row of the body from the linkage's result."""
     phi = forces[LED_ANGLE]
     force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
     out[REGIME], out[PRESSING_FORCE] = regime, force
@@ -69,7 +69,7 @@ def fill_body(b: Breaker, forces: Array, regime: int, out: Array) -> None:
 def follow_linkage(
     model: Body, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the body one step later."""
+    """Fill ``out`` with the body one step later."""
     regime = int(body[REGIME])
     for i in range(count):
         regime = after_load(regime, int(loads[i, LOAD_KIND]), loads[i, LOAD_IMPULSE])

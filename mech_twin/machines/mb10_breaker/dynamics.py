@@ -20,9 +20,7 @@ with u = q', p = phi', Q the torque on the crank behind the gear, v its bearing'
 T_q = -c_q sign u and T_phi = -c_phi sign p Coulomb friction, which at rest is whatever holds (`joint_laws`).
 An absolute angular velocity is counter-clockwise: crank u - p, link i  g_i u - p, body -p.
 
-Accelerations of crank and body under what acts on them, the body free or on its collar.
-
-Curves of the breaker's linkage over a turn of its crank, the body at angle 0: what its bounds are taken from.
+Also the accelerations of crank and body, free or on its collar, and curves of the linkage over a turn for bounds.
 """
 
 from __future__ import annotations
@@ -85,7 +83,7 @@ class Breaker(NamedTuple):
 
 
 class Senses(NamedTuple):
-    """Senses in which crank and body slide in their bearings, +1 or -1; 0 where friction holds them at rest."""
+    """Sliding directions of crank and body in their bearings, +1 or -1; 0 while friction holds them at rest."""
 
     crank: float
     body: float
@@ -191,7 +189,7 @@ def energies(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[floa
 
 @kernel
 def striker(b: Breaker, q: float) -> tuple[float, float, float]:
-    """Return y - y_c (m), dy/dq (m/rad) and d2y/dq2: the striker's travel against the seated tool's face.
+    """Return y - y_c (m), dy/dq (m/rad) and d2y/dq2: the striker's travel relative to the face of the seated tool.
 
     y = striker_arm x rocker angle; at the rocker's extreme y - y_c = h.
     """
@@ -206,10 +204,10 @@ LOST = 1e-4  # of the determinant left over by cancellation
 
 
 class Accelerations(NamedTuple):
-    """u' and p' (rad/s2), what holds the body, the force of the striker on the tool (N), what holds the crank.
+    """u', p' (rad/s2), moment that holds the body, force of the striker on the tool (N), torque that holds the crank.
 
-    ``collar_nm`` is what collar and pivot friction together do to a body at rest (N m, 0 where it moves), ``hold_nm``
-    the torque that keeps a crank at rest which friction holds (N m).
+    ``collar_nm`` is the moment of collar and pivot friction on a body at rest (N m, 0 where it moves), ``hold_nm`` the
+    static friction torque on a crank at rest (N m).
     """
 
     crank: float
@@ -234,14 +232,14 @@ def generalised_forces(
 def sliding_forces(
     b: Breaker, m: Masses, u: float, phi: float, p: float, drive: float, rests: bool, senses: Senses
 ) -> tuple[float, float]:
-    """Return the right-hand sides with the friction of what slides; a sense of 0 adds none."""
+    """Return the right-hand sides with kinetic friction in the sliding directions; a direction of 0 adds none."""
     body = 0.0 if rests else -b.body_coulomb_nm * senses.body
     return generalised_forces(b, m, u, phi, p, drive, -b.crank_coulomb_nm * senses.crank, body)
 
 
 @kernel
 def moving(u: float, p: float) -> Senses:
-    """Return the senses of sliding at these speeds, forward at rest."""
+    """Return the sliding directions at these speeds (rad/s), forward at rest."""
     return Senses(1.0 if u >= 0.0 else -1.0, 1.0 if p >= 0.0 else -1.0)
 
 
@@ -249,7 +247,7 @@ def moving(u: float, p: float) -> Senses:
 def coupled(
     m11: float, m12: float, m22: float, first: float, second: float, still: bool, stuck: bool
 ) -> tuple[float, float, float, float]:
-    """Return u', p' (rad/s2), the moment on a still body and the torque on a stuck crank that keep them so (N m)."""
+    """Return u', p' (rad/s2), and the moments that hold a resting body and a sticking crank (N m)."""
     if still and stuck:
         return 0.0, 0.0, -second, -first
     if stuck:

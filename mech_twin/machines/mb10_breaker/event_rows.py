@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of the breaker's events as the linkage tells them: state and torques on both sides."""
+"""Rows of the breaker's events: state and torques before and after each."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ SIDE_WIDTH = 3 * len(EventSide._fields)
 
 @inline_kernel
 def contact_of(kind: int) -> int:
-    """Return what an event of this kind takes place at."""
+    """Return the contact at which an event of this kind takes place."""
     if kind >= GEAR_STOPPED:
         return GEAR_CONTACT
     if kind >= CRANK_STOPPED:
@@ -56,7 +56,7 @@ def contact_of(kind: int) -> int:
 
 @borrowing_kernel
 def fill_side(b: Breaker, y: Array, now: Torques, row: Array, place: int) -> None:
-    """Put the coordinates on one side of an event where they belong in its row, in the order of `state.EventSide`."""
+    """Write the coordinates before or after an event into its row, in the order of `state.EventSide`."""
     q, u, phi, p = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE]
     row[place], row[place + 1], row[place + 2] = q, u, now.drive_nm
     row[place + 3], row[place + 4], row[place + 5] = phi, p, -spring_moment(b, phi)
@@ -69,7 +69,7 @@ def fill_side(b: Breaker, y: Array, now: Torques, row: Array, place: int) -> Non
 def begin_row(
     b: Breaker, time_s: float, kind: int, cycle: float, y: Array, before: Torques, log: Array, count: int
 ) -> None:
-    """Write an event's row but for what comes after it."""
+    """Write an event's row up to the coordinates before it."""
     fill_event(log, count, time_s, kind, contact_of(kind), 0.0, 0.0, 0.0, cycle)
     log[count, SIDES] = 1.0
     fill_side(b, y, before, log[count], EVENT_WIDTH)
@@ -77,7 +77,7 @@ def begin_row(
 
 @borrowing_kernel
 def end_row(b: Breaker, y: Array, after: Torques, log: Array, row: int) -> None:
-    """Write in an event's row what comes after it."""
+    """Write the coordinates after an event into its row."""
     fill_side(b, y, after, log[row], EVENT_WIDTH + SIDE_WIDTH)
 
 
@@ -86,7 +86,7 @@ def log_row(
     b: Breaker, time_s: float, kind: int, cycle: float, y: Array, before: Torques, after: Torques, log: Array,
     count: int,
 ) -> int:  # fmt: skip
-    """Write an event that changes no state; return the number of events."""
+    """Write an event without a jump of the state; return the number of events."""
     begin_row(b, time_s, kind, cycle, y, before, log, count)
     end_row(b, y, after, log, count)
     return count + 1
@@ -94,7 +94,7 @@ def log_row(
 
 @inline_kernel
 def change(before: float, after: float, stopped: int) -> int:
-    """Return the kind of event in which a joint at rest changes its sense, ``stopped`` being the first of its three."""
+    """Return the kind of event of a changed sliding direction: ``stopped``, or the next two, started and reversed."""
     return stopped if after == 0.0 else stopped + 1 if before == 0.0 else stopped + 2
 
 
@@ -103,7 +103,7 @@ def log_contacts(
     b: Breaker, memory: Array, time_s: float, y: Array, past: Indices, regimes: Indices, was: Torques, now: Torques,
     log: Array, count: int,
 ) -> int:  # fmt: skip
-    """Tell what has come or gone without an impact: the collar, the striker, the wall as it gives way or holds."""
+    """Log contacts made or lost without an impact: collar, striker, and the wall as it yields or holds."""
     cycle, collar, tool = memory[CYCLE], regimes[COLLAR_LAW], regimes[TOOL_LAW]
     if past[COLLAR_LAW] != collar:
         count = log_row(b, time_s, SETTLED if collar == HOLD else LIFT_OFF, cycle, y, was, now, log, count)
@@ -119,9 +119,9 @@ def log_bearings(
     b: Breaker, memory: Array, time_s: float, slides: bool, y: Array, past: Indices, regimes: Indices, was: Torques,
     now: Torques, log: Array, count: int,
 ) -> int:  # fmt: skip
-    """Tell of a crank that stops on the tool, of joints at rest that change their sense, and of the gear.
+    """Log a crank that stalls on the tool, changes of sliding direction at rest, and changes of the gear's regime.
 
-    ``slides``: no impact has set them going.
+    ``slides``: the changes are not due to an impact.
     """
     cycle, u, rests = memory[CYCLE], y[CRANK_RATE], on_collar(b, regimes)
     stops = rests and on_wall(regimes)

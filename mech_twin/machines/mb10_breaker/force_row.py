@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's force analysis as a row of numbers: every pin, and what loads the body in the step, as a kernel."""
+"""The breaker's force analysis as a kernel: pin reactions, and the loads on the body during the step."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Impulses(NamedTuple):
 
 @kernel
 def across(b: Breaker, event: Array) -> PinForces:
-    """Return the impulsive reactions of an event."""
+    """Return the impulsive pin reactions of an event."""
     before, after = event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH], event[EVENT_WIDTH + SIDE_WIDTH :]
     return pin_impulses(
         b,
@@ -91,7 +91,7 @@ def across(b: Breaker, event: Array) -> PinForces:
 
 @kernel
 def collar_impulse(b: Breaker, event: Array, moment: float) -> float:
-    """Return the collar's angular impulse on a resting body that stays on it through a blow (N m s)."""
+    """Return the collar's angular impulse (N m s) on a body that stays at rest on it during a blow."""
     before, after = event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH], event[EVENT_WIDTH + SIDE_WIDTH :]
     rests = before[BODY_SIDE] == 0.0 and before[BODY_SIDE + 1] == 0.0 and after[BODY_SIDE + 1] == 0.0
     return -moment if rests and int(event[KIND]) in STRIKES and not b.held else 0.0
@@ -125,9 +125,9 @@ def write_load(load: Array, event: Array, before_nm: float, after_nm: float, imp
 def fill_loads(
     b: Breaker, log: Array, events: int, moment_nm: float, loads: Array
 ) -> tuple[Array, int, Impulses, float]:
-    """Fill the loads on the body at each event of a step; return them, what was summed, and the collar's impulse.
+    """Fill the loads on the body at each event of a step; return them, the sums, and the collar's impulse (N m s).
 
-    ``moment_nm`` is the moment on the body at the end of the step, that of an event that tells no sides.
+    ``moment_nm`` is the moment on the body at the end of the step, used for an event without coordinates.
     """
     count, collar, moment, crank, rocker, miss = 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(events):
@@ -154,9 +154,9 @@ def fill_loads(
 
 @kernel
 def largest_moment(b: Breaker, found: PinForces) -> float:
-    """Return the largest of the moments (N m) that the two routes add up: inertia, collar, and pin forces at lengths.
+    """Return the largest term (N m) of the two routes to the moment: inertia, collar, and pin forces times lengths.
 
-    Where a heavy linkage moves a light body, their sum is far smaller than they are.
+    It is the scale of their difference: with a heavy linkage on a light body the sum is far smaller than its terms.
     """
     spin = max(abs(found.crank_acceleration), abs(found.body_acceleration))
     return max(
@@ -173,7 +173,7 @@ def largest_moment(b: Breaker, found: PinForces) -> float:
 def breaker_forces(
     model: LoadedBreaker, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in the forces at the step, and the loads on the body at each event of the step."""
+    """Fill ``out`` with the forces at the step, and the loads on the body at each event of the step."""
     b, memory, regime = model.breaker, memory_of(linkage), int(linkage[REGIME])
     q, u, torque, phi, p = (
         linkage[CRANK_AT],

@@ -198,9 +198,9 @@ def impulsive(link: Link, a_x: float, a_y: float, x: float, y: float, turn: floa
 
 @kernel
 def pin_impulses(b: Breaker, q: float, phi: float, du: float, dp: float, blow: float) -> PinForces:
-    """Return the impulsive reactions when crank and body jump by du and dp and the striker gives a blow (N s).
+    """Return the impulsive pin reactions for speed jumps du, dp of crank and body (rad/s) and a blow (N s).
 
-    The same equilibrium of the dyad; the blow acts on the rocker along -n at the arm of the striker.
+    Equilibrium of the dyad as in `pin_forces`; the blow acts on the rocker along -n at the arm of the striker.
     """
     at = position(b.bar, q)
     by = coefficients(at)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's body under the paper's half sine: samples off the exact chain of pieces.
+"""The breaker's body under the paper's half sine: samples of the exact event-driven motion.
 
-The forces sample only says which step it is; moment and blow come from the excitation's own clock, whose origin is the
-time the body was started.  A sample holds the running piece of the chain and the event that will end it, so what
-happens, and when, does not depend on the coupling step.
+The forces sample only gives the step.  Moment and blow follow the excitation's own clock, which starts with the body.
+A sample holds the current piece of motion and the event that will end it, so events and their times do not depend on
+the coupling step.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ RESIDUAL_LIMITS: Mapping[str, float] = MappingProxyType({"penetration_rad": 1e-1
 
 
 class HalfSineMemory(NamedTuple):
-    """What the body's sample keeps beside angle and rate: the running piece of the chain.
+    """State of the body besides angle and rate: the current piece of motion.
 
     ``origin_s`` is the time at which cycle 0 began; the times of the piece count from the start of its cycle.
     ``blow_angle_rad`` is the angle at the last blow; ``constants_key`` marks the constants the piece was found with.
@@ -99,7 +99,7 @@ def memory_of(row: Array) -> Any:
 
 @kernel
 def piece_of(memory: Any) -> ContactPiece:
-    """Return the running piece of a memory."""
+    """Return the current piece of motion from a memory."""
     return ContactPiece(
         int(memory.cycle),
         memory.piece_start_s,
@@ -115,7 +115,7 @@ def piece_of(memory: Any) -> ContactPiece:
 
 @kernel
 def keep_piece(memory: Any, piece: ContactPiece) -> None:
-    """Put the running piece into a memory."""
+    """Write the current piece of motion into a memory."""
     memory.cycle, memory.piece_start_s, memory.piece_angle_rad = piece.cycle, piece.start, piece.angle
     memory.piece_rate_rad_per_s, memory.piece_regime, memory.piece_loaded = piece.rate, piece.regime, piece.loaded
     memory.series_rad_per_s, memory.piece_end_s, memory.piece_cause = piece.series, piece.end, piece.cause
@@ -123,7 +123,7 @@ def keep_piece(memory: Any, piece: ContactPiece) -> None:
 
 @kernel
 def replanned(body: PressedBody, piece: ContactPiece, angle: float, rate: float, elapsed: float) -> ContactPiece:
-    """Return the piece that goes on from a sample under constants other than those its own piece was found with."""
+    """Return the piece of motion that continues from a sample after a change of constants."""
     now = min(max(elapsed - piece.cycle * body.period, 0.0), body.period)
     resting = body.one_sided and piece.regime == CONTACT
     loaded = 1 if now >= body.onset else 0
@@ -157,7 +157,7 @@ def start_row(model: HalfSine, step: int, out: Array) -> None:
 def follow_half_sine(
     model: HalfSine, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the body one step later, with every event passed on the way."""
+    """Fill ``out`` with the body one step later, and log the events in between."""
     constants, memory, found, time_s = model.body, memory_of(body), 0, step * model.step_s
     origin, blow_angle, piece = memory.origin_s, memory.blow_angle_rad, piece_of(memory)
     if memory.constants_key != model.key:

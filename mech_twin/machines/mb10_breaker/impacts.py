@@ -72,10 +72,10 @@ class ImpactDirection(NamedTuple):
 
 @kernel
 def impact_direction(b: Breaker, q: float, phi: float, rests: bool, stays: bool) -> ImpactDirection:
-    """Return what an impulse on the striker does to crank and body: u falls by x, phi' by y for each unit of it.
+    """Return the changes per unit impulse on the striker: u falls by x, phi' by y.
 
-    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j; a body that is held, or that the impact would press onto its collar, does
-    not take part: m_e = M11/(dy/dq)^2.  ``stays``: nor does a resting body, whichever way the impact throws it.
+    j = (dy/dq, -r_tool), 1/m_e = j' M^-1 j.  A body that is held, or that the impact would press onto its collar, does
+    not take part: m_e = M11/(dy/dq)^2.  With ``stays`` a resting body never takes part.
     """
     m = masses_at(b, q, phi)
     _, slope, _ = striker(b, q)
@@ -147,7 +147,7 @@ def touchdown(b: Breaker, q: float, u: float, phi: float, p: float, e: float) ->
 
 
 class Push(NamedTuple):
-    """What a push does: change of u and phi', angular impulse on the body (N m s), work on crank and body (J)."""
+    """Effect of a push: change of u and phi' (rad/s), angular impulse on the body (N m s), work on both (J)."""
 
     du: float
     dp: float
@@ -157,7 +157,7 @@ class Push(NamedTuple):
 
 @kernel
 def push_on_body(b: Breaker, q: float, phi: float, p: float, back: float) -> Push:
-    """Return the push of a tool that comes back at a speed (m/s) on the collar of the body, if it reaches it.
+    """Return the push of a tool that rebounds at a speed (m/s) onto the collar of the body, if it reaches it.
 
     Dp = (1 + e) m_t (w - r p) r/(m_t r^2 + M22 - M12^2/M11), Du = -(M12/M11) Dp; a body that is held takes none.
     """
@@ -174,9 +174,9 @@ def push_on_body(b: Breaker, q: float, phi: float, p: float, back: float) -> Pus
 def strike_as_wave(
     b: Breaker, q: float, u: float, phi: float, p: float, tool_speed: float, rests: bool, seated: bool
 ) -> Blow:
-    """Return what a blow of finite duration gives crank, body and tool; symbols as in `impacts.strike`.
+    """Return speeds and impulse of a blow of finite duration (stress wave); symbols as in `impacts.strike`.
 
-    Where the window ends before striker and tool have parted, the rest is a plastic impact of rigid bodies.
+    If the time window ends before striker and tool have parted, the rest is a plastic impact of rigid bodies.
     """
     along = impact_direction(b, q, phi, rests, False)
     _, slope, _ = striker(b, q)
@@ -207,9 +207,9 @@ def strike_as_wave(
 
 @kernel
 def struck_tool(b: Breaker, y: Array, rests: bool, wave: bool) -> Blow:
-    """Return an impact on the tool that is an event of its own: of a wave, or of a body that stays on its collar.
+    """Return an impact on the tool computed outside the loop: a stress wave, or with a body kept on its collar.
 
-    A plastic one would throw that body off so slowly that body and striker met collar and tool by turns, ever slower.
+    A plastic impact would lift that body so slowly that collar and tool would be struck in turns, ever slower.
     """
     q, u, phi, p, w = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], y[TOOL_RATE]
     if wave:
@@ -244,7 +244,7 @@ class BlowContact(NamedTuple):
 
 @kernel
 def fading(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, rests: bool) -> float:
-    """Return the rate (m/s^2) at which the closing speed falls before the tool answers."""
+    """Return the deceleration (m/s^2) of the closing motion at first contact, without contact force."""
     _, slope, bend = striker(b, q)
     du, dp, _ = accelerations(b, masses_at(b, q, phi), u, phi, p, drive, rests, moving(u, p))
     return -(slope * du + bend * u * u - b.tool_radius_m * dp)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coulomb friction of the breaker's bearings and loss of its gear as laws of the one loop, and what is told of them.
+"""Coulomb friction of the breaker's bearings and loss of its gear as laws of the event loop, and their torques.
 
 ::
 
@@ -7,9 +7,9 @@
     body's pivot, in the frame      |T_phi| <= c_phi  speed p
     gear                            |T_g| <= its loss speed u - f p, f = 1 with the drive on the frame, else 0
 
-Laws along one direction are one.  On its collar the body turns with nothing but the crank: the gear's law is the
-crank's, the pivot's is the collar's, [-c_phi, inf).  With the striker on a tool that the wall holds fast, crank and
-body have one freedom, p = lean u.  The crank's law is then that of all three.  With the body on its collar too they
+Laws along one direction are merged.  With the body on its collar only the crank moves: the gear's law is part of the
+crank's, the pivot's of the collar's, [-c_phi, inf).  With the striker on a tool that the wall holds, crank and body
+have one degree of freedom, p = lean u, and the crank's law contains all three.  With the body on its collar too they
 have none, and nothing slides.
 """
 
@@ -70,13 +70,13 @@ def on_collar(b: Breaker, regimes: Indices) -> bool:
 
 @inline_kernel
 def on_wall(regimes: Indices) -> bool:
-    """Return whether the striker is on a tool that the wall holds fast."""
+    """Return whether the striker is in contact with a tool that the wall holds."""
     return bool(regimes[TOOL_LAW] == HOLD and regimes[WALL_LAW] == HOLD)
 
 
 @inline_kernel
 def crank_shares(b: Breaker, loss_nm: float, slope: float, regimes: Indices) -> Shares:
-    """Return what the crank's law is made of, the gear losing ``loss_nm``, the striker's travel having a slope."""
+    """Return the parts (N m) of the crank's law, for a gear loss (N m) and a slope of the striker's travel (m/rad)."""
     rests, pressed, bearing = on_collar(b, regimes), on_wall(regimes), b.crank_coulomb_nm
     lean = 0.0 if rests or not pressed else slope / b.tool_radius_m
     along = 1.0 - b.frame_drive * lean
@@ -87,7 +87,7 @@ def crank_shares(b: Breaker, loss_nm: float, slope: float, regimes: Indices) -> 
 
 @inline_kernel
 def law_at(present: bool, regime: int, speed: float, sense: float) -> int:
-    """Return the regime of a law that is there or not: of one that comes in at rest, by the sense remembered."""
+    """Return the regime of a law that applies or not; one that starts to apply at rest gets the stored direction."""
     if not present:
         return OPEN
     if regime != OPEN:
@@ -98,9 +98,9 @@ def law_at(present: bool, regime: int, speed: float, sense: float) -> int:
 
 @borrowing_kernel
 def join_laws(b: Breaker, y: Array, regimes: Indices, crank_sense: float, body_sense: float) -> None:
-    """Let the laws of bearings and gear be there, or be part of others, as body and tool now are.
+    """Activate or merge the laws of bearings and gear according to the contacts of body and tool.
 
-    A wall holds a tool only under the striker: nothing else moves one that stands.
+    The wall's law is active only under the striker: nothing else moves a tool at rest.
     """
     if regimes[WALL_LAW] != LOW:
         regimes[WALL_LAW] = HOLD if regimes[TOOL_LAW] == HOLD else OPEN
@@ -119,7 +119,7 @@ def join_laws(b: Breaker, y: Array, regimes: Indices, crank_sense: float, body_s
 
 @inline_kernel
 def sense_of(regime: int, speed: float) -> float:
-    """Return the sense of sliding, 0 where friction holds."""
+    """Return the sliding direction, 0 while friction holds."""
     if speed != 0.0:
         return 1.0 if speed > 0.0 else -1.0
     return 1.0 if regime == LOW else -1.0 if regime == HIGH else 0.0
@@ -127,7 +127,7 @@ def sense_of(regime: int, speed: float) -> float:
 
 @borrowing_kernel
 def senses(b: Breaker, y: Array, regimes: Indices) -> tuple[float, float]:
-    """Return the senses in which crank and body slide; of a joint without friction 1, of a body on its collar 0."""
+    """Return the sliding directions of crank and body: 1 for a joint without friction, 0 for a body on its collar."""
     if b.crank_coulomb_nm == 0.0 and b.body_coulomb_nm == 0.0:
         return 1.0, 1.0
     crank = sense_of(regimes[CRANK_LAW], y[CRANK_RATE]) if b.crank_coulomb_nm > 0.0 else 1.0
@@ -141,7 +141,7 @@ def senses(b: Breaker, y: Array, regimes: Indices) -> tuple[float, float]:
 
 @inline_kernel
 def to_dead_centre(b: Breaker, q: float) -> float:
-    """Return how far the crank has to turn to the rocker's next extreme, above 0 (rad)."""
+    """Return the crank angle (rad, > 0) left to the rocker's next dead centre."""
     striking, retreating = (b.striking_crank_rad - q) % TURN, (b.retreating_crank_rad - q) % TURN
     striking = striking if striking > 1e-12 else TURN
     retreating = retreating if retreating > 1e-12 else TURN
@@ -150,7 +150,7 @@ def to_dead_centre(b: Breaker, q: float) -> float:
 
 @borrowing_kernel
 def project_contact(b: Breaker, y: Array, regimes: Indices) -> None:
-    """Take what rounding or the coupling left out of the contact between striker and tool."""
+    """Project tool position and speeds onto the contact of striker and tool, removing drift."""
     travel, slope, _ = striker(b, y[CRANK])
     y[TOOL] = travel - b.tool_radius_m * y[BODY]
     if regimes[WALL_LAW] != HOLD:
@@ -161,14 +161,14 @@ def project_contact(b: Breaker, y: Array, regimes: Indices) -> None:
 
 @inline_kernel
 def striking(b: Breaker, q: float) -> bool:
-    """Return whether of both dead centres the striking one is the nearer."""
+    """Return whether the nearer of the two dead centres is the striking one."""
     first, second = (b.striking_crank_rad - q) % TURN, (b.retreating_crank_rad - q) % TURN
     return min(first, TURN - first) < min(second, TURN - second)
 
 
 @borrowing_kernel
 def effect_of_impact(at: Equations, before: Array, y: Array) -> tuple[float, float, float, float]:
-    """Return energy lost (J), impulse on all (N m s), and the closing speed of striker and tool before and after."""
+    """Return energy lost (J), angular impulse (N m s), and closing speed of striker and tool before and after (m/s)."""
     loss, turned, closing, closes = 0.0, 0.0, 0.0, 0.0
     for law in range(LAWS):
         impulse, approach, parting = at.multiplier[law], 0.0, 0.0
@@ -183,7 +183,7 @@ def effect_of_impact(at: Equations, before: Array, y: Array) -> tuple[float, flo
 
 @borrowing_kernel
 def reseat_tool(b: Breaker, y: Array, regimes: Indices, memory: Array) -> None:
-    """Take the tool back to its seat for the next pass; its travel is the feed."""
+    """Return the tool to its seat for the next pass; its travel is the feed (m)."""
     memory[RESEATING_LOSS] += 0.5 * b.tool_mass_kg * y[TOOL_RATE] * y[TOOL_RATE]
     memory[FEED], memory[PASS_DONE], y[TOOL], y[TOOL_RATE] = y[TOOL], 0.0, 0.0, 0.0
     regimes[WALL_LAW] = regimes[TOOL_LAW] = OPEN
@@ -192,7 +192,7 @@ def reseat_tool(b: Breaker, y: Array, regimes: Indices, memory: Array) -> None:
 
 @inline_kernel
 def within(force: float, bound: float) -> float:
-    """Return a force, or its bound of either sign."""
+    """Return a force clipped to plus or minus a bound."""
     return min(max(force, -bound), bound)
 
 
@@ -200,7 +200,7 @@ def within(force: float, bound: float) -> float:
 def told_torques(
     b: Breaker, drive_nm: float, loss_nm: float, slope: float, regimes: Indices, forces: Array, low: Array
 ) -> Torques:
-    """Return what drive, bearings and striker do, of the forces of the laws (m,); ``drive_nm`` is without the loss."""
+    """Return the torques of drive and friction and the tool force; ``drive_nm`` is without the gear's loss (N m)."""
     rests, thrust = on_collar(b, regimes), forces[TOOL_LAW]
     if rests and on_wall(regimes):  # the bearing takes what it can, the tool the rest
         steep = math.copysign(max(abs(slope), 1e-12), slope)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths and masses of the percussion mechanism, the conditions they meet, and its angles at places that are asked."""
+"""Lengths and masses of the percussion mechanism, their constraints, and its angles in given positions."""
 
 from __future__ import annotations
 

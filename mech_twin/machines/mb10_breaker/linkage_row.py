@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's linkage as rows of numbers: where they stand, a coupling step and the motor's shaft as kernels."""
+"""The breaker's linkage as rows of numbers: their layout, and kernels of a coupling step and of the motor."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class LedBreaker(NamedTuple):
 
 @step_of(motor_step, GearedMotor)
 def geared_motor(model: GearedMotor, linkage: Array, target: float, out: Array) -> None:
-    """Fill in the motor at angle and speed of the gear's output, seen from the motor: q - phi on the frame, else q."""
+    """Fill ``out`` with the motor at the gear output's angle and speed relative to it: q - phi on the frame, else q."""
     carried = model.frame_drive
     turned = 2.0 * math.pi * linkage[MEMORY_AT] + linkage[CRANK_AT]
     angle = turned - carried * linkage[BODY_AT]
@@ -82,10 +82,10 @@ def fill_row(
     drive : float
         Torque on the crank at the end of the step (N m).
     defect_j : float
-        Energy by which the body's own angle changed the step's start.
+        Jump of energy (J) at the start of the step by an externally simulated body.
     step_s : float
-        Coupling step: the momentum is balanced over at least what the springs' moment gives in it, since spring and
-        collar, which bear it by turns, are summed with its rounding.
+        Coupling step (s).  The momentum error is scaled by at least the springs' angular impulse in a step: the
+        impulses of spring and collar are summed with its rounding.
     """
     memory, state = memory_of(out), named(y)
     q, u, phi, p = state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
@@ -124,7 +124,7 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
 def breaker_step(
     model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the linkage one step later; angle and rate of the body are taken from its own row."""
+    """Fill ``out`` with the linkage one step later; angle and rate of the body are taken from its own row."""
     b, y, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
     state = named(y)
     out[:] = linkage

@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metrics of the breaker in closed form: one cycle at rated speed, and one position of the crank.
 
-What a blow on the tool tells as a wave: energies, rebound, penetration, force, stress, contact; its gauge.
+A blow as a stress wave gives energies, rebound, penetration, force, stress, contact time and the gauge's strain.
+It is recomputed from the state before the event, by the kernel of the run.
 
-The blow of an event is led once more from the state before it, by the kernel that led it in the run.
-
-When a blow finds the tool seated: one definition for a run, for the half sine, and for both sizings.
-
-The body is at most ``SEATED_GAP_M`` off its collar at the blow, and was at rest on it for at least ``SEATED_REST`` of
-the cycle that the blow ends.  A gap alone has no margin: it is as small where the body has just come to rest as where
-it has rested for half of the cycle.
+A blow finds the tool *seated*, in a run, under the half sine and in both sizings, by two conditions.  The body is at
+most ``SEATED_GAP_M`` off its collar at the blow.  It was at rest on the collar for at least ``SEATED_REST`` of the
+cycle that the blow ends.  A gap alone has no margin: it is as small just after the body comes to rest as later.
 """
 
 from __future__ import annotations
@@ -239,7 +236,7 @@ def tool_gauge(b: Breaker, sends_curve: bool) -> BlowGauge | None:
 
 
 def blow_of(b: Breaker, event: Event) -> tuple[LedBlow, ImpactDirection]:
-    """Return what leads the blow of an event on the tool once more, and its direction."""
+    """Return the inputs to recompute the blow of an event on the tool, and its direction."""
     before = EventSide(*event.pre)
     rests = b.held or before.body.position == before.body.velocity == 0.0
     along = impact_direction(b, before.crank.position, before.body.position, rests, False)
@@ -277,8 +274,8 @@ def is_seated(gap_m: float, contact_share: float) -> bool:
     Parameters
     ----------
     gap_m : float
-        How far the body is off its collar at the blow, at the tool (m).
+        Lift of the body off its collar at the blow, at the tool (m).
     contact_share : float
-        Part of the cycle that the blow ends in which the body is at rest on its collar.
+        Share of the cycle before the blow in which the body is at rest on its collar.
     """
     return gap_m <= SEATED_GAP_M and contact_share >= SEATED_REST

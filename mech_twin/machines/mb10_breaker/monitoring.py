@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors tell of a turn of the breaker's crank, what can go wrong with it, and what differs from day to day."""
+"""Monitoring of the breaker: features of a turn of its crank, faults, and operating conditions."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the breaker declares to the one loop: crank, body and tool under six laws, and the events users are told of.
+"""Equations of motion of the breaker for the event loop: crank, body and tool under six laws, and the logged events.
 
 Laws: the body on its collar, the wall that the tool goes into, the striker on the tool, and bearings and gear
 (`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, and the motor's torque
@@ -107,11 +107,11 @@ MOMENT, BASE, LOSS, SLOPE, DEAD_RAD, TORQUE_SENSE, STRUCK, RESTED, REBOUNDS = ra
 DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE, TOGETHER, OWN_IMPACT, SIDE = range(9, 16)
 KEPT = 16
 NOTHING, COLLAR_STRUCK, TOOL_STRUCK = range(3)
-SLOWEST_REBOUND_M_PER_S = 1e-6  # what would part striker and tool, or a pushing body and collar, slower stays
-GAP_M = 2e-15  # twice a gap that rounding hides: what strikes again within it stays, too
+SLOWEST_REBOUND_M_PER_S = 1e-6  # a slower rebound of striker and tool, or of a pushing body, is taken as plastic
+GAP_M = 2e-15  # twice a gap of the size of rounding: a rebound that stays within it is plastic, too
 AT_EXTREME = 1e-9  # of the striker's arm: travel of its face over the crank's turn, next to an extreme
 TOUCH_M_PER_S = 1e-12
-SETTLED_IN_STEP = 1e-6  # of a step: what is left of the bounces of a body that turns back by friction, to be told
+SETTLED_IN_STEP = 1e-6  # of a step: with friction, bounces that last no longer are not resolved
 
 
 class BreakerMotion(NamedTuple):
@@ -143,7 +143,7 @@ def motor_at(motion: BreakerMotion, t: float, u: float, p: float) -> float:
 
 @declares(evaluate, BreakerMotion)
 def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill in masses, forces, and the laws of collar, wall, striker, bearings and gear."""
+    """Fill masses, forces, and the laws of collar, wall, striker, bearings and gear."""
     b, kept, q, phi, u, p = motion.breaker, motion.kept, y[CRANK], y[BODY], y[CRANK_RATE], y[BODY_RATE]
     joints = position(b.bar, q)
     by = coefficients(joints)
@@ -187,21 +187,21 @@ def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices
 
 @inline_kernel
 def torques_of(motion: BreakerMotion, regimes: Indices, at: Equations) -> Torques:
-    """Return what drive, bearings and striker do at the instant that was just evaluated."""
+    """Return the torques of drive and friction and the tool force at the instant evaluated last."""
     kept = motion.kept
     return told_torques(motion.breaker, kept[BASE], kept[LOSS], kept[SLOPE], regimes, at.multiplier, at.low)
 
 
 @embedded_kernel
 def torques_at(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> Torques:
-    """Return what drive, bearings and striker do in a state."""
+    """Return the torques of drive and friction and the tool force in a state."""
     find_accelerations(motion, t, y, regimes, at)
     return torques_of(motion, regimes, at)
 
 
 @declares(accumulate, BreakerMotion)
 def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
-    """Fill in the power of drive, of damping with friction, and of the wall, and the moment on everything."""
+    """Fill the power of drive, of damping and friction, and of the wall (W), and the total external moment (N m)."""
     b, u, p, now = motion.breaker, y[CRANK_RATE], y[BODY_RATE], torques_of(motion, regimes, at)
     moment = motion.kept[MOMENT]
     for law in range(LAWS):
@@ -216,7 +216,7 @@ def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices
 def signal_events(
     motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
-    """Fill in what is left to dead centre and stop, and the motor's torque in its sense."""
+    """Fill angle left to the dead centre, crank speed up to a stop, reversal of the body, and signed motor torque."""
     kept, begin, b, motor = motion.kept, 2 * LAWS, motion.breaker, motion.motor
     for i in range(OWN_SIGNALS):
         values[begin + i], rates[begin + i] = math.inf, 0.0
@@ -243,7 +243,7 @@ def signal_events(
 
 @declares(begin_piece, BreakerMotion)
 def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> None:
-    """Keep the next dead centre, and which way the striker goes."""
+    """Store the next dead centre (rad) and the direction of the striker."""
     kept = motion.kept
     kept[DEAD_RAD] = y[CRANK] + to_dead_centre(motion.breaker, y[CRANK])
     slope = striker(motion.breaker, y[CRANK])[1]
@@ -253,7 +253,7 @@ def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> N
 
 @declares(end_piece, BreakerMotion)
 def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
-    """Take out of what holds what rounding left in it."""
+    """Remove drift by rounding from holding joints and contacts."""
     b = motion.breaker
     if regimes[CRANK_LAW] == HOLD or (on_collar(b, regimes) and on_wall(regimes)):
         y[CRANK_RATE] = 0.0
@@ -265,7 +265,7 @@ def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: 
 
 @declares(pass_signal, BreakerMotion)
 def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Reseat the tool where the rocker begins its pass; tell of a pass without a blow, and of a stop."""
+    """Reseat the tool where the rocker begins its pass; log a pass without a blow, and a stop."""
     b, memory, kept, kind = motion.breaker, motion.memory, motion.kept, STALLED
     if which == TORQUE_TURNS:
         kept[TORQUE_SENSE] = -kept[TORQUE_SENSE]
@@ -293,7 +293,7 @@ def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: I
 
 @declares(begin_impact, BreakerMotion)
 def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Keep what there is before an impact; slow ones are plastic, and what strikes with the collar strikes after it."""
+    """Store the state before an impact; a slow one is plastic, and the tool's is postponed after the collar's."""
     b, kept = motion.breaker, motion.kept
     now = torques_of(motion, regimes, at)
     parting = -b.tool_restitution * at.velocity[TOOL_LAW]
@@ -317,7 +317,7 @@ def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equati
 
 @declares(note_impact, BreakerMotion)
 def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Book an impact, and begin its row."""
+    """Add the losses and impulses of an impact, and write the first half of its event row."""
     b, kept, memory, begin_s = motion.breaker, motion.kept, motion.memory, motion.begin_s
     if kept[STRUCK] == NOTHING:
         return count
@@ -355,7 +355,7 @@ def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Eq
 
 @embedded_kernel
 def follow_impact(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill the regimes after an impact on the tool that is an event of its own."""
+    """Fill the regimes after an impact on the tool that `impacts.struck_tool` computes."""
     b, kept = motion.breaker, motion.kept
     regimes[COLLAR_LAW] = HOLD if kept[RESTED] == 1.0 and y[BODY_RATE] <= 0.0 and not b.held else OPEN
     regimes[WALL_LAW] = LOW if y[TOOL_RATE] > 0.0 else HOLD
@@ -370,7 +370,7 @@ def follow_impact(motion: BreakerMotion, t: float, y: Array, regimes: Indices, a
 def change_motion(
     motion: BreakerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
-    """Let the laws of bearings and gear come in or be joined, and tell what has changed."""
+    """Activate or merge the laws of bearings and gear, and log the changes of regime."""
     b, kept, memory, struck = motion.breaker, motion.kept, motion.memory, motion.kept[STRUCK]
     kept[STRUCK] = NOTHING
     was = Torques(kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE])

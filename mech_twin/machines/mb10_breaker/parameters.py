@@ -242,7 +242,7 @@ class BreakerParameters(Parameters):
 
     @property
     def synchronous_crank_rad_per_s(self) -> float:
-        """Crank speed (rad/s) at which the motor would turn with its field."""
+        """Crank speed (rad/s) at the motor's synchronous speed."""
         return self.motor.synchronous_speed_rpm * math.pi / 30.0 / self.gear.ratio
 
     @property
@@ -252,10 +252,10 @@ class BreakerParameters(Parameters):
 
 
 def shaft_time_s(p: BreakerParameters) -> float:
-    """Return the shortest time in which the motor's working branch evens out a difference of speed (s).
+    """Return the smallest time constant (s) of speed differences on the motor's stable branch.
 
-    tau = eta J/(i^2 dM/dw), dM/dw = 2 M_max/(s_kr w_0); J is what the gear's output carries at least: crank and
-    i^2 J_rotor, and with the drive on the body less what the body gives way.
+    tau = eta J/(i^2 dM/dw), dM/dw = 2 M_max/(s_kr w_0).  J is the least inertia at the gear's output: crank and
+    i^2 J_rotor, reduced by the body's compliance where the drive is on the body.
     """
     i, rotor, crank = p.gear.ratio, p.motor.rotor_inertia_kg_m2, p.linkage.crank_inertia_kg_m2
     inertia = crank + i * i * rotor

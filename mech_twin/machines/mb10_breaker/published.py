@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Published numbers of the breaker: its body under the half sine, its motor.
+"""Published numbers of the breaker (body under the half sine, motor), and a comparison of its two excitations.
 
-The breaker's two excitations side by side: the assumed half sine and the moment the running linkage gives.
+The excitations are the assumed half sine and the moment of the running linkage.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _equation(body: PressedBody) -> Iterator[PublishedRow]:
 
 
 def load_rows(body: PressedBody) -> Iterator[PublishedRow]:
-    """Yield what eq. (3) says of the load, and what the text leaves out."""
+    """Yield rows on the load of eq. (3), and on what the text leaves out."""
     omega = 2.0 * pi / body.period
     paper = Literature(PAPER, "eq. (3)", "t1 = 0.9 T")
     yield paper.gated("mu over omega", 5.0, body.mu / omega, "half a period fills T - t1", relative=1e-12)

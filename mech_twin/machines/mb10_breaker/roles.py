@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's motor, linkage and force analysis as pure maps between samples: faces of their kernels."""
+"""The breaker's motor, linkage and force analysis as pure maps between samples, backed by their kernels."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class BreakerLinkage(CompiledLinkage):
     def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
         """Return the breaker in a measured motion between blows; a body that is not measured rests on its collar.
 
-        The acceleration of the crank is a straight line in the torque, so two torques tell the one that it needs.
+        The crank's acceleration is linear in the torque, so two evaluations give the torque for the measured one.
         """
         q, u, acceleration, phi, p = motion
         off = phi is not None and phi > 0.0 and not self._b.held

@@ -49,11 +49,11 @@ class BodyCycle:
         self.impacts = 0
 
     def take_position(self, lift_m: float, spring_force_n: float) -> None:
-        """Take the lift at the tool and the spring's force at one step into account."""
+        """Update with the lift at the tool (m) and the spring force (N) of one step."""
         self.lift_m, self.spring_force_n = max(self.lift_m, lift_m), max(self.spring_force_n, spring_force_n)
 
     def take_event(self, event: Event) -> None:
-        """Take an event at the collar into account."""
+        """Update with an event at the collar."""
         if event.kind in RETURNS:
             speed = abs(event.pre_velocity_m_per_s)
             self.return_speed_m_per_s = max(self.return_speed_m_per_s, speed)
@@ -65,7 +65,7 @@ class BodyCycle:
             self.resting_since_s = None
 
     def contact_share(self, end_s: float) -> float:
-        """Return the part of the cycle, ended by a blow, in which the body rests on its collar."""
+        """Return the share of the cycle, up to the blow at ``end_s`` (s), in which the body rests on its collar."""
         resting = 0.0 if self.resting_since_s is None else end_s - max(self.resting_since_s, self.start_s)
         return (self.contact_s + resting) / (end_s - self.start_s)
 
@@ -102,9 +102,9 @@ def absolute_crank_speed(side: tuple[Coordinate, ...]) -> float:
 
 
 def blow_energy(b: Breaker, event: Event) -> float:
-    """Return the energy the tool has from a blow, J^2/(2 m) (J); 0 for what does not fall on the tool.
+    """Return the energy given to the tool by a blow, J^2/(2 m) (J); 0 for other events.
 
-    Of a blow as a wave what the striker gave: J times the mean of its speeds before and after.
+    For a blow as a stress wave it is the striker's loss: J times the mean of its speeds before and after.
     """
     if b.waves and event.contact == "tool" and event.pre:
         before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
@@ -114,10 +114,10 @@ def blow_energy(b: Breaker, event: Event) -> float:
 
 
 def striker_energy(event: Event) -> float:
-    """Return the energy the mechanism brings to the tool before a blow (J): that of its mass at the striker.
+    """Return the kinetic energy (J) of the mechanism's effective mass at the striker before a blow.
 
-    The impulse J is that mass times the loss of the striker's speed, so E = J v^2/(2 (v - v')).  0 of a
-    pass that misses the tool.
+    The impulse J is that mass times the loss of the striker's speed, so E = J v^2/(2 (v - v')); 0 for a pass that
+    misses the tool.
     """
     before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
     speed, left = event.pre_velocity_m_per_s + before, event.post_velocity_m_per_s + after
@@ -127,9 +127,9 @@ def striker_energy(event: Event) -> float:
 
 
 def blow_peaks(record: Mapping[str, float], contact_force_n: float) -> dict[str, float]:
-    """Return the bearings' peak forces in a blow (N), from that of the contact (N).
+    """Return the bearings' peak forces in a blow (N), from the peak contact force (N).
 
-    Within a blow mechanism and bearings follow the contact's force in the ratio of their impulses.
+    Within a blow the bearing forces are proportional to the contact force, in the ratio of the impulses.
     """
     ratio = contact_force_n / record["blow_impulse_ns"]
     return {f"{pin}_blow_peak_n": ratio * record[f"{pin}_impulse_peak_ns"] for pin in STRUCK}
@@ -153,12 +153,12 @@ class BlowCycle:
         self.least_moment = self.greatest_moment = 0.0
 
     def take_speed(self, u: float) -> None:
-        """Take an absolute crank speed into account."""
+        """Update with an absolute crank speed (rad/s)."""
         self.fastest = u if math.isnan(self.fastest) else max(self.fastest, u)
         self.slowest = u if math.isnan(self.slowest) else min(self.slowest, u)
 
     def take_forces(self, forces: ForceSample) -> None:
-        """Take the forces at one step into account."""
+        """Update with the forces of one step."""
         self.steps += 1
         self.least_moment = min(self.least_moment, forces.body_moment_nm)
         self.greatest_moment = max(self.greatest_moment, forces.body_moment_nm)
@@ -285,7 +285,7 @@ class BreakerObserver:
         return self._crank_and_body
 
     def _missed_work(self, frame: Frame, state: MotorState) -> float:
-        """Return by how much the motor's mean power by the energy balance exceeds that of its linear course (W)."""
+        """Return the motor's mean power from the energy balance less that from linear interpolation of a step (W)."""
         memory, span = frame.linkage.memory, frame.linkage.time_s - self._time_s
         work = memory.values[memory.names.index("drive_work_j")]
         done, self._work_j = work - self._work_j, work
@@ -382,7 +382,7 @@ class BreakerObserver:
         run["largest_spring_force_n"] = max(run["largest_spring_force_n"], force)
 
     def _keep_peaks(self) -> None:
-        """Take the peaks of the cycle so far into those of the run."""
+        """Update the peaks of the run with those of the cycle so far."""
         run = self._run
         for name, peak in zip(PEAKS, self._cycle.peaks, strict=True):
             run[name] = max(run[name], peak)

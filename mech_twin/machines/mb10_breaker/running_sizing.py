@@ -35,7 +35,7 @@ COUNTED_S = 6.0  # from then on a cycle counts as steady in a seating run of SET
 
 
 class Seating(NamedTuple):
-    """How a run from standstill sits on its tool: blows, misses, worst gap and flight of all, extremes once steady."""
+    """Seating of the tool in a run from standstill: blows, misses, worst gap and flight share, extremes once steady."""
 
     blows: int
     missed: int
@@ -55,11 +55,11 @@ def settled_run_metrics(parameters: BreakerParameters, duration_s: float = SETTL
 
 
 def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Seating:
-    """Return how a run sits on its tool, from motor and linkage alone.
+    """Return the seating of the tool in a run, from motor and linkage alone.
 
-    The linkage leads crank and body together, so forces and the body's own role are not needed: four times as fast as
-    `settled_run_metrics`.  Gap, flight and misses are of all blows from standstill, return speed and force of the last
-    quarter.
+    The linkage solves crank and body together, so the roles of forces and body are not needed: four times as fast as
+    `settled_run_metrics`.  Gap, flight and misses are of all blows from standstill; return speed and force are of the
+    last quarter.
     """
     machine = build(parameters)
     linkage = machine.linkage.start()
@@ -90,7 +90,7 @@ def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Sea
 
 
 def in_shorter_steps(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> BreakerParameters:
-    """Return the breaker in a shorter coupling step; as it is where that is the shortest allowed."""
+    """Return the breaker with a shorter coupling step; unchanged if its step is the shortest allowed."""
     try:
         return varied(parameters, {"coupling.step_s": shorter_step_s(build(parameters), duration_s)})
     except ValidationError:
@@ -212,7 +212,7 @@ def _kept(found: Seating, limits: Mapping[str, float]) -> bool:
 
 
 def _least_seating(at: Run, factors: Mapping[str, float], limits: Mapping[str, float]) -> tuple[float, float]:
-    """Return two rest forces (N) a newton or two apart: blows are unseated at the first, at the second none."""
+    """Return two spring forces at rest (N), one or two newtons apart: some blow is unseated at the first only."""
     place = next((i for i, force in enumerate(FORCES_N) if seats(at(force, factors), limits)), None)
     if place is None:
         raise StudyError(f"no preload between {FORCES_N[0]:g} and {FORCES_N[-1]:g} N seats the tool before every blow")
@@ -226,7 +226,7 @@ def _least_seating(at: Run, factors: Mapping[str, float], limits: Mapping[str, f
 
 
 def _worst_corner(at: Run, edge_n: float, tolerance: float) -> Factors:
-    """Return the corner whose numbers each, alone, leave the body longer in flight a little below the nominal edge."""
+    """Return the corner of the box whose deviations each, alone, lengthen the flight just below the nominal limit."""
     if tolerance == 0.0:
         return {}
     force = 0.97 * edge_n
@@ -239,7 +239,7 @@ def _worst_corner(at: Run, edge_n: float, tolerance: float) -> Factors:
 def _least_objective(
     at: Run, worst: Mapping[str, float], bound_n: float, limits: Mapping[str, float], objective: str
 ) -> float:
-    """Return the rest force from the bound on that keeps the limits and has the smallest objective, the least first."""
+    """Return the spring force at rest (N), at least the bound, with the smallest objective within the limits."""
     forces = [bound_n, *(force for force in FORCES_N if force > bound_n)]
     good = [force for force in forces if _kept(at(force, worst), limits)]
     if not good:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's state by name: what is integrated, what a linkage sample carries beside, the kinds of its events."""
+"""The breaker's state by name: integrated variables, memory of a linkage sample, kinds of events."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ LAWS = 6
 
 
 class BreakerState(NamedTuple):
-    """What is integrated: crank, body and tool, and beside them works and an impulse from the start of the step."""
+    """Integrated variables: crank, body and tool, and works and angular impulse since the start of the step."""
 
     crank_rad: float  # against the body
     body_rad: float
@@ -64,7 +64,7 @@ class BreakerState(NamedTuple):
 
 
 class BreakerMemory(NamedTuple):
-    """What the linkage has to know of the steps before; fields of the balances are sums since the start."""
+    """State of the linkage besides its joints; fields of the balances are sums since the start."""
 
     turns: float = 0.0
     cycle: float = 0.0
@@ -96,7 +96,7 @@ class BreakerMemory(NamedTuple):
 
 
 class EventSide(NamedTuple):
-    """Coordinates on one side of an event, as the linkage's events tell them."""
+    """Coordinates before or after an event, in the order of the linkage's events."""
 
     crank: Coordinate
     body: Coordinate

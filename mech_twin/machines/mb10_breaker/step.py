@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One coupling step of the breaker's linkage: the motion led from t_n to t_n+1 through every event on the way."""
+"""One coupling step of the breaker's linkage: the motion integrated from t_n to t_n+1 through all events."""
 
 from __future__ import annotations
 
@@ -88,16 +88,16 @@ def total_of(b: Breaker, state: Any) -> Total:
 
 @kernel
 def gear_stands(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
-    """Return whether the gear's loss holds its shaft, u = p (drive on the frame) or u = 0, while the body flies."""
+    """Return whether the gear's loss holds its shaft, u = p (drive on the frame) or u = 0, with the body in flight."""
     free = not rests and tool != BLOCKED and (b.frame_drive > 0.0 or b.crank_coulomb_nm == 0.0)
     return free and b.efficiency < 1.0 and state.crank_rad_per_s - b.frame_drive * state.body_rad_per_s == 0.0
 
 
 @kernel
 def take_body(b: Breaker, y: Array, memory: Any, regime: int, phi: float, p: float, rests: bool) -> int:
-    """Put angle and rate of a body that somebody else moves in the state, book what that changes, return the regime.
+    """Set angle and rate of an externally simulated body, add the jumps of energy and momentum; return the regime.
 
-    The breaker's own body answers with what the linkage led it to: nothing changes.
+    The breaker's own body returns the linkage's values: nothing changes.
     """
     state = named(y)
     if regime == HELD or (phi == state.body_rad and p == state.body_rad_per_s and rests == (regime == REST)):
@@ -107,7 +107,7 @@ def take_body(b: Breaker, y: Array, memory: Any, regime: int, phi: float, p: flo
     state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
     state.body_rad_per_s = 0.0 if rests else p
     if carried and not rests:
-        state.crank_rad_per_s = p  # the gear's shaft stood, and goes on standing
+        state.crank_rad_per_s = p  # the gear's shaft stays at rest
     regimes = np.zeros(LAWS, dtype=np.int64)
     fill_regimes(REST if rests else FLIGHT, int(memory.tool_regime), regimes)
     if regimes[TOOL_LAW] == HOLD:
@@ -119,7 +119,7 @@ def take_body(b: Breaker, y: Array, memory: Any, regime: int, phi: float, p: flo
 
 
 class Before(NamedTuple):
-    """Energy and momentum a step begins with, and the sums of losses and impulses up to it."""
+    """Energy and momentum at the start of a step, and the sums of losses and impulses before it."""
 
     total: Total
     blow_loss_j: float
@@ -130,7 +130,7 @@ class Before(NamedTuple):
 
 @kernel
 def begin_step(b: Breaker, state: Any, memory: Any) -> Before:
-    """Return what the step begins with, and set the sums its events add to to zero: they keep their digits."""
+    """Return the sums at the start of the step and reset them to zero, so that small terms keep their digits."""
     before = Before(
         total_of(b, state),
         memory.blow_loss_j,
@@ -144,7 +144,7 @@ def begin_step(b: Breaker, state: Any, memory: Any) -> Before:
 
 @kernel
 def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
-    """Book the step's works and impulses, and what the balances of energy and momentum leave open."""
+    """Add the step's works and impulses to the sums, and its errors of the energy and momentum balances."""
     lost = (
         memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state.wall_work_j + state.damping_loss_j
     )
@@ -169,7 +169,7 @@ def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
 
 @borrowing_kernel
 def fill_regimes(regime: int, tool: int, regimes: Indices) -> None:
-    """Fill the regimes of collar, wall and striker from those that are told."""
+    """Fill the regimes of collar, wall and striker from those of body and tool in the sample."""
     regimes[COLLAR_LAW] = HOLD if regime == REST else OPEN
     regimes[WALL_LAW] = LOW if tool in (MOVING, PUSHED) else HOLD
     regimes[TOOL_LAW] = HOLD if tool in (PUSHED, BLOCKED) else OPEN
@@ -177,7 +177,7 @@ def fill_regimes(regime: int, tool: int, regimes: Indices) -> None:
 
 @borrowing_kernel
 def told_tool(regimes: Indices) -> int:
-    """Return what the tool does."""
+    """Return the regime of the tool for the sample."""
     if regimes[TOOL_LAW] == HOLD:
         return BLOCKED if regimes[WALL_LAW] == HOLD else PUSHED
     return MOVING if regimes[WALL_LAW] == LOW else STANDING
@@ -192,7 +192,7 @@ def breaker_entry(b: Breaker, curve: MotorConstants) -> int | None:
 
 @borrowing_kernel
 def fill_tolerance(b: Breaker, y: Array, tolerance: Array) -> None:
-    """Fill what one step of the integration may miss."""
+    """Fill the error tolerances of an integration step."""
     u = 1.0 + abs(y[CRANK_RATE])
     for i in range(STATES):
         tolerance[i] = ERROR * (1.0 + b.crank.inertia_kg_m2 * u * u) if i >= 2 * FREEDOMS else ERROR
@@ -220,7 +220,7 @@ def advance_step(
     begin_s : float
         Time at the start of the step (s).
     log : array
-        Receives one row per event; where it may be too short the number is `LOG_FULL`.
+        Receives one row per event; the number is `LOG_FULL` if it may become too short.
     """
     memory, state, tool = row.view(MEMORY)[0], named(y), int(row[TOOL_REGIME])
     size, places = room_sizes(FREEDOMS, LAWS, OWN_SIGNALS, STATES)

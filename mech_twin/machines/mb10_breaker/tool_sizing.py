@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tool and striker for most energy in the wall: one blow at rated speed, the body at rest, over a grid of sizes.
 
-The tool is a rod of one section; its diameter gives its impedance, with its length its mass.  The striker's mass is
-that of crank and flywheel behind it.  The stress is the largest in the tool; the power is what the striker gives in a
-blow, over the time of a turn.  Stress, power and energy are the worst over the tolerance of both stiffnesses.
+The tool is a uniform rod; its diameter gives its impedance, diameter and length its mass.  The striker's mass is the
+effective mass of crank and flywheel.  The stress is the largest in the tool; the power is the striker's energy loss in
+a blow, over the time of a turn.  Stress, power and energy are the worst over the tolerance of both stiffnesses.
 """
 
 from __future__ import annotations

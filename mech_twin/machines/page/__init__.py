@@ -53,7 +53,7 @@ def build(parameters: Parameters) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what a page answers beside running."""
+    """Return the capabilities of a page besides running."""
     from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.page import features, sizing
 
@@ -65,7 +65,7 @@ def capabilities() -> Capabilities:
 
 
 def start_numbers(shared: PageModel) -> dict[str, float]:
-    """Return freedoms, closures and masses of a page, and its energies at the start."""
+    """Return degrees of freedom, loop closures and masses of a page, and its energies at the start."""
     now, places = shared.start_instant, shared.places
     kinetic, potential = map(float, now.energies())  # type: ignore[arg-type]
     return {
@@ -79,7 +79,7 @@ def start_numbers(shared: PageModel) -> dict[str, float]:
 
 
 def pose_numbers(shared: PageModel, angle: float) -> dict[str, Any]:
-    """Return joints and outputs in the pose in which the first led coordinate has a value, the others as they start."""
+    """Return joints and outputs with the first independent coordinate at a value, the others at their start values."""
     assembly, places = shared.assembly, shared.places
     split = assembly.split
     s = assembly.start.copy()

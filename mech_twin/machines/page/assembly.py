@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page put together: its structure, closed at the start, and which of its coordinates are free."""
+"""Assembly of a page: its structure, the closed initial pose, and the choice of independent coordinates."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def exact_turn(degrees: float) -> tuple[float, float]:
 
 
 def structure_of(page: Page, number: Callable[[float], Number], offsets: Sequence[float]) -> Structure:
-    """Return the structure of a page; ``number`` makes each of its numbers, in a fixed order.
+    """Return the structure of a page; ``number`` converts each of its numbers, in a fixed order.
 
-    ``offsets`` are those of its firm couplings: what the second joint is beyond its share of the first (rad or m).
+    ``offsets`` (rad or m) are those of its rigid couplings: second joint minus ratio times the first.
     """
     names = [GROUND, *page.bodies]
     bodies = [RigidBody(GROUND)]
@@ -80,7 +80,7 @@ def structure_of(page: Page, number: Callable[[float], Number], offsets: Sequenc
 
 @dataclass(frozen=True)
 class Assembly:
-    """A page's structure in numbers, and the pose it starts in."""
+    """A page's structure in numbers, and its initial pose."""
 
     page: Page
 
@@ -102,18 +102,18 @@ class Assembly:
 
     @cached_property
     def firm(self) -> tuple[str, ...]:
-        """The couplings without a rate: firm ratios."""
+        """The couplings without a stiffness: rigid ratios."""
         return tuple(name for name, coupling in self.page.couplings.items() if coupling.firm)
 
     @cached_property
     def _loose(self) -> Assembly:
-        """The machine without its firm couplings, which mesh where it starts."""
+        """The machine without its rigid couplings, which mesh in its initial pose."""
         couplings = {name: coupling for name, coupling in self.page.couplings.items() if not coupling.firm}
         return Assembly(self.page.model_copy(update={"couplings": couplings}))
 
     @cached_property
     def offsets(self) -> tuple[float, ...]:
-        """What the second joint of each firm coupling is beyond its share of the first (rad or m)."""
+        """Offset of each rigid coupling: second joint minus ratio times the first (rad or m)."""
         if not self.firm:
             return ()
         motion = Kinematics(self._loose.structure, self._loose.start.tolist())
@@ -133,19 +133,19 @@ class Assembly:
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """The name of each coordinate of all joints, also those that close loops, in the order of the page."""
+        """Names of the coordinates of all joints, loop-closing ones included, in the order of the page."""
         return tuple(name + part for name, joint in self.page.joints.items() for part in PARTS[joint.kind])
 
     @cached_property
     def slides(self) -> frozenset[str]:
-        """The columns that are lengths."""
+        """The coordinates that are lengths."""
         kinds = {name: joint.kind for name, joint in self.page.joints.items()}
         sliders = {name for name, kind in kinds.items() if kind == SLIDER}
         return frozenset(sliders | {n + p for n, k in kinds.items() if k == FREE for p in ("_x", "_y")})
 
     @cached_property
     def driven_speeds(self) -> dict[int, float]:
-        """Speed at full supply of each coordinate that a drive leads."""
+        """Speed at full supply of each coordinate with a prescribed speed."""
         places = {name: j for j, name in enumerate(self.coordinates)}
         found = {}
         for name, drive in self.page.drives.items():
@@ -161,7 +161,7 @@ class Assembly:
 
     @cached_property
     def size_m(self) -> float:
-        """The extent of the machine: of its points, and of where its joints start."""
+        """Size of the machine (m): the largest coordinate of its points and of its joints at the start."""
         points = [self.page.ground.points_m, *(body.points_m for body in self.page.bodies.values())]
         reach = [math.hypot(*place) for there in points for place in there.values()]
         travels = [abs(x) for j in self.page.joints.values() for x in (j.start_m, j.start_x_m, j.start_y_m) if x]
@@ -169,20 +169,20 @@ class Assembly:
 
     @cached_property
     def _wanted(self) -> list[tuple[int, int, float]]:
-        """Joint, part and value of each start that the page tells."""
+        """Joint, component and value of each start value in the page."""
         found = []
         for number, joint in enumerate(self.page.joints.values()):
             found += [(number, part, x) for part, x in enumerate(joint.starts()) if x is not None]
         return found
 
     def _closures(self, s: Array) -> tuple[Array, Array]:
-        """Return what the loops miss, lengths in parts of the machine's size, and its rows."""
+        """Return the loop closure errors and their Jacobian."""
         found = Kinematics(self.structure, s.tolist()).closures()
         values = np.array([float(c.value) for c in found])  # type: ignore[arg-type]
         return values, np.array([c.row for c in found], dtype=float).reshape(len(found), self.structure.size)
 
     def _closed_near(self, guess: Array) -> tuple[Array, float]:
-        """Return the pose that a search from a guess ends in, and what it misses: Levenberg and Marquardt."""
+        """Return the pose found from a guess by the Levenberg-Marquardt method, and its largest closure error."""
         s, damping, turning = guess.copy(), 1e-3, [name not in self.slides for name in self.coordinates]
         values, rows = self._closures(s)
         for _ in range(TURNS):
@@ -199,7 +199,7 @@ class Assembly:
 
     @cached_property
     def _guess(self) -> tuple[Array, NDArray[np.bool_]]:
-        """The start of each coordinate of the tree, and whether the page tells it."""
+        """Start value of each coordinate of the tree, and whether the page gives it."""
         guess, told = np.zeros(self.structure.size), np.zeros(self.structure.size, dtype=bool)
         for number, part, value in self._wanted:
             place = self.structure.first_coordinate.get(number)
@@ -209,7 +209,7 @@ class Assembly:
 
     @cached_property
     def near_start(self) -> Array:
-        """A closed pose near the starts that the page tells.
+        """A closed pose near the start values in the page.
 
         Raises
         ------
@@ -234,7 +234,7 @@ class Assembly:
         raise ConfigurationError(self._miss_told(best))
 
     def _miss_told(self, s: Array) -> str:
-        """Return which loop misses most, and by how much."""
+        """Return the error text for the loop with the largest closure error."""
         place, misses = 0, []
         values = self._closures(s)[0]
         for number in self.structure.loops:
@@ -256,7 +256,7 @@ class Assembly:
         Raises
         ------
         ConfigurationError
-            Loops or drives leave no freedom, or hold each other.
+            If loops or drives leave no degree of freedom, or are redundant.
         """
         structure = self.structure
         rows = self._closures(self.near_start)[1]
@@ -287,7 +287,7 @@ class Assembly:
             raise ConfigurationError(f"joints: {error}; the start is at a dead point, move it") from error
 
     def _redundant(self, rows: Array) -> str:
-        """Return which loop or coupling says what others say already, or contradicts them."""
+        """Return the error text for the first loop or coupling that is redundant (rank of the Jacobian)."""
         joints = [self.structure.joints[number] for number in self.structure.loops]
         parts = [(f"joints.{joint.name}", 3 - COORDINATES[joint.kind]) for joint in joints]
         place = 0
@@ -303,7 +303,7 @@ class Assembly:
 
     @property
     def _order(self) -> list[int]:
-        """The coordinates in the order in which they are to be free: driven joints, turning ones on the ground."""
+        """Coordinates in order of preference as independent: driven joints, free bodies, revolutes on the ground."""
         drives = [drive.joint for drive in self.page.drives.values()]
 
         def rank(j: int) -> tuple[int, int]:
@@ -323,7 +323,7 @@ class Assembly:
 
     @cached_property
     def start(self) -> Array:
-        """The coordinates at the start: led ones as the page tells them, dependent ones on the closures.
+        """The coordinates at the start: independent ones from the page, dependent ones from the loop closures.
 
         Raises
         ------
@@ -339,7 +339,7 @@ class Assembly:
         return self.closed(s)
 
     def closed(self, s: Array) -> Array:
-        """Return a pose with its dependent coordinates on the closures, by Newton."""
+        """Return a pose with its dependent coordinates solved from the loop closures by Newton's method."""
         s, dependent = s.copy(), list(self.split.dependent)
         miss = 0.0
         for _ in range(TURNS):
@@ -358,12 +358,12 @@ class Assembly:
 
     @cached_property
     def start_speeds(self) -> Array:
-        """The speeds of the led coordinates at the start.
+        """The speeds of the independent coordinates at the start.
 
         Raises
         ------
         ConfigurationError
-            The page tells speeds that contradict each other.
+            If the speeds in the page contradict each other.
         """
         from mech_twin.mechanics.dynamics import ReducedSystem
 
@@ -392,9 +392,9 @@ class Assembly:
         return np.array([*free, *fixed])
 
     def joint_number(self, name: str) -> int:
-        """Return the place of a joint."""
+        """Return the index of a joint."""
         return list(self.page.joints).index(name)
 
     def body_number(self, name: str) -> int:
-        """Return the place of a body."""
+        """Return the index of a body."""
         return [GROUND, *self.page.bodies].index(name)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The equations of a page, on numbers or on symbols: what its elements do to its structure.
+"""The equations of a page, numerical or symbolic: its structure under the forces of its elements.
 
-State: free coordinates q and their speeds u, dependent z, driven r and their speeds w, then the books of the works.
-Controls: accelerations of the driven, what each drive gives, regimes of the elements with a switch, and, for the force
-analysis, what the loop has found: accelerations of the free, forces of the laws, efforts of the driven.
+State: free coordinates q and their speeds u, dependent z, driven r and their speeds w, then the work integrals.
+Controls: accelerations of the driven coordinates, output of each drive, regimes of the elements with a switch.  For the
+force analysis also results of the loop: accelerations of q, forces of the laws, efforts of the driven coordinates.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class PageInstant(ElementForces):
         return dot([effort.size for effort in action.efforts], [self.at.speed(e.along) for e in action.efforts])
 
     def equations(self) -> list[Number]:
-        """Return what the loop asks for: see `ValuePlaces`."""
+        """Return the values for the event loop: see `ValuePlaces`."""
         n, nr = self.places.free, self.places.driven
         acting = [*self.actions.values(), *self.conservative.values()]
         efforts = [effort for action in acting for effort in action.efforts]
@@ -71,7 +71,7 @@ class PageInstant(ElementForces):
         return [*out, *self.amount_rates, *self.refills]
 
     def correction(self) -> list[Number]:
-        """Return what the dependent coordinates lack, what the closures miss, and how regular they are."""
+        """Return the Newton corrections of the dependent coordinates, the closure errors, and their regularity."""
         lack, missed, regular = self.at.correction()
         return [*lack, *missed, *regular]
 
@@ -91,7 +91,7 @@ class PageInstant(ElementForces):
         return out
 
     def outputs(self) -> dict[str, Number]:
-        """Return what the page tells beside the joints, by name with unit."""
+        """Return the outputs of the page besides the joints, by name with unit."""
         out: dict[str, Number] = {}
         for name, output in self.page.outputs.items():
             if output.point is not None:
@@ -109,7 +109,7 @@ class PageInstant(ElementForces):
         return out
 
     def reactions(self) -> JointReactions:
-        """Return the force analysis under what the loop has found."""
+        """Return the force analysis from the accelerations, law forces and efforts found by the loop."""
         places = self.places
         n, m, begin = places.free, len(places.laws), places.found_controls
         accelerations = self.at.accelerations(list(self.controls[begin : begin + n]))
@@ -162,7 +162,7 @@ class PageInstant(ElementForces):
 
 
 class JointReactions(NamedTuple):
-    """Force analysis: wrenches by pin, quantities by name, what each coordinate lacks beside the loads, magnitudes."""
+    """Force analysis: wrenches by pin, quantities by name, residual effort of each coordinate, size of its terms."""
 
     pins: dict[str, tuple[Number, Number, Number]]
     quantities: dict[str, Number]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a coupling step of a page may end in, told with its elements."""
+"""Errors of a coupling step of a page, naming its elements."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ FAILURES = (
 
 
 def failure_of(page: str, status: int, begin_s: float, events: EventLayout, log: Array) -> MotionError:
-    """Return the error for a step that is given up: with the page, and the elements that had most of its events.
+    """Return the error for a failed step, naming the page and the elements with most of its events.
 
     Parameters
     ----------
     page : str
         Name of the page.
     status : int
-        What the kernel returned.
+        Status returned by the kernel.
     begin_s : float
-        Begin of the step (s).
+        Start of the step (s).
     events : EventLayout
-        How ``log`` tells events.
+        Layout of ``log``.
     log : ndarray
-        Events of the step, begun anew with twice the room, and 8 rows, as often as it was full.
+        Events of the step; a full table is replaced by one of twice its length and 8 rows more.
     """
     error = f"{page}: {failed(FAILURES, status, begin_s)}"
     filled = (len(log) - 8) // 2 - 2 * len(events.contacts) - 2

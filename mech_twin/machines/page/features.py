@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors tell of one turn of a driven joint of a page, and what can go wrong with the rods it strikes."""
+"""Features of one turn of a driven joint of a page for monitoring, and faults of its struck rods."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def features(page: Page) -> CycleFeatures:
     Raises
     ------
     StudyError
-        No drive turns a joint: there is nothing to count cycles by.
+        If no drive turns a joint, by which cycles could be counted.
     """
     turning = ((n, d.joint) for n, d in page.drives.items() if d.joint and page.joints[d.joint].kind == "revolute")
     drive, joint = next(turning, ("", ""))

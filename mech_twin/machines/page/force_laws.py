@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the elements of a page do to its structure at an instant: actions, potentials, laws, and signals of switches."""
+"""Forces of the elements of a page at an instant: actions, potentials, laws, and event functions of switches."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 
 
 class Law(NamedTuple):
-    """A law of contact or friction: its scalar, bounds, restitution, and what a force of it does."""
+    """A law of contact or friction: its coordinate, force bounds, restitution, and the action of its force."""
 
     scalar: Scalar
     low: Number
@@ -40,14 +40,14 @@ class Law(NamedTuple):
 
 
 class PageNumbers:
-    """The numbers of a page, as they are or as leaves of a recording; zero and one belong to the structure."""
+    """The numbers of a page, plain or as leaves of a symbolic recording; 0, 1 and -1 are constants of the code."""
 
     def __init__(self, recording: Recording | None) -> None:
         self.values: list[float] = []
         self._recording = recording
 
     def __call__(self, value: float) -> Number:
-        """Return a number of the page, noted where symbols are recorded."""
+        """Return a number of the page, registered as a leaf if symbols are recorded."""
         if self._recording is None or value in (0.0, 1.0, -1.0) or math.isinf(value):
             return float(value)
         self.values.append(float(value))
@@ -66,7 +66,7 @@ class ElementForces:
     amounts: Sequence[Number]
 
     def put_together(self) -> None:
-        """Find what each element does."""
+        """Evaluate the forces of all elements."""
         self.page = self.places.page
         self.actions: dict[str, Action] = {}
         self.conservative: dict[str, Action] = {}
@@ -94,11 +94,11 @@ class ElementForces:
         self.signals = [self.found_signals[name] for name in self.places.switches]
 
     def regime(self, switch: str) -> Number:
-        """Return the control of a switch: 0, or 1 beyond it."""
+        """Return the regime of a switch: 0, or 1 after its signal became negative."""
         return self.controls[self.places.switch_controls + 2 * self.places.switches.index(switch)]
 
     def watch(self, switch: str, value: Number, rate: Number) -> None:
-        """Watch a number for its change of sign; the switch is 1 where it is below 0."""
+        """Make a value the event function of a switch, whose regime is 1 while the value is negative."""
         sign = 1.0 - 2.0 * self.regime(switch)
         self.found_signals[switch] = (sign * value + NEAR_M, sign * rate)
 
@@ -108,7 +108,7 @@ class ElementForces:
         return self.motion.point(self.places.assembly.body_number(body), (self.number(place[0]), self.number(place[1])))
 
     def joint(self, name: str) -> int:
-        """Return the place of a joint."""
+        """Return the index of a joint."""
         return self.places.assembly.joint_number(name)
 
     def coordinate(self, joint: str) -> Scalar:
@@ -200,7 +200,7 @@ class ElementForces:
         return spring.table_m_n if spring.table_deg_nm is None else scaled_rows(spring.table_deg_nm, DEGREE)
 
     def _gas(self, name: str, gas: GasCharge, way: Number) -> Number:
-        """Return the force of a gas spring, its chamber's length having grown by ``way``."""
+        """Return the force (N) of a gas spring whose chamber is longer by ``way`` (m) than at the start."""
         number, amount = self.number, self.amounts[self.places.gases.index(name)]
         volume = 1.0 + number(gas.area_m2 / gas.volume_m3) * way  # over that at the start
         closed: Number = 1.0
@@ -241,7 +241,7 @@ class ElementForces:
                 self.actions[name] = self._between_joints(coupling.joints, factor, moment)
 
     def _between_joints(self, joints: tuple[str, str], factor: Number, size: Number) -> Action:
-        """Return a force on the first joint, by the ratio, and back on the second."""
+        """Return the action of a coupling effort: ``factor * size`` on the first joint, ``-size`` on the second."""
         first, second = (
             joint_action(self.at, self.joint(joints[0]), factor * size),
             joint_action(self.at, self.joint(joints[1]), -size),
@@ -249,7 +249,7 @@ class ElementForces:
         return Action([*first.efforts, *second.efforts], [*first.loads, *second.loads])
 
     def passed_on(self, coupling: str) -> Number:
-        """Return the force of a coupling on its second joint, its loss apart (N m or N)."""
+        """Return the effort of a coupling on its second joint (N m or N), without its loss."""
         acts = [of[coupling] for of in (self.conservative, self.actions) if coupling in of]
         return total([act.efforts[1].size for act in acts])
 
@@ -287,7 +287,7 @@ class ElementForces:
                 self.actions[name] = joint_action(self.at, self.joint(load.joint), size)
 
     def _gap(self, contact: Contact) -> tuple[Scalar, Callable[[Number], Action]]:
-        """Return the gap of a contact, and what a force of it does."""
+        """Return the gap of a contact, and the action of its force."""
         if contact.joint is not None:
             joint, scalar = self.joint(contact.joint), self.coordinate(contact.joint)
             least = contact.least_m if contact.least_m is not None else contact.least_deg
@@ -334,7 +334,7 @@ class ElementForces:
             self.watch(name, gap.value, speed)
 
     def _rubbing(self, name: str) -> Law:
-        """Return the law of friction along the line of a contact; a force that the loop finds is that of a step ago."""
+        """Return the friction law along the line of a contact; a rigid one's normal force is that of the last step."""
         contact, places = self.page.contacts[name], self.places
         x, y = exact_turn(contact.normal_deg or 0.0)
         along = self.number(y), self.number(-x)
@@ -348,7 +348,7 @@ class ElementForces:
         return Law(scalar, -most, most, NO_GAP, lambda size: contact_action(self.at, line, point, along, size))
 
     def _resistance(self, joint: str) -> Law:
-        """Return the one law of what resists a joint: friction, loads, a wall that gives way, the loss of a gear."""
+        """Return the merged law of all resistances of a joint: friction, loads, a yielding wall, gear losses."""
         low, high = 0.0, 0.0
         coordinate, bounds = self.coordinate(joint), list[tuple[Number, Number]]()
         for friction in self.page.friction.values():
@@ -377,7 +377,7 @@ class ElementForces:
             for name, coupling in self.page.couplings.items()
             if coupling.joints[1] == joint and coupling.efficiency < 1.0
         ]
-        for eta, moment in geared:  # passes on from eta M to M / eta
+        for eta, moment in geared:  # output from eta M to M / eta
             ends = self.number(eta - 1.0) * moment, self.number(1.0 / eta - 1.0) * moment
             bounds.append((smaller(*ends), larger(*ends)))
         least, most = self.number(low), self.number(high)

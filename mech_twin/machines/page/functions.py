@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The functions that a page becomes, the state it starts in, and the numbers of its drives."""
+"""Generated functions of a page, its initial state, and the constants of its drives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Functions(NamedTuple):
-    """The generated functions of a page, its numbers, and the names of what they tell."""
+    """The generated functions of a page, its numbers, and the names of the results."""
 
     instant: Generated
     correction: Generated
@@ -33,7 +33,7 @@ class Functions(NamedTuple):
 
 
 def functions_of(places: StatePlaces) -> Functions:
-    """Return the functions of a page, written out for its structure."""
+    """Return the functions of a page, generated for its structure."""
     recording = Recording()
     number = PageNumbers(recording)
     controls: list[Number] = [recording.leaf(f"controls[{i}]") for i in range(places.controls)]
@@ -56,7 +56,7 @@ def functions_of(places: StatePlaces) -> Functions:
 
 
 def start_state(places: StatePlaces) -> list[float]:
-    """Return the state at the start, its books empty."""
+    """Return the state at the start, with all work integrals zero."""
     assembly = places.assembly
     split, s, speeds = assembly.split, assembly.start, assembly.start_speeds
     n = places.free
@@ -68,7 +68,7 @@ def start_state(places: StatePlaces) -> list[float]:
 
 
 def drive_row(drive: DriveElement, places: StatePlaces, name: str) -> Array:
-    """Return the numbers of a drive for the kernels."""
+    """Return the constants of a drive for the kernels."""
     row = np.zeros(DRIVE_WIDTH)
     column, ratio = places.assembly.columns.index(drive.joint), drive.gear_ratio or 1.0
     first = second = switched = 0.0

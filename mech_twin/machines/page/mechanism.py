@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of a page: each body, and each joint's pin with the axes of the machine; loops are opened at their joints."""
+"""Frames of a page: of each body, and of each pin with the axes of the machine; loops are cut at their joints."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REACH = 10.0  # of the machine's size: a joint slides no further, for the descri
 
 
 class Frames:
-    """The tree of frames as it is made: of a body, the joints and the angle by which it is turned."""
+    """Builder of the tree of frames; it stores the joints and the rotation angle of each body."""
 
     def __init__(self, shared: PageModel) -> None:
         self.shared, self.joints = shared, list[Joint]()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a run of a page: extremes and means of what it tells, blows of each contact, work of each element."""
+"""Metrics of a run of a page: extremes and means of its outputs, impacts of each contact, work of each element."""
 
 from __future__ import annotations
 
@@ -111,9 +111,9 @@ class PageRun:
 
 
 def contact_mass(shared: PageModel, contact: str, linkage: LinkageSample, ahead_s: float) -> float:
-    """Return the effective mass (kg) at a contact some time after a sample, its joints moving on as they do.
+    """Return the effective mass (kg) at a contact at a time after a sample, extrapolated at constant joint speeds.
 
-    Contacts that are closed do not take part.
+    Closed contacts are left out.
     """
     places, assembly = shared.places, shared.assembly
     n, nr, split, state = places.free, places.driven, assembly.split, list(shared.start_state)

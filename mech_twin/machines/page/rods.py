@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rods of a page: a contact whose blow is a wave in a rod that stands on a wall.
 
-The striker has the effective mass m_e that the machine has at the contact, those that are closed taking part; a head
+The striker has the effective mass m_e of the machine at the contact, with closed contacts taken into account; a head
 that is a rod is part of it.  It strikes at the closing speed v.  The impulse P of the blow acts as that of a rigid
-contact does, whose restitution is P/(m_e v) - 1, 0 at least: a striker that would go on after the rod is stopped, and
-what it has left is lost.  The rod is at rest in its seat before each blow: what drove it into a wall has followed.
+contact with restitution P/(m_e v) - 1, at least 0: a striker that would move on after the rod is stopped, and its
+remaining energy is lost.  The rod is at rest in its seat before each blow: it has followed into a yielding wall.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class RodWall(Wall):
 
 
 class ContactRod(WaveTool):
-    """The rod that a contact strikes through: it stands on a wall, at rest in its seat before each blow."""
+    """The rod of a contact, which transmits the blow to a wall; at rest in its seat before each blow."""
 
     wall: RodWall = choice("the wall behind the rod", default=RodWall())
 
@@ -113,7 +113,7 @@ def rod_restitution(rods: Array, rod: int, striker_kg: float, closing: float) ->
 
 
 class PageRods:
-    """The rods of a page by their contacts: what a blow on one gives.
+    """The rods of a page by their contacts, and the results of blows on them.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class PageRods:
         return grid, mass, partial(rod_blow, grid, mass, closing, 0.0, True)
 
     def numbers(self, event: Event) -> dict[str, float]:
-        """Return what the blow of an event gives."""
+        """Return the numbers of an event's blow."""
         rod = self.rods[event.contact]
         grid, mass, lead = self._led(event)
         found, told = told_of_blow(grid, rod.life.line, lead)
@@ -175,7 +175,7 @@ class PageRods:
         return BlowGauge("impact", tuple(self.rods), numbers, curve, curves)
 
     def roundings(self) -> dict[str, tuple[float, float]]:
-        """Return the length asked for and the one on the grid (m), by its key."""
+        """Return the configured length and the length on the grid (m), by key."""
         found: dict[str, tuple[float, float]] = {}
         for name, rod in self.rods.items():
             found |= rounded_lengths(rod, f"contacts.{name}.rod")

@@ -51,7 +51,7 @@ DEEP = 1e-9  # of the machine's size: a contact that begins deeper than this beg
 
 @dataclass(frozen=True)
 class PageModel:
-    """What the roles of a page share."""
+    """Data shared by the roles of a page."""
 
     page: Page
 
@@ -62,7 +62,7 @@ class PageModel:
 
     @cached_property
     def places(self) -> StatePlaces:
-        """Where the numbers stand."""
+        """Layout of state, controls and values."""
         return StatePlaces(self.page, self.assembly)
 
     @cached_property
@@ -174,7 +174,7 @@ class PageModel:
 
     @cached_property
     def energy_scale_j(self) -> float:
-        """An energy of the machine's size: what its mass weighs over its size, and what its springs hold there."""
+        """Energy scale (J): weight times size of the machine, and the energy of its springs at that size."""
         size = self.assembly.size_m
         weight = sum(body.mass_kg for body in self.page.bodies.values()) * 9.81 * size
         springs = sum(
@@ -269,7 +269,7 @@ class Drives(CompiledMotor):
 
 @dataclass(frozen=True)
 class PageLinkage(CompiledLinkage):
-    """The linkage role: every body of the page, integrated by the one loop."""
+    """The linkage role: every body of the page, integrated by the event loop."""
 
     shared: PageModel = field(repr=False)
     regimes: tuple[str, ...] = ("free", "contact")
@@ -292,12 +292,12 @@ class PageLinkage(CompiledLinkage):
         return tuple(self.shared.assembly.coordinates[j] for j in self.shared.assembly.split.free)
 
     def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
-        """Return the error for a step that is given up, with the elements that had most of its events."""
+        """Return the error for a failed step, naming the elements with most of its events."""
         return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log)
 
     @property
     def timed_drives(self) -> tuple[str, ...]:
-        """Drives that follow the time of the run."""
+        """Drives that are functions of time."""
         return tuple(self.shared.places.programs)
 
     @property
@@ -337,7 +337,7 @@ class PageLinkage(CompiledLinkage):
         return self.layout.sample(step, time_s, row.tolist(), ())
 
     def _start_controls(self, model: PageMachine, fraction: float, y: Array) -> None:
-        """Fill in what the drives give at the start: full slopes follow with the first step."""
+        """Fill the controls with the drives' output at the start; slopes by speed follow with the first step."""
         controls, p = model.system.controls, self.shared.places
         controls[:] = 0.0
         for i in range(len(p.motors)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flywheel of a page whose joints one drive of constant speed leads, for an asked non-uniformity of that speed."""
+"""Flywheel of a page driven by one drive of constant speed, for a required non-uniformity of that speed."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _turned(page: Page) -> tuple[str, float]:
 def _turn(page: Page, speed: float) -> tuple[Array, Array]:
     """Return work of a constant torque and all loads (J), and reduced inertia (kg m2), along a turn at full speed.
 
-    What the drive does beyond the change of kinetic energy, the loads take.
+    The work of the loads is the change of kinetic energy less the work of the drive.
     """
     step_s = 2.0 * math.pi / speed / POSITIONS
     full = varied(page, {"supply.initial_fraction": 1.0, "coupling.step_s": step_s})

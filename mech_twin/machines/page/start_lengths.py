@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths at the start, from which springs and gaps are told."""
+"""Lengths at the start, the reference of springs and gaps."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from mech_twin.mechanics.kinematics import Kinematics
 
 
 class StartLengths:
-    """Lengths and angles of the springs at the start: a preload is told there."""
+    """Lengths and angles of the springs at the start, where a preload is defined."""
 
     def __init__(self, places: StatePlaces) -> None:
         self._places = places
 
     def free(self, spring: SpringElement) -> float:
-        """Return the length, travel (m) or angle (rad) at which a spring gives nothing."""
+        """Return the free length, travel (m) or angle (rad) of a spring."""
         if spring.free_m is not None:
             return spring.free_m
         if spring.free_deg is not None:
@@ -29,7 +29,7 @@ class StartLengths:
         return self.length(spring) + (preload / rate if rate else 0.0)
 
     def twist(self, coupling: CouplingElement) -> float:
-        """Return what the second joint of a coupling lacks of its share of the first at the start (rad or m)."""
+        """Return ratio times the first joint minus the second joint of a coupling at the start (rad or m)."""
         assembly = self._places.assembly
         motion = Kinematics(assembly.structure, assembly.start.tolist())
         first, second = (motion.joint_coordinates(assembly.joint_number(name))[0].value for name in coupling.joints)
@@ -55,12 +55,12 @@ class StartLengths:
 
 
 def check_lines(page: Page, assembly: Assembly) -> None:
-    """Refuse what acts between points, or tells their distance, where they coincide at the start.
+    """Raise if the two points of a spring, damper or distance output coincide at the start.
 
     Raises
     ------
     ConfigurationError
-        Two points coincide.
+        If two points coincide.
     """
     motion = Kinematics(assembly.structure, assembly.start.tolist())
     found = {f"springs.{name}.between": spring.between for name, spring in page.springs.items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where each number of a page's state and controls stands."""
+"""Layout of a page's state, controls and values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NEAR_M = 1e-11  # beyond its gap, where it gives no force, a compliant contact c
 
 @dataclass(frozen=True)
 class StatePlaces:
-    """Where the numbers of a page stand in state, controls and values, and what they are called."""
+    """Indices and names of the numbers of a page in state, controls and values."""
 
     page: Page
     assembly: Assembly
@@ -41,12 +41,12 @@ class StatePlaces:
 
     @cached_property
     def laws(self) -> tuple[str, ...]:
-        """Names of the laws: rigid contacts, layers, joints that rub or are resisted, contacts that rub."""
+        """Names of the laws: rigid contacts, layers, joints with friction or resistance, contacts with friction."""
         return (*self.rigid, *self.layers, *self.resisted, *self.rubbing)
 
     @cached_property
     def rigid(self) -> tuple[str, ...]:
-        """Contacts with restitution: given, or that of a blow on a rod."""
+        """Rigid contacts, with a given restitution or that of a blow on a rod."""
         return tuple(name for name, c in self.page.contacts.items() if c.rigid)
 
     @cached_property
@@ -61,12 +61,12 @@ class StatePlaces:
 
     @cached_property
     def touching(self) -> tuple[str, ...]:
-        """Contacts whose force acts on a point or a stop."""
+        """Contacts with a normal force: rigid ones, layers and compliant ones."""
         return (*self.rigid, *self.layers, *self.compliant)
 
     @cached_property
     def resisted(self) -> dict[str, str]:
-        """The joint of each law without a gap, by the law's name: that of its element, or of the joint if several."""
+        """Joint of each law of resistance, by the law's name: its element's, or the joint's if there are several."""
         page = self.page
         found: dict[str, list[str]] = {}
         for name, friction in page.friction.items():
@@ -102,7 +102,7 @@ class StatePlaces:
 
     @cached_property
     def programs(self) -> dict[str, tuple[float, ...]]:
-        """The instants of each drive that goes by time, within a period, which ends them (s)."""
+        """Switching instants (s) of each drive that is a function of time; the last is the period."""
         found: dict[str, tuple[float, ...]] = {}
         for name, drive in self.page.drives.items():
             if drive.kind == "program":
@@ -127,13 +127,13 @@ class StatePlaces:
 
     @cached_property
     def backlashes(self) -> tuple[str, ...]:
-        """Both ends of the play of each coupling."""
+        """Names of both ends of the backlash of each coupling."""
         slack = [name for name, coupling in self.page.couplings.items() if coupling.backlash > 0.0]
         return tuple(f"{name}_{end}" for name in slack for end in ("forward", "backward"))
 
     @cached_property
     def bends(self) -> tuple[str, ...]:
-        """Bends of tables, and where a layer begins: places where a force is not smooth."""
+        """Names of the kinks of tables and of the starts of layers, where a force is not smooth."""
         page, found = self.page, list(self.layers)
         for name, spring in page.springs.items():
             rows = spring.table_m_n if spring.table_m_n is not None else spring.table_deg_nm
@@ -152,7 +152,7 @@ class StatePlaces:
         Raises
         ------
         ConfigurationError
-            A loop or a given speed leads the joint.
+            If the joint depends on a loop or has a prescribed speed.
         """
         free = [self.assembly.coordinates[j] for j in self.assembly.split.free]
         for name, reset in self.page.resets.items():
@@ -169,12 +169,12 @@ class StatePlaces:
 
     @cached_property
     def switches(self) -> tuple[str, ...]:
-        """Elements with a signal of their own."""
+        """Elements with an event function of their own."""
         return (*self.programs, *self.ports, *self.compliant, *self.backlashes, *self.bends, *self.resets)
 
     @cached_property
     def worked(self) -> tuple[str, ...]:
-        """Elements whose work is booked beside that of driven coordinates and laws."""
+        """Elements whose work is integrated besides that of driven coordinates and laws."""
         loads = [name for name, load in self.page.loads.items() if not load.resists]
         shafts = [name for name, coupling in self.page.couplings.items() if coupling.damping > 0.0]
         return (*self.motors, *self.page.dampers, *shafts, *self.gases, *loads, *self.compliant)
@@ -187,32 +187,32 @@ class StatePlaces:
 
     @cached_property
     def motion(self) -> int:
-        """Where the books begin in the state."""
+        """Index in the state where the work integrals begin."""
         return 2 * self.free + self.dependent + 2 * self.driven
 
     @property
     def books(self) -> tuple[str, ...]:
-        """The books, in their order in the state; the last are what impacts take, what resets give."""
+        """Names of the work integrals in their order in the state; the last are the works of impacts and resets."""
         return (*self.driven_names, *self.worked, *self.laws, "impacts", *self.resets)
 
     @property
     def state(self) -> int:
-        """Numbers in the state: motion, books, and the amount of gas in each gas spring over that at the start."""
+        """Length of the state: motion, work integrals, and the gas amount of each gas spring relative to the start."""
         return self.motion + len(self.books) + len(self.gases)
 
     @property
     def motor_controls(self) -> int:
-        """Where the drives begin in the controls: force, its slope in the speed, and the speed it is of; for each."""
+        """Index in the controls where the drives begin; each has force, its slope by speed, reference speed."""
         return self.driven
 
     @property
     def switch_controls(self) -> int:
-        """Where the switches begin in the controls: regime and time of the next change; for each."""
+        """Index in the controls where the switches begin; each has regime and time of the next change (s)."""
         return self.motor_controls + 3 * len(self.motors)
 
     @property
     def found_controls(self) -> int:
-        """Where begins what the loop has found: accelerations, forces of laws, efforts of driven coordinates."""
+        """Index in the controls of the loop's results: accelerations, forces of laws, efforts of driven coordinates."""
         return self.switch_controls + 2 * len(self.switches)
 
     @property

@@ -85,7 +85,7 @@ def induction_motor(row: Array) -> MotorConstants:
 
 @step_of(motor_step, PageDrives)
 def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) -> None:
-    """Fill in position, speed and effort of each drive at its own shaft; of a given speed the one asked for."""
+    """Fill ``out`` with position, speed and effort of each drive at its shaft; a prescribed speed is the command."""
     command = limited_command(linkage[COMMAND], target, model.rate_per_s, model.step_s)
     out[MOTOR_COMMAND] = command
     for i in range(len(model.drives)):
@@ -110,7 +110,7 @@ def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) ->
 
 @borrowing_kernel
 def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
-    """Fill in what the drives give in the step: forces by the mean supply with their slopes, or accelerations."""
+    """Fill the controls of the drives for the step: forces at mean supply with slopes by speed, or accelerations."""
     controls, command = model.system.controls, motor[MOTOR_COMMAND]
     place, led, mean = model.system.driven, 0, 0.5 * (linkage[COMMAND] + command)
     for i in range(len(model.drives)):
@@ -136,7 +136,7 @@ def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
 
 @borrowing_kernel
 def memory_place(model: PageMachine) -> int:
-    """Return where the memory begins in a linkage row."""
+    """Return the index in a linkage row where the memory begins."""
     return LINKAGE_JOINTS + 3 * model.joints
 
 
@@ -163,7 +163,7 @@ def fill_state(model: PageMachine, linkage: Array, y: Array, regimes: Indices) -
 
 @borrowing_kernel
 def fill_found(model: PageMachine, linkage: Array) -> None:
-    """Fill in the controls what the loop has found, and the drives' efforts, from the memory of a linkage row."""
+    """Fill the controls with accelerations, law forces and drive efforts from the memory of a linkage row."""
     s = model.system
     place = memory_place(model) + s.law_count + s.switches + model.kept
     begin = s.switch_controls + 2 * s.switches
@@ -176,7 +176,7 @@ def fill_found(model: PageMachine, linkage: Array) -> None:
 
 @inline_kernel
 def page_room(system: PageSystem, size: int, numbers: Array, marks: Indices) -> Room:
-    """Return room for a page in two arrays; a stage is a whole state: dependent coordinates stand among the books."""
+    """Return the loop's work arrays; a stage is a full state, as rates depend on the dependent coordinates."""
     n, m, own = system.free, system.law_count, system.switches
     room = room_in(numbers[size:], marks, n, m, own, size, DORMAND_PRINCE_5)
     work = Workspace(room.work.rates, numbers[:size], room.work.end)
@@ -197,7 +197,7 @@ def energy_held(model: PageMachine, t: float, y: Array) -> float:
 def fill_efforts(
     model: PageMachine, regimes: Indices, acceleration: Array, multiplier: Array, place: int, out: Array
 ) -> None:
-    """Fill the efforts of the drives into their joints, and into the memory from ``place`` on."""
+    """Write the efforts of the drives to their joints, and to the memory from index ``place`` on."""
     s, nr = model.system, model.system.driven
     led = 0
     for i in range(len(model.drives)):
@@ -230,7 +230,7 @@ def fill_efforts(
 def fill_linkage(
     model: PageMachine, system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array
 ) -> float:
-    """Fill joints and memory of a linkage row at a state; return the energy held (J)."""
+    """Fill joints and memory of a linkage row at a state; return the kinetic and potential energy (J)."""
     s = model.system
     n, nz, nr, m = s.free, s.dependent, s.driven, s.law_count
     tell_regimes(s, regimes)
@@ -263,9 +263,9 @@ def fill_linkage(
 
 @borrowing_kernel
 def fill_residuals(model: PageMachine, y: Array, energy: float, begun: float, turned: float, out: Array) -> float:
-    """Fill in what the loops miss (m), and the energy that is not in the books, over what was turned over (J).
+    """Fill the largest loop closure error (m) and the relative energy error; return the first.
 
-    ``begun`` is the energy at the start and what live changes of parameters have put in (J).
+    ``begun`` (J) is the initial energy and that added by live changes of parameters, ``turned`` (J) the scale.
     """
     s = model.system
     books, misses, place = 0.0, 0.0, len(out) - 2
@@ -283,7 +283,7 @@ def try_step(
     model: PageMachine, step: int, linkage: Array, motor: Array, out: Array, log: Array,
     numbers: Array, marks: Indices, y: Array, regimes: Indices,
 ) -> int:  # fmt: skip
-    """Fill in the machine one coupling step later; return the number of events, negative where it failed."""
+    """Fill ``out`` with the machine one coupling step later; return the number of events, negative for a failure."""
     s, t = model.system, step * model.step_s
     motor_controls(model, linkage, motor)
     room = page_room(s, len(y), numbers, marks)
@@ -301,7 +301,7 @@ def try_step(
     led = 2 * s.free + s.dependent + s.driven
     i = 0
     for k in range(len(model.drives)):
-        if int(model.drives[k, KIND]) == SPEED:  # what rounding leaves of the sum of the steps is kept (Kahan)
+        if int(model.drives[k, KIND]) == SPEED:  # compensated summation (Kahan)
             joint, kept = LINKAGE_JOINTS + 3 * int(model.drives[k, COLUMN]), len(out) - 5 - s.driven + i
             before, after = linkage[joint + 1], motor[MOTOR_JOINTS + 3 * k + 1]
             way = 0.5 * (before + after) * model.step_s - linkage[kept]
@@ -330,7 +330,7 @@ def try_step(
 def page_step(
     model: PageMachine, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the machine one coupling step later, its events located inside the step."""
+    """Fill ``out`` with the machine one coupling step later; events are located within the step."""
     s, size = model.system, len(model.tolerance)
     length, places = room_sizes(s.free, s.law_count, s.switches, size)
     numbers, marks = np.zeros(size + length), np.zeros(places, dtype=np.int64)
@@ -344,7 +344,7 @@ def page_step(
 
 @kernel
 def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Array) -> int:
-    """Fill in a linkage row at the start, the regimes decided; return `SOLVED`, or less where laws contradict."""
+    """Fill a linkage row at the start with consistent regimes; return `SOLVED`, or less if laws are inconsistent."""
     s = model.system
     length, places = room_sizes(s.free, s.law_count, s.switches, len(y))
     room = page_room(s, len(y), np.zeros(len(y) + length), np.zeros(places, dtype=np.int64))
@@ -372,7 +372,7 @@ def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Ar
 
 @borrowing_kernel
 def fill_forces(model: PageForces, t: float, linkage: Array, y: Array, regimes: Indices, out: Array) -> None:
-    """Fill in the forces of a linkage row; ``y`` and ``regimes`` are room."""
+    """Fill the forces from a linkage row; ``y`` and ``regimes`` are work arrays."""
     machine, s = model.machine, model.machine.system
     fill_state(machine, linkage, y, regimes)
     tell_regimes(s, regimes)
@@ -393,7 +393,7 @@ def fill_forces(model: PageForces, t: float, linkage: Array, y: Array, regimes: 
 def page_forces(
     model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in the forces in the joints and of the elements, and how far the two routes to an effort differ."""
+    """Fill the forces in joints and elements, and the difference of the two routes to an effort."""
     s = model.machine.system
     y, regimes = np.empty(len(model.machine.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
     fill_forces(model, step * model.machine.step_s, linkage, y, regimes, out)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page as a system of the one loop: generated functions called by address, one set of kernels for all pages."""
+"""A page as a system of the event loop: generated functions called by address, one set of kernels for all pages."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ CLOSED = 1e-15  # of a coordinate: a correction that is rounding
 
 
 class PageSystem(NamedTuple):
-    """A page for the loop: functions by address, numbers, controls, room for values; sizes, all counts.
+    """A page for the event loop: functions by address, numbers, controls, work arrays; counts and indices.
 
-    ``programs`` of the switches are the first; ``timing`` has of each how many instants a period has, and these.
-    Of a reset ``timing`` has the place and the speed at the start.
-    ``kinds`` tells what a switch is, ``changes`` whose amount of gas a port has, which freedom a reset.
-    ``rods`` has a row for each rod, ``struck`` its law; ``marks`` is room, a law each.
+    The first ``programs`` switches are time programs; their ``timing`` rows hold the number of instants in a period,
+    then the instants (s).  The ``timing`` row of a reset holds position and speed at the start.
+    ``kinds`` is the type of each switch, ``changes`` the gas spring of a port or the free coordinate of a reset.
+    ``rods`` has a row for each rod, ``struck`` its law; ``marks`` (one for each law) is a work array.
     """
 
     instant: int
@@ -60,7 +60,7 @@ class PageSystem(NamedTuple):
 
 @borrowing_kernel
 def next_change(timing: Array, program: int, phase: int) -> float:
-    """Return when a phase of a program ends (s); phases are counted from 0, as many a period as it has instants."""
+    """Return the time (s) at which a phase of a program ends; phases count from 0, one for each instant of a period."""
     count = int(timing[program, 0])
     if phase < count:
         return float(timing[program, 1 + phase])
@@ -69,7 +69,7 @@ def next_change(timing: Array, program: int, phase: int) -> float:
 
 @borrowing_kernel
 def tell_regimes(system: PageSystem, regimes: Indices) -> None:
-    """Fill the regimes of the switches into the controls."""
+    """Write the regimes of the switches, and the times of the next changes (s), to the controls."""
     for i in range(system.switches):
         regime = regimes[system.law_count + i]
         place = system.switch_controls + 2 * i
@@ -79,7 +79,7 @@ def tell_regimes(system: PageSystem, regimes: Indices) -> None:
 
 @borrowing_kernel
 def put_back(system: PageSystem, y: Array) -> float:
-    """Put the dependent coordinates back on the closures, by Newton; return how regular they are, 1 without any."""
+    """Solve the loop closures for the dependent coordinates by Newton's method; return their regularity (1: best)."""
     n, nz = system.free, system.dependent
     least = 1.0
     for _ in range(ROUNDS if nz else 0):
@@ -119,7 +119,7 @@ def evaluate_page(system: PageSystem, t: float, y: Array, regimes: Indices, at: 
 
 @borrowing_kernel
 def driving_effort(system: PageSystem, which: int, acceleration: Array, multiplier: Array) -> float:
-    """Return the effort that a driven coordinate needs, at the instant evaluated last."""
+    """Return the effort (N m or N) that drives a driven coordinate, at the instant evaluated last."""
     n = system.free
     place = n * n + n + which * (n + 1)
     total = -system.values[place + n]
@@ -133,13 +133,13 @@ def driving_effort(system: PageSystem, which: int, acceleration: Array, multipli
 
 @borrowing_kernel
 def gas_values(system: PageSystem) -> int:
-    """Return where the gas springs begin in the values: rate of each amount, then what an open port makes it."""
+    """Return the index in the values of the gas springs: rates of the amounts, then the amounts with an open port."""
     return system.follow_values + system.dependent + system.worked + 2 * system.switches
 
 
 @declares(laws.accumulate, PageSystem)
 def accumulate_page(system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
-    """Fill in the rates of dependent and driven coordinates, and the powers of drives, elements and laws."""
+    """Fill rates of dependent and driven coordinates, powers (W) of drives, elements and laws, and gas rates."""
     n, nz, nr = system.free, system.dependent, system.driven
     place = 2 * n
     for i in range(nz):
@@ -168,7 +168,7 @@ def accumulate_page(system: PageSystem, t: float, y: Array, regimes: Indices, at
 def signal_switches(
     system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
-    """Fill in the time to the next change of a program, and the gaps of compliant contacts."""
+    """Fill the event functions of the switches, such as the time to a program's next change or a compliant gap."""
     place = system.follow_values + system.dependent + system.worked
     for i in range(system.switches):
         values[2 * system.law_count + i] = system.values[place + 2 * i]
@@ -177,13 +177,13 @@ def signal_switches(
 
 @declares(laws.begin_piece, PageSystem)
 def begin_page(system: PageSystem, t: float, y: Array, regimes: Indices) -> None:
-    """Tell the generated functions the regimes."""
+    """Pass the regimes to the generated functions."""
     tell_regimes(system, regimes)
 
 
 @declares(laws.end_piece, PageSystem)
 def end_page(system: PageSystem, t: float, before: Array, y: Array, regimes: Indices) -> None:
-    """Put the dependent coordinates back."""
+    """Restore the loop closures, see `put_back`."""
     put_back(system, y)
 
 
@@ -196,7 +196,7 @@ def energy_of(system: PageSystem, t: float, y: Array) -> float:
 
 @borrowing_kernel
 def reset_joint(system: PageSystem, which: int, t: float, y: Array, regimes: Indices) -> None:
-    """Let a freedom be as it started, and book what that gives; its laws begin anew, as rest or motion tells."""
+    """Reset a free coordinate to its start, add the energy change to its work; reset the regimes of its laws."""
     n, k, before = system.free, system.changes[which], energy_of(system, t, y)
     y[k], y[n + k] = system.timing[which, 0], system.timing[which, 1]
     put_back(system, y)
@@ -214,7 +214,7 @@ def reset_joint(system: PageSystem, which: int, t: float, y: Array, regimes: Ind
 
 @declares(laws.pass_signal, PageSystem)
 def pass_switch(system: PageSystem, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Go on to the next phase of a program, reset a joint, or note what is passed: contact, port, bend of a table."""
+    """Switch to the next phase of a program, reset a joint, or switch a contact, port or segment of a table."""
     place, kind = system.law_count + which, system.kinds[which]
     regimes[place] = regimes[place] + 1 if kind == PHASE else 1 - regimes[place]
     if kind == BEND:
@@ -234,7 +234,7 @@ def pass_switch(system: PageSystem, which: int, t: float, y: Array, regimes: Ind
 def log_changes(
     system: PageSystem, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
-    """Log contacts that stay or let go, and joints that stick or slip."""
+    """Log contacts that close or separate, and joints that stick or slip."""
     for i in range(system.law_count):
         if past[i] == regimes[i]:
             continue
@@ -255,7 +255,7 @@ def log_changes(
 
 @declares(laws.begin_impact, PageSystem)
 def begin_blow(system: PageSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Lead the blow on each rod that is struck; m_e is plastic impulse over closing speed."""
+    """Fill the restitution of each struck rod; the striker's effective mass is plastic impulse over closing speed."""
     if len(system.struck) == 0:
         return
     seek_impulses(regimes, at, system.marks, 0.0)
@@ -269,7 +269,7 @@ def begin_blow(system: PageSystem, t: float, y: Array, regimes: Indices, at: Equ
 
 @borrowing_kernel
 def kinetic_change(system: PageSystem, before: Array, y: Array, at: Equations) -> float:
-    """Return by how much the kinetic energy has changed with the speeds of the free coordinates (J)."""
+    """Return the change of kinetic energy (J) by the change of the free coordinates' speeds."""
     n, nr = system.free, system.driven
     w = 2 * n + system.dependent + nr
     total = 0.0
@@ -286,7 +286,7 @@ def kinetic_change(system: PageSystem, before: Array, y: Array, at: Equations) -
 def note_page_impact(
     system: PageSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int
 ) -> int:
-    """Log the impulses, approach positive; book what the impact takes and what the drives give to it."""
+    """Log the impulses, with approach speeds positive; add the impact's loss and the drives' work to the integrals."""
     n, nr, nz = system.free, system.driven, system.dependent
     change = kinetic_change(system, before, y, at)
     books, speeds = 2 * n + nz + 2 * nr, 2 * n + nz + nr
@@ -313,7 +313,7 @@ def note_page_impact(
 
 @borrowing_kernel
 def starting_regimes(velocity: Array, gap: Array, restitution: Array, regimes: Indices, candidates: Indices) -> None:
-    """Fill in the regimes of laws that move or are open; mark those at rest as candidates."""
+    """Fill the regimes of moving and open laws; mark those at rest as candidates for `settle_regimes`."""
     for i in range(len(gap)):
         candidates[i] = 0
         still = abs(velocity[i]) <= 1e-12

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of a page: straight lines between rows, on numbers or on symbols, with the place of each bend."""
+"""Tables of a page: linear interpolation between rows, numerical or symbolic, with the place of each kink."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def table(unit: str, meaning: str, **options: Any) -> Any:
 
 
 class Line(NamedTuple):
-    """A table as a sum of ramps: value and slope ahead of the first bend; place, and change of the slope, of each."""
+    """A table as a sum of ramps: value and slope before the first kink; place and slope change of each kink."""
 
     first_x: Number
     first: Number
@@ -63,7 +63,7 @@ class Line(NamedTuple):
 
 
 def bends_of(rows: Rows, *, held: bool) -> list[tuple[float, float]]:
-    """Return place, and change of the slope, of each bend; beyond its ends a table is held, or goes on."""
+    """Return place and slope change of each kink; beyond its ends a table is constant (``held``) or extrapolated."""
     slopes = [(after[1] - before[1]) / (after[0] - before[0]) for before, after in pairwise(rows)]
     if held:
         slopes = [0.0, *slopes, 0.0]
@@ -74,7 +74,7 @@ def bends_of(rows: Rows, *, held: bool) -> list[tuple[float, float]]:
 
 
 def line(rows: Rows, number: Any, *, held: bool) -> Line:
-    """Return a table with its numbers made by ``number``."""
+    """Return a table with its numbers converted by ``number``."""
     slope = 0.0 if held else (rows[1][1] - rows[0][1]) / (rows[1][0] - rows[0][0])
     bends = tuple((number(x), number(change)) for x, change in bends_of(rows, held=held))
     return Line(number(rows[0][0]), number(rows[0][1]), number(slope), bends)
@@ -86,7 +86,7 @@ def scaled_rows(rows: Rows, x: float, y: float = 1.0) -> Rows:
 
 
 def repeats(rows_deg: Rows) -> bool:
-    """Tell whether a table over an angle is of a whole turn, and so of every turn."""
+    """Return whether a table over an angle spans a whole turn, and so is periodic."""
     return rows_deg[-1][0] - rows_deg[0][0] == TURN_DEG and rows_deg[0][1] == rows_deg[-1][1]
 
 
@@ -96,5 +96,5 @@ def wrapped(x: Number, first: Number, span: Number) -> Number:
 
 
 def instants(rows: Sequence[tuple[float, float]], period: float) -> list[float]:
-    """Return the instants of a table's bends, or of a program's phases, within a period, which ends them."""
+    """Return the instants (s) of a table's kinks, or of a program's phases, within a period; the period is last."""
     return [*(x for x, _ in rows if 0.0 < x < period), period]

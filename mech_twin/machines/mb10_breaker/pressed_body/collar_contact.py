@@ -9,18 +9,17 @@ r"""The body on the one-sided collar of the tool: phi >= 0, restitution e, every
        |________/     \___ t        |__________/       \_/\_.____ t        a finite limit when phi0 > 0
        0       t1      T            0      lift-off         settled
 
-A motion is a chain of pieces, each of which ends with an event found in closed form or by a search that cannot step
-over it.  The chain depends on nothing but the constants and the state it starts from, so it is the same whatever the
-times at which it is looked at.
+A motion is a chain of pieces.  Each ends with an event found in closed form, or by a search that cannot step over it.
+The chain depends only on the constants and the initial state, not on the sampling times.
 
-Energy of the body in free swing: what its speed gained against the work of spring, load and damper, by quadrature.
+Energy balance of the free swing: change of kinetic energy against the work of spring, load and damper by quadrature.
 
 ::
 
     J (w1^2 - w0^2)/2  =  int_t0^t1 [M(t) - c l^2 (phi + phi0) - d w] w dt
 
-The closed form of the motion enters only by its values: one that does not fulfil the equation of motion, or whose rate
-is not the derivative of its angle, leaves the balance open.
+The closed form enters only through its values.  A wrong solution, or a rate that is not the derivative of the angle,
+leaves an error in the balance.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ class ContactPiece(NamedTuple):
 
 
 class PieceEnd(NamedTuple):
-    """What ended a piece: its cause, velocities before and after at the tool (m/s), impulse on the body (N s)."""
+    """Event at the end of a piece: kind, velocities at the tool before and after (m/s), impulse on the body (N s)."""
 
     cause: int
     pre: float
@@ -88,7 +87,7 @@ def stretch_from(body: PressedBody, start: float, angle: float, rate: float, loa
 
 @kernel
 def _leaves(body: PressedBody, stretch: SwingStretch) -> bool:
-    """Return whether the load carries a body resting on the collar away at once."""
+    """Return whether the load lifts a body resting on the collar at once."""
     net, push = net_acceleration(body, stretch), stretch.load / body.inertia
     return net > ROUNDING * push or (net >= 0.0 and push > 0.0 and math.cos(stretch.theta) > 0.0)
 
@@ -140,7 +139,7 @@ def series_limit(body: PressedBody, stretch: SwingStretch, first: float, room: f
 
 @kernel
 def _settling_motion(body: PressedBody, stretch: SwingStretch, s: float) -> tuple[float, float]:
-    """Return angle and rate within a series that is known to end; beyond the last distinct bounce the body rests."""
+    """Return angle and rate (rad, rad/s) within a complete series of bounces; after the last one the body rests."""
     first, speed, theta, left = stretch.rate, stretch.rate, stretch.theta, s
     while speed > SERIES_END * first:
         current = SwingStretch(0.0, speed, stretch.load, theta)
@@ -157,7 +156,7 @@ def _settling_motion(body: PressedBody, stretch: SwingStretch, s: float) -> tupl
 def planned_piece(
     body: PressedBody, cycle: int, start: float, angle: float, rate: float, regime: int, loaded: int, series: float
 ) -> ContactPiece:
-    """Return the piece that begins with this state, its end found."""
+    """Return the piece that begins with this state, with the event that ends it."""
     stage_end, cause = (body.period, BLOW) if loaded == 1 else (body.onset, ONSET)
     end = stage_end
     room = max(stage_end - start, 0.0)
@@ -191,7 +190,7 @@ def state_at(body: PressedBody, piece: ContactPiece, time: float) -> tuple[float
 
 @kernel
 def residuals_at(body: PressedBody, piece: ContactPiece, time: float, span: float) -> tuple[float, float]:
-    """Return two residuals, zero but for rounding: penetration of the collar (rad), and what the energy leaves open.
+    """Return two residuals, zero but for rounding: penetration of the collar (rad), and the relative energy error.
 
     The energy is balanced over the last ``span`` (s) of free swing before ``time``, within the piece.
     """
@@ -205,7 +204,7 @@ def residuals_at(body: PressedBody, piece: ContactPiece, time: float, span: floa
 
 @kernel
 def _after_return(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
-    """Return what follows a touchdown: another flight, a series that ends, or rest."""
+    """Return the piece after a touchdown: another flight, a complete series of bounces, or rest."""
     stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
     stage_end = body.period if piece.loaded == 1 else body.onset
     _, approach = touchdown(body, stretch, max(stage_end - piece.start, 0.0))
@@ -230,7 +229,7 @@ def _after_return(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece,
 
 @kernel
 def _after_blow(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
-    """Return what follows the end of the cycle: the blow throws the body up by S/J."""
+    """Return the piece after the end of the cycle: the blow changes the body's rate by S/J."""
     angle, before = state_at(body, piece, piece.end)
     after = before + body.impulse / body.inertia
     thrown = piece.regime == CONTACT and body.impulse > 0.0
@@ -241,7 +240,7 @@ def _after_blow(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, P
 
 @kernel
 def next_piece(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
-    """Return the piece that follows, and what happened between the two."""
+    """Return the following piece, and the event between the two."""
     if piece.cause == TOUCHDOWN:
         return _after_return(body, piece)
     if piece.cause == BLOW:
@@ -293,9 +292,9 @@ def work_per_inertia(body: PressedBody, stretch: SwingStretch, start: float, end
 
 @kernel
 def energy_left_open(body: PressedBody, stretch: SwingStretch, start: float, end: float) -> float:
-    """Return what the balance leaves open between two times (s) of a stretch, over the energy.
+    """Return the relative error of the energy balance between two times (s) of a stretch.
 
-    That is the largest of the two ends and of the seated body, in whose angle phi + phi0 is rounded.
+    Its scale is the largest energy at the two ends and of the seated body, whose phi0 sets the rounding of phi + phi0.
     """
     angle0, rate0 = motion(body, stretch, start)
     angle1, rate1 = motion(body, stretch, end)

@@ -124,7 +124,7 @@ def motion(body: PressedBody, stretch: SwingStretch, s: float) -> tuple[float, f
 
 @kernel
 def net_acceleration(body: PressedBody, stretch: SwingStretch) -> float:
-    """Return the angular acceleration a body resting on the collar would have if it were free to leave it."""
+    """Return the angular acceleration (rad/s2) of a body on the collar without the collar's force."""
     return stretch.load / body.inertia * math.sin(stretch.theta) - body.k * body.k * body.rest_angle
 
 
@@ -154,7 +154,7 @@ def _steady_bounds(body: PressedBody, stretch: SwingStretch) -> tuple[float, flo
 
 @kernel
 def bounds(body: PressedBody, stretch: SwingStretch, room: float) -> tuple[float, float, float]:
-    """Return numbers that |phi''|, |phi'''|, |phi''''| cannot exceed within ``room`` (s) of the stretch's start."""
+    """Return upper bounds of |phi''|, |phi'''|, |phi''''| within ``room`` (s) of the stretch's start."""
     ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
     stiffness, drag = body.k * body.k, 2.0 * body.damping * body.k
     a = stretch.angle + body.rest_angle
@@ -269,7 +269,7 @@ def first_root(body: PressedBody, stretch: SwingStretch, order: int, start: floa
 
 @kernel
 def _clear_of_collar(body: PressedBody, stretch: SwingStretch, room: float) -> float:
-    """Return a time at which a body that leaves the collar without speed is surely off it, having been so since."""
+    """Return a time (s) up to which a body that leaves the collar without speed cannot have returned to it."""
     length = min(room, 1.0 / max(body.k, body.mu))
     _, third, fourth = bounds(body, stretch, length)
     net = net_acceleration(body, stretch)
@@ -304,7 +304,7 @@ def touchdown(body: PressedBody, stretch: SwingStretch, room: float) -> tuple[fl
 def highest(body: PressedBody, stretch: SwingStretch, duration: float) -> tuple[float, float]:
     """Return time and angle (s, rad) of the largest angle within the stretch, its ends included.
 
-    Every turning point is located (zeros of phi', none stepped over); the smallest angle is left to the collar.
+    Every turning point (zero of phi') is located; the smallest angle is limited by the collar.
     """
     best_at, best = 0.0, stretch.angle
     end = motion(body, stretch, duration)[0]

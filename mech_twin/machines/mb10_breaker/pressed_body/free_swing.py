@@ -99,7 +99,7 @@ def load_stretch(body: PressedBody, angle: float = 0.0, rate: float = 0.0) -> Sw
 
 
 def cycle_map(body: PressedBody) -> CycleMap:
-    """Return the linear cycle map; its gain is the load's mark on a body that starts the load in balance."""
+    """Return the linear cycle map; its gain is the response to the load of a body in equilibrium before it."""
     angle, rate = motion(body, load_stretch(body, -body.rest_angle, 0.0), body.period - body.onset)
     exponent = complex(-body.damping * body.k, ring_frequency(body)) * body.period
     return CycleMap(exponent, amplitudes(body, angle, rate))
@@ -221,7 +221,7 @@ def resonance_rate(body: PressedBody, order: int) -> float:
 
 
 def growth_per_cycle(body: PressedBody) -> float:
-    """Return |g| (rad), what one cycle adds to Z: the growth at a resonance, for any onset, form and damping."""
+    """Return |g| (rad), the increment of Z in a cycle: the growth at a resonance, for any onset, form and damping."""
     return abs(cycle_map(body).gain)
 
 
@@ -318,5 +318,5 @@ def swing_regime(body: PressedBody) -> SwingRegime:
 
 
 def _memory(body: PressedBody) -> int:
-    """Return after how many cycles a start is forgotten to 1e-9, at least 1 and at most 1000."""
+    """Return the number of cycles (1 to 1000) in which a transient decays to 1e-9."""
     return min(1000, max(1, math.ceil(20.0 / (body.damping * body.k * body.period))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of the body on its collar, cycle by cycle, the steady cycle, and the rational range of the preload."""
+"""Metrics of the body on its collar: of each cycle and the steady cycle, and the rational range of the preload."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def cycle_metrics(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece,
 
 @dataclass(frozen=True)
 class SteadyMetrics:
-    """The metrics of the cycle the machine comes to, or the worst of those it goes through.
+    """Metrics of the steady cycle, or the worst of the cycles if the motion does not become steady.
 
     ``repeats_after`` is the number of cycles after which the motion repeats, 0 if it does not within the cycles tried;
     ``statement`` says so in words.
@@ -175,7 +175,7 @@ def _first_cycle(body: PressedBody) -> ContactPiece:
 
 
 def first_return_after_blow(body: PressedBody) -> float:
-    """Return when a body thrown up from rest first returns, s after the blow (negative: before it)."""
+    """Return the time (s) of the first return to the collar in a cycle from rest, relative to the blow that ends it."""
     piece = _first_cycle(body)
     if piece.cause == TOUCHDOWN:
         return piece.end - body.period
@@ -186,7 +186,7 @@ def first_return_after_blow(body: PressedBody) -> float:
 
 
 def settled_after_blow(body: PressedBody) -> float:
-    """Return when a body thrown up from rest settles, s after the blow, the next load held off for as long."""
+    """Return the time (s) from the blow that ends a cycle from rest until the body settles, without a further load."""
     piece = resting_piece(body, 0)
     while piece.cycle == 0:
         piece, _ = next_piece(body, piece)

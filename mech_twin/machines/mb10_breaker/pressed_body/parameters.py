@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is declared of the spring-pressed body and of its excitation, and the constants the kernels take.
+"""Parameters of the spring-pressed body and of its excitation, and the constants of the kernels.
 
 ::
 
@@ -67,7 +67,7 @@ class BodyParameters(Parameters):
 
 
 class ExcitationParameters(Parameters):
-    """The moment on the body: the published half sine, or what the force analysis finds."""
+    """The moment on the body: the published half sine, or that of the force analysis."""
 
     kind: Literal["approximated", "from_forces"] = choice(
         "approximated: half sine at the end of the cycle; from_forces: moment and blow of the running linkage"
@@ -96,9 +96,9 @@ class ExcitationParameters(Parameters):
 
 
 def stiffness_refusal(body: BodyParameters, excitation: ExcitationParameters) -> str:
-    """Return why the half sine's chain is not followed for this spring, or nothing.
+    """Return why the motion under the half sine is not computed for this spring, or an empty string.
 
-    A cycle of a stiff body holds some k/omega swings, each with its returns.
+    A cycle of a stiff body holds some k/omega swings, each with its returns to the collar.
     """
     omega = 2.0 * pi * excitation.blow_rate_hz
     k = body.spring_arm_m * sqrt(body.spring_rate_n_per_m / body.inertia_kg_m2)
