@@ -16,9 +16,9 @@ FORMER = "planar_linkage"  # a machine that pages took the place of
 
 @dataclass(frozen=True)
 class Entry:
-    """One machine of the catalogue: what it is called, what it is, and the package that holds it.
+    """One machine of the catalogue: its name, a description, and its package.
 
-    The package is imported when first asked for, so that listing the machines compiles nothing.  It defines
+    The package is imported on first use, so that listing the machines compiles nothing.  It defines
     ``PARAMETERS`` (the parameter model) and ``build(parameters) -> Machine``; a machine that answers more than a run
     defines ``capabilities() -> Capabilities`` too.
     """
@@ -47,7 +47,7 @@ class Entry:
 
     @property
     def capabilities(self) -> Capabilities:
-        """What the machine answers beside running; nothing where its package does not say."""
+        """Capabilities of the machine besides running; empty if its package defines none."""
         declared: Callable[[], Capabilities] | None = getattr(self._module(), "capabilities", None)
         return Capabilities() if declared is None else declared()
 

@@ -21,7 +21,7 @@ SETTLED = 1e-3  # relative difference of the mean speeds of two turns that follo
 
 
 class RunSums(NamedTuple):
-    """Sums since the start of a run: time (s), crank angle (rad), work (J), what the motor has done."""
+    """Sums since the start of a run: time (s), crank angle (rad), work (J), duty of the motor."""
 
     time_s: float
     angle_rad: float
@@ -39,17 +39,17 @@ class Rates(NamedTuple):
 
 @dataclass
 class Extremes:
-    """Least and greatest of some numbers, by name; the braces of a name take min and max."""
+    """Minimum and maximum of some numbers, by name; the braces of a name stand for min and max."""
 
     found: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def take(self, name: str, value: float) -> None:
-        """Take one value into account."""
+        """Update with one value."""
         least, most = self.found.get(name, (inf, -inf))
         self.found[name] = min(least, value), max(most, value)
 
     def numbers(self, prefix: str) -> dict[str, float]:
-        """Return them with their names completed."""
+        """Return minima and maxima by their full names."""
         out: dict[str, float] = {}
         for name, (least, most) in self.found.items():
             out[prefix + name.format("min")], out[prefix + name.format("max")] = least, most
@@ -62,7 +62,7 @@ class CrankRun:
     Parameters
     ----------
     motor : MotorConstants or None
-        The motor, if there is one: its load is then told over its rated one.
+        The motor, if there is one: its load is then also given relative to its rating.
     """
 
     def __init__(self, motor: MotorConstants | None) -> None:
@@ -76,7 +76,7 @@ class CrankRun:
         self._counts: dict[str, int] = {}
 
     def observe(self, frame: Frame, **more: float) -> None:
-        """Take one frame into account, and further numbers whose least and greatest are wanted."""
+        """Update with one frame, and with further numbers whose minimum and maximum are wanted."""
         linkage = frame.linkage
         angle, speed, torque = linkage.joint("crank")
         self._memory = Memory(*linkage.memory.values)
@@ -155,13 +155,13 @@ class CrankRun:
 
 
 def on_cubic(span: float, ends: tuple[float, float], rates: tuple[float, float], share: float) -> float:
-    """Return a value within a span, on the cubic through its values and rates at both ends."""
+    """Return a value within a span by cubic Hermite interpolation of values and rates at both ends."""
     x, y = share * share * (3.0 - 2.0 * share), share * (1.0 - share)
     return ends[0] + x * (ends[1] - ends[0]) + span * y * ((1.0 - share) * rates[0] - share * rates[1])
 
 
 def share_at(value: float, span: float, ends: tuple[float, float], rates: tuple[float, float]) -> float:
-    """Return the share of a span after which its cubic comes to a value between its ends."""
+    """Return the share of a span at which its cubic Hermite interpolant reaches a value between its ends."""
     low, high, sense = 0.0, 1.0, 1.0 if ends[1] >= ends[0] else -1.0
     for _ in range(53):
         middle = 0.5 * (low + high)
@@ -170,7 +170,7 @@ def share_at(value: float, span: float, ends: tuple[float, float], rates: tuple[
 
 
 def _at_angle(angle: float, first: RunSums, rates: Rates, last: RunSums, last_rates: Rates) -> RunSums:
-    """Return the instant between two at which the crank is at an angle, on the cubics through both ends and rates."""
+    """Return the sums at the instant the crank passes an angle (rad), by cubic Hermite interpolation."""
     span = last.time_s - first.time_s
     speeds = rates.speed_rad_per_s, last_rates.speed_rad_per_s
     share = share_at(angle, span, (first.angle_rad, last.angle_rad), speeds)

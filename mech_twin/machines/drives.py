@@ -74,7 +74,7 @@ class Drive(Parameters):
 
 
 class DrivenCrank(Parameters):
-    """What every machine has whose crank is turned at a prescribed speed, or by an induction motor behind a gear."""
+    """Base of machines whose crank is driven at a prescribed speed, or by an induction motor behind a gear."""
 
     drive: Drive = choice("drive of the crank")
     motor: InductionMotorParameters | None = choice("motor of a kloss drive", default=None)
@@ -114,11 +114,11 @@ class DrivenCrank(Parameters):
 
     @property
     def direction(self) -> float:
-        """Sense in which the drive turns the crank: +1, or -1."""
+        """Sense of rotation of the crank: +1, or -1."""
         return 1.0 if self.drive.speed_rpm > 0.0 else -1.0
 
     def drive_roles(self) -> tuple[MotorRole, Transmission | None]:
-        """Return the motor role, and how it is connected to the crank (None: its speed is prescribed)."""
+        """Return the motor role, and its transmission to the crank (None: the speed is prescribed)."""
         step_s, rate = self.coupling.step_s, self.supply.rate_per_s
         curve = self.motor_curve
         if curve is None or self.motor is None or self.gear is None:
@@ -135,7 +135,7 @@ class DrivenCrank(Parameters):
 
     @property
     def full_speed_rad_per_s(self) -> float:
-        """Crank speed at full supply (rad/s): rated, or that of the motor's field behind the gear."""
+        """Crank speed at full supply (rad/s): the rated one, or the motor's synchronous speed behind the gear."""
         curve = self.motor_curve
         if curve is None or self.gear is None:
             return self.drive.speed_rad_per_s
@@ -148,14 +148,14 @@ class DrivenCrank(Parameters):
 
 
 def _shaft_time_s(motor: InductionMotorParameters, gear: Gear, friction: Friction) -> float:
-    """Return rotor inertia over the steepest slope of motor torque and friction, both at the rotor (s)."""
+    """Return the smallest time constant (s): rotor inertia over the steepest slope of motor torque and friction."""
     curve = motor_constants(motor)
     slope = 2.0 * curve.breakdown_torque_nm / (curve.breakdown_slip * curve.synchronous_speed_rad_per_s)
     return motor.rotor_inertia_kg_m2 / (slope + friction.viscous_nms_per_rad / gear.ratio**2)
 
 
 class SpeedDrive(NamedTuple):
-    """Constants of `PrescribedSpeed`; ``let_go`` is -1 where the linkage always follows."""
+    """Constants of `PrescribedSpeed`; ``let_go`` is -1 if the linkage always follows the drive."""
 
     speed: float
     rate_per_s: float
@@ -166,7 +166,7 @@ class SpeedDrive(NamedTuple):
 
 @step_of(motor_step, SpeedDrive)
 def prescribed_speed(model: SpeedDrive, linkage: Array, target: float, out: Array) -> None:
-    """Fill in the speed asked of the linkage at the end of the step, and the effort it takes now."""
+    """Fill ``out`` with the speed required of the linkage at the end of the step, and the present effort."""
     command = limited_command(linkage[COMMAND], target, model.rate_per_s, model.step_s)
     joint, speed = LINKAGE_JOINTS + 3 * model.driven, command * model.speed
     if linkage[REGIME] != model.let_go:
@@ -178,7 +178,7 @@ def prescribed_speed(model: SpeedDrive, linkage: Array, target: float, out: Arra
 
 @dataclass(frozen=True)
 class PrescribedSpeed(CompiledMotor):
-    """Motor that gives a driven joint a speed, whatever effort that takes.
+    """Motor that drives a joint at a prescribed speed, with whatever effort that requires.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class PrescribedSpeed(CompiledMotor):
     driven : str
         Joint of the linkage that it drives.
     let_go : int or None
-        Regime in which the linkage no longer follows the drive: the drive then runs on at its command.
+        Regime in which the linkage no longer follows the drive, which then runs freely at its command.
     linkage_joints : tuple of str
         Joints of the linkage, at least up to the driven one.
     """
@@ -229,7 +229,7 @@ class KlossMotor(NamedTuple):
 
 @kernel
 def fill_motor(model: KlossMotor, before: float, angle: float, speed: float, target: float, out: Array) -> None:
-    """Fill in rotor angle, speed and torque at angle and speed (rad, rad/s) of the gear's output.
+    """Fill ``out`` with rotor angle, speed and torque at angle and speed (rad, rad/s) of the gear's output.
 
     ``before`` is the command of the step before.
     """
@@ -243,13 +243,13 @@ def fill_motor(model: KlossMotor, before: float, angle: float, speed: float, tar
 
 @step_of(motor_step, KlossMotor)
 def kloss_motor(model: KlossMotor, linkage: Array, target: float, out: Array) -> None:
-    """Fill in rotor angle, speed and torque; the linkage's first joint is the gear's output."""
+    """Fill ``out`` with rotor angle, speed and torque; the linkage's first joint is the gear's output."""
     fill_motor(model, linkage[COMMAND], linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], target, out)
 
 
 @dataclass(frozen=True)
 class KlossDrive(CompiledMotor):
-    """Induction motor behind a gear: its torque follows from its speed and the supply, it has no state of its own.
+    """Induction motor behind a gear: its torque is a function of speed and supply, without a state of its own.
 
     Attributes
     ----------
@@ -274,7 +274,7 @@ class KlossDrive(CompiledMotor):
 
     @property
     def effort_limit(self) -> float:
-        """Greatest torque that can be asked of it (N m): its breakdown torque."""
+        """Largest torque that can be commanded (N m): the breakdown torque."""
         return float(self.motor.breakdown_torque_nm)
 
     @cached_property

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a motor has done over a time: work, torque, and the heat in its rotor, against its rating.
+"""Duty of a motor over a time: work, torque, and heat in its rotor, relative to its rating.
 
-The heat of an induction motor's rotor is the power that crosses the air gap and does not leave by the shaft,
-M (f w_0 - w): torque times slip speed.  At rated load it is M_n s_n w_0.  This is the loss of the rotor alone: copper
-and iron of the stator and the magnetising current, which heat an idle motor too, are not known from rating and speeds.
-An effective (root mean square) torque below the rated one keeps the load's part of the heat below the rated one, where
-the duty repeats in a time short against the thermal time constant.
+The heat in an induction motor's rotor is the air-gap power that does not leave by the shaft, M (f w_0 - w): torque
+times slip speed.  At rated load it is M_n s_n w_0.  This is the rotor loss alone.  Copper and iron losses of the stator
+and the magnetising current, which heat an idle motor too, are not known from rating and speeds.
+If the RMS torque is below the rated one, the load's share of the heat is too, for a duty cycle short against the
+thermal time constant.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ def duty_after(
     span_s : float
         Length (s).
     missed_work_j : float
-        Work known to have been done beside that of the linear course (J); it is spread evenly over the angle turned.
-        Effective torque and heat are those of the linear course.
+        Work (J) besides that of linear torque and speed; it is spread evenly over the angle turned.  RMS torque and
+        heat are those of linear torque and speed.
     """
     turned = 0.5 * (begin.speed_rad_per_s + end.speed_rad_per_s) * span_s
     first, last = begin.torque_nm, end.torque_nm
@@ -75,7 +75,7 @@ def duty_after(
 
 
 def duty_metrics(duty: MotorDuty, motor: MotorConstants) -> dict[str, float]:
-    """Return means and effective values of a duty, and their shares of the motor's rating; empty without a time."""
+    """Return means and RMS values of a duty, also relative to the motor's rating; empty for a duty of no time."""
     if duty.time_s <= 0.0:
         return {}
     rms = math.sqrt(duty.torque_square_n2m2s / duty.time_s)

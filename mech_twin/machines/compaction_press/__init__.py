@@ -60,7 +60,7 @@ def build(parameters: Parameters) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what the machine answers beside running."""
+    """Return the capabilities of the machine besides running."""
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.compaction_press import design_search, monitoring, plots, published, sizing

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One cycle of the press: torque, work, energy and inertia along the crank's turn, and the flywheel they ask for."""
+"""One cycle of the press: torque, work, energy and inertia over the crank's turn, and the required flywheel."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def regime_at(stroke: Stroke, f: float, direction: float) -> int:
 
 
 class PressCycle(NamedTuple):
-    """Columns over the way the crank turns, shape (n,): crank angle (rad), torques (N m), energies (J), inertia.
+    """Columns in the order of motion, shape (n,): crank angle (rad), torques (N m), energies (J), inertia (kg m2).
 
     ``load_torque`` is M_pr, ``drive_torque`` the torque at constant speed, ``work`` W of the constant mean torque and
     all loads (J) from the first position, counted along the motion; ``kinetic`` I_pr w^2/2 (J).
@@ -88,10 +88,10 @@ def _columns(press: Press, angles: Array, regimes: Array, w: float) -> TurnTorqu
 
 
 def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: bool = True) -> PressCycle:
-    """Return one cycle at ``count`` evenly spread positions from crank angle 0 along the motion.
+    """Return one cycle at ``count`` equally spaced positions from crank angle 0 along the motion.
 
-    The work is in closed form: weights have a potential, the layer's force one of its own in the height.  With
-    ``kinks`` the angles of first contact and of the bottom join the positions, since extremes may sit on them.
+    The work is in closed form: weights have a potential, and the layer's force has one in the height.  ``kinks`` adds
+    the angles of first contact and of the bottom to the positions, since extremes may be there.
     """
     sign = 1.0 if speed >= 0.0 else -1.0
     entry = stroke.contact if sign > 0 else stroke.contact_reversed
@@ -123,7 +123,7 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
 
 
 def layer_work_on_the_way(press: Press, stroke: Stroke, f: float, direction: float) -> float:
-    """Return the work (J) done on the layer on the way from crank angle 0 to ``f`` (rad), turning in one direction."""
+    """Return the work (J) done on the layer from crank angle 0 to ``f`` (rad), turning in one direction."""
     entry, bottom = (stroke.contact, stroke.bottom) if direction > 0.0 else (stroke.contact_reversed, stroke.bottom)
     turns, way = divmod(direction * f, TURN)
     entry_way, bottom_way = (direction * entry) % TURN, (direction * bottom) % TURN
@@ -138,18 +138,18 @@ def layer_work_on_the_way(press: Press, stroke: Stroke, f: float, direction: flo
 
 
 def mean_torque(press: Press, stroke: Stroke, speed: float) -> float:
-    """Return the constant drive torque (N m) that carries the cycle: the layer's work over a turn."""
+    """Return the constant drive torque (N m) of the cycle: the layer's work over the angle of a turn."""
     whole = float(layer_work(press.load, stroke.bottom_y_m)) / TURN
     return whole if speed >= 0.0 else -whole
 
 
 def turn_at(stroke: Stroke, speed: float, delta: float) -> Turn:
-    """Return the turn at constant ``speed`` (rad/s) whose extremes are asked for with non-uniformity ``delta``."""
+    """Return the turn at constant ``speed`` (rad/s), for extremes with non-uniformity ``delta``."""
     return one_turn(stroke.contact if speed >= 0.0 else stroke.contact_reversed, stroke.bottom, speed, delta)
 
 
 def turn_flywheel(press: Press, stroke: Stroke, speed: float, delta: float) -> float:
-    """Return the flywheel (kg m2) asked for on the continuous curve; negative where none is needed."""
+    """Return the flywheel (kg m2) required on the continuous curve; negative if none is needed."""
     turn = turn_at(stroke, speed, delta)
     return float(asked_flywheel(cycle_extremes(press, turn), turn))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Extremes of one cycle on the continuous curve: gamma, torque, and what the flywheel must even out.
+"""Extremes of one cycle on the continuous curve: gamma, torque, and the energy that the flywheel must store.
 
 The turn has two smooth parts, contact to bottom and bottom to contact.  Each is sampled with both ends; every local
 maximum near the largest is refined by golden sections between its neighbours, so that an extreme is that of the curve,
@@ -27,9 +27,9 @@ GAMMA, TORQUE, TORQUE_REVERSED, UPPER, LOWER_REVERSED = range(5)
 
 
 class Turn(NamedTuple):
-    """One turn at constant speed: first contact (rad), way from it to the bottom (rad), speed (rad/s), direction.
+    """One turn at constant speed: first contact (rad), angle from it to the bottom (rad), speed (rad/s), direction.
 
-    ``fast`` and ``slow`` are w_m (1 +- delta/2) (rad/s) of the flywheel asked for.
+    ``fast`` and ``slow`` are w_m (1 +- delta/2) (rad/s) of the required flywheel.
     """
 
     contact: float
@@ -55,7 +55,7 @@ class CycleExtremes(NamedTuple):
 
 @kernel
 def one_turn(contact: float, bottom: float, speed: float, delta: float) -> Turn:
-    """Return a turn at ``speed`` (rad/s, of either sign) that meets the layer and its bottom at these angles (rad)."""
+    """Return a turn at ``speed`` (rad/s, of either sign) with first contact and bottom at these angles (rad)."""
     direction = 1.0 if speed >= 0.0 else -1.0
     mean = abs(speed)
     to_bottom = (direction * (bottom - contact)) % TURN

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a configuration of the press to its design problem, and from a design back to a configuration."""
+"""Conversion of a configuration of the press to its design problem, and of a design back to a configuration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TURN = 2.0 * pi
 
 
 def press_duty(parameters: CompactionPress) -> Duty:
-    """Return speed, asked non-uniformity and working force of a configuration."""
+    """Return speed, required non-uniformity and working force of a configuration."""
     force = parameters.working_force
     return Duty(
         parameters.drive.speed_rad_per_s,
@@ -35,7 +35,7 @@ def design_problem(parameters: CompactionPress, limits: Mapping[str, float]) -> 
 
 
 def configured_press(parameters: CompactionPress, lengths: Lengths) -> CompactionPress:
-    """Return the configuration with a design's lengths and the masses that go with them; all else stays."""
+    """Return the configuration with a design's lengths and corresponding masses; the rest is unchanged."""
     press = scaled_press(mass_rule(parameters), lengths)
     changes: dict[str, float | str] = {
         "linkage.crank_m": press.bar.crank_m,

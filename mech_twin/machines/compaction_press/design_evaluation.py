@@ -48,7 +48,7 @@ from mech_twin.parts.four_bar import acute_angles, position
 
 
 class Samples(NamedTuple):
-    """Columns over the way the crank turns: reduced inertia, its slope, M_pr, height of the loaded point, its slope."""
+    """Columns in the order of motion: reduced inertia, its slope, M_pr, height of the loaded point, its slope."""
 
     inertia: Array
     slope: Array

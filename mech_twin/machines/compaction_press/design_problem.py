@@ -32,9 +32,9 @@ class Limits(NamedTuple):
 
 
 class Duty(NamedTuple):
-    """What the press does: speed (rad/s), asked non-uniformity, and the working force (N, 1, 1).
+    """Duty of the press: speed (rad/s), required non-uniformity, and the working force (N, 1, 1).
 
-    ``contact_fraction`` is not a number where the layer is met at 180 degrees of the crank (``working_quarter``).
+    ``contact_fraction`` is nan if first contact is at 180 degrees of the crank (``working_quarter``).
     """
 
     speed_rad_per_s: float
@@ -85,7 +85,7 @@ FLAT = np.dtype(
 
 
 def packed(problem: Problem) -> Array:
-    """Return a problem as one column of numbers, which a loop over all cores can take."""
+    """Return a problem as a flat array, as a loop over all cores requires."""
     rule = problem.rule
     numbers = (*rule[:5], *rule.plate, *rule.pendulum, *rule[7:], *problem.duty, *problem.limits)
     return np.array([numbers], dtype=FLAT).view(np.float64)
@@ -93,7 +93,7 @@ def packed(problem: Problem) -> Array:
 
 @kernel
 def unpacked(flat: Array) -> Problem:
-    """Return the problem that `packed` made a column of."""
+    """Return the problem from the array of `packed`."""
     n = flat.view(FLAT)[0]
     rule = MassRule(
         n.crank_kg,

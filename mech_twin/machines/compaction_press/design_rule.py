@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the links of a design follow its lengths: by the mass per metre of the configuration it starts from.
+"""Scaling of a design's links with its lengths, by the mass per metre of the initial configuration.
 
-Mass along a link goes with its length, inertia about the centroid with its cube (a bar's m L^2/12), a centroid stays at
-its share of the length.  The crank keeps its mass; of its inertia about O the part m1 r^2 goes with r^2, the rest stays
-(where J1O < m1 r^2 all of it goes with r^2).
+The mass of a link is proportional to its length, the inertia about the centroid to its cube (a bar's m L^2/12), and the
+centroid stays at its share of the length.  The crank keeps its mass.  The part m1 r^2 of its inertia about O scales
+with r^2, the rest stays (if J1O < m1 r^2 all of it scales with r^2).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class BarRule(NamedTuple):
 
 
 class MassRule(NamedTuple):
-    """Crank of r = 1 m but for ``crank_fixed_kg_m2``, bars, point of the working force, branch, gravity (m/s2)."""
+    """Crank for r = 1 m without ``crank_fixed_kg_m2``, bars, point of the working force, branch, gravity (m/s2)."""
 
     crank_kg: float
     crank_fixed_kg_m2: float

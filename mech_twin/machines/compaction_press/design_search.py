@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search for a press: the best design for one objective, the Pareto front of several, or why there is none.
 
-A compiled scan of a Sobol sequence at 72 crank positions finds where the space is feasible.  Differential evolution
-(scipy) starts from the scan's best.  The winner is polished on the continuous curve by evolution, then by a constrained
-descent, and must hold every limit there.
-The same seed gives the same answer.
+A compiled scan of a Sobol sequence at 72 crank positions finds the feasible part of the space.  Differential evolution
+(scipy) starts from the scan's best.  The winner is refined on the continuous curve by evolution, then by constrained
+descent, and must keep every limit there.
+The same seed gives the same result.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ POLISH_ROUNDS = 5  # of sequential quadratic programming, each from the best so 
 
 
 class Effort(NamedTuple):
-    """How much is computed: scan (power of 2), population, generations at samples and on the curve, simplex steps."""
+    """Computing effort: scan (power of 2), population, generations at samples and on the curve, simplex steps."""
 
     scan_power: int = 16
     population: int = 60
@@ -55,7 +55,7 @@ USUAL_EFFORT = Effort()
 
 
 class Goal(NamedTuple):
-    """What is made small: the largest weighted objective over its ideal, in its spread, each shape (objectives,)."""
+    """Minimised value: the largest weighted distance of an objective from its ideal over its spread (objectives,)."""
 
     weights: Array
     ideal: Array
@@ -66,7 +66,7 @@ NO_GOAL = Goal(np.zeros(len(OBJECTIVES)), np.zeros(len(OBJECTIVES)), np.ones(len
 
 
 class InfeasibleSpaceError(StudyError):
-    """No design of the space meets every constraint; the message says which constraint kills them."""
+    """No design of the space meets every constraint; the message names the decisive one."""
 
 
 class PressSearch(NamedTuple):
@@ -90,7 +90,7 @@ class PressSearch(NamedTuple):
 def press_search(
     parameters: CompactionPress, space: DesignSpace, seed: int = 1, effort: Effort = USUAL_EFFORT
 ) -> PressSearch:
-    """Return the search for a press that does what the configuration's does."""
+    """Return the search for a press with the duty of the configuration's."""
     return PressSearch(parameters, design_problem(parameters, space.limits), space, seed, effort)
 
 
@@ -107,10 +107,10 @@ def scan(asked: PressSearch) -> tuple[Array, Evaluation]:
 
 
 def infeasibility(found: Evaluation) -> str:
-    """Return which constraint kills the designs of a scan that holds no feasible one, with numbers.
+    """Return which constraint excludes the designs of a scan without a feasible one, with numbers.
 
-    Constraints that no design meets by itself come first; else the one without which most designs would be left; else
-    the two that the most designs fail together.
+    Constraints that no design meets come first; else the one without which most designs would remain; else the two
+    that most designs fail together.
     """
     held = found.margins >= 0.0
     share = held.mean(axis=0)
@@ -157,7 +157,7 @@ def feasible_scan(asked: PressSearch) -> tuple[Array, Evaluation]:
 
 
 def _ranked(found: Evaluation, goal: Goal) -> Array:
-    """Return what is made small: the largest weighted objective over the ideal; violations rank behind all of them."""
+    """Return the minimised value of each design: the largest weighted objective; violations rank behind all others."""
     known = np.where(np.isfinite(found.objectives), found.objectives, INFEASIBLE)
     scaled = goal.weights * (known * np.array(SENSES) - goal.ideal) / goal.spread
     violation = np.minimum(np.maximum(-found.margins / SCALES, 0.0), 10.0).sum(axis=1)
@@ -173,7 +173,7 @@ def _units(space: DesignSpace, designs: Array) -> Array:
 
 
 def _evolved(asked: PressSearch, evaluate: Evaluate, start: Array, goal: Goal, generations: int) -> Array:
-    """Return the best of a differential evolution from a first population, sharpened by simplex restarts."""
+    """Return the best of a differential evolution from a first population, refined by simplex restarts."""
 
     def value(columns: Any, /) -> Any:
         return _ranked(evaluate(asked.space.designs(np.atleast_2d(columns.T))), goal)
@@ -240,8 +240,8 @@ def polished(asked: PressSearch, goal: Goal, winner: Array, designs: Array, foun
 def _descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
     """Return the end of a constrained descent (SLSQP) from a design on the continuous curve, or the design.
 
-    Small is the bound t of every weighted objective over its ideal, x in the unit cube, every margin kept: along a flat
-    valley between two active limits this goes on where a population or a simplex stops.
+    It minimises the bound t of all weighted objectives over x in the unit cube, with every margin kept.  In a narrow
+    valley between two active limits it proceeds where a population or a simplex stops.
     """
     used = goal.weights > 0.0
 
@@ -295,7 +295,7 @@ def _described(asked: PressSearch, designs: Array) -> list[Design]:
 
 
 def _held(found: list[Design]) -> list[Design]:
-    """Return the designs that hold every limit as they are written.
+    """Return the designs that keep every limit with their lengths as written.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def best_design(asked: PressSearch, objective: str) -> Design:
 
 
 def non_dominated(values: Array) -> NDArray[np.bool_]:
-    """Return which rows no other row beats in every column (small is good), shape (n,)."""
+    """Return which rows are Pareto-optimal (minimisation), shape (n,)."""
     keep = np.ones(len(values), dtype=np.bool_)
     for i in np.argsort(values[:, 0], kind="stable"):
         if keep[i]:
@@ -346,10 +346,10 @@ def non_dominated(values: Array) -> NDArray[np.bool_]:
 
 
 def pareto_front(asked: PressSearch, objectives: tuple[str, ...] = OBJECTIVES, points: int = 9) -> list[Design]:
-    """Return designs of which none beats another in every objective, sorted by the first objective.
+    """Return non-dominated designs, sorted by the first objective.
 
-    The scan's non-dominated designs that hold on the continuous curve, with one polished design per objective and one
-    per direction between them (weighted largest distance from the ideal).
+    They are the scan's that are feasible on the continuous curve, one refined design per objective, and one per
+    direction between them (weighted largest distance from the ideal).
     """
     columns = [OBJECTIVES.index(name) for name in objectives]
     designs, found = feasible_scan(asked)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Stroke of a press that is designed: crank angles of first contact and bottom, heights, mean force; all exact."""
+"""Stroke of a press design: crank angles of first contact and bottom, heights, mean force; all exact."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROOT_STEPS = 60
 
 
 class PressStroke(NamedTuple):
-    """Crank angles (rad) of the bottom and of first contact, way between them (rad), and heights (m)."""
+    """Crank angles (rad) of the bottom and of first contact, angle between them (rad), and heights (m)."""
 
     bottom: float
     contact: float
@@ -35,9 +35,9 @@ def _miss(press: Press, f: float, height: float, rate: bool) -> float:
 
 @kernel
 def path_root(press: Press, low: float, high: float, height: float, rate: bool) -> float:
-    """Return where the loaded point passes ``height`` (m), or with ``rate`` where it turns, between two crank angles.
+    """Return the crank angle (rad) between two others at which the loaded point passes ``height`` (m).
 
-    False position with halved weights (Illinois).  Without a change of sign: the middle.
+    With ``rate`` that of its extreme height.  Illinois method; without a change of sign the middle.
     """
     at_low, at_high = _miss(press, low, height, rate), _miss(press, high, height, rate)
     if at_low * at_high > 0.0:
@@ -59,7 +59,7 @@ def path_root(press: Press, low: float, high: float, height: float, rate: bool) 
 
 @kernel
 def exact_stroke(press: Press, duty: Duty, top_way: float, bottom_way: float) -> PressStroke:
-    """Return the stroke with every angle and height exact, from the way of the highest and lowest sample (rad)."""
+    """Return the stroke with every angle and height exact, from the angles of the highest and lowest sample (rad)."""
     direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
     step = TURN / POSITIONS
     top = path_root(press, direction * top_way - step, direction * top_way + step, 0.0, True)
@@ -78,7 +78,7 @@ def exact_stroke(press: Press, duty: Duty, top_way: float, bottom_way: float) ->
 def mean_press_force(stroke: PressStroke, constant_torque_nm: float) -> float:
     """Return the mean force (N) over the contact travel at a constant drive torque: torque times angle over travel.
 
-    What a layer takes at that mean is the work of the drive from first contact to the bottom, both exact.
+    The work on the layer at that mean force equals the work of the drive from first contact to the bottom.
     """
     return constant_torque_nm * stroke.way / (stroke.contact_y - stroke.bottom_y)
 

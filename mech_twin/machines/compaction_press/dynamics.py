@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The press as a mechanism of the crank linkage: its state, what is reduced to its crank, its pin forces, its load."""
+"""The press as a mechanism of the crank linkage: its state, reduced inertia and moment, its pin forces, its load."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Reduced(NamedTuple):
 
 @inline_kernel
 def is_pressed(regime: int) -> bool:
-    """Tell whether the layer resists in a regime."""
+    """Return whether the layer is in contact in a regime."""
     return regime in (CONTACT, CONTACT_REVERSED)
 
 
@@ -149,7 +149,7 @@ def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reac
 def press_state(
     press: Press, f: float, w: float, e: float, regime: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
-    """Return positions and rates of crank, plate, pendulum; crank torque (N m), energy (J), miss of the rods (m)."""
+    """Return positions and rates of crank, plate, pendulum; crank torque (N m), energy (J), loop closure error (m)."""
     at = position(press.bar, f)
     by = coefficients(at)
     plate, pendulum = link_angles(at)
@@ -161,7 +161,7 @@ def press_state(
 
 @step_of(mechanism_load_work, Press)
 def press_load_work(press: Press, before: float, after: float, regime: int) -> float:
-    """Return the work (J) of the layer on the plate from one crank angle (rad) to another, in closed form."""
+    """Return the work (J) of the layer on the plate between two crank angles (rad), in closed form."""
     if not is_pressed(regime):
         return 0.0
     y0, _ = loaded_height(press, before)

@@ -53,7 +53,7 @@ class LoadedPress(NamedTuple):
 def press_forces(
     model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
+    """Fill ``out`` with the pin forces at the crank's angle, rate and acceleration, and its torque by both routes."""
     memory = memory_of(linkage, 3)
     press = with_load_share(model.press, memory.load_share)
     f, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]

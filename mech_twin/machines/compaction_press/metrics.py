@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of the press: one position, one cycle, the paper's closing conditions."""
+"""Metrics of the press: one position, one cycle, the paper's closing conditions."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
 
 
 def working_quarter(press: Press, count: int = 9000) -> dict[str, float]:
-    """Return over 180-270 degrees: smallest gains, and the share of it on which each exact gain is two or more."""
+    """Return the smallest gains over 180-270 degrees, and the share of it on which each exact gain is two or more."""
     angles = pi + (np.arange(count) + 0.5) * (0.5 * pi / count)
     k1, k2, normal, vertical = np.array([gains(press, f) for f in angles]).T
     return {
@@ -172,7 +172,7 @@ class PressObserver:
         self._layer_work = 0.0
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         pins = max(hypot(pin.force_x_n, pin.force_y_n) for pin in frame.forces.wrenches)
         self._run.observe(frame, **{"pin_force_{}_n": pins})
         self._layer_work = frame.linkage.memory.as_dict()["load_work_j"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a monitor asks of the machine: features of a cycle, faults, the operating point."""
+"""Monitoring of the machine: features of a cycle, faults, the operating point."""
 
 from __future__ import annotations
 

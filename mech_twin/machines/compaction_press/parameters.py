@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the press, the constants of its kernels, and where on a turn the layer is pressed."""
+"""Parameters of the press, the constants of its kernels, and the crank angles at which the layer is pressed."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ class CompactionPress(DrivenCrank):
         return self
 
     def _check_reach(self) -> None:
-        """Refuse a part that lies far from the linkage, and an inertia that no body of these masses and sizes has."""
+        """Raise for a part far from the linkage, and for an inertia impossible for these masses and sizes."""
         reach = MOST_REACH * max(self.linkage.crank_m, self.linkage.coupler_m, self.linkage.pendulum_m)
         links = {"crank": self.links.crank, "plate": self.links.plate, "pendulum": self.links.pendulum}
         places = {
@@ -164,7 +164,7 @@ class CompactionPress(DrivenCrank):
 class Stroke(NamedTuple):
     """Crank angles (rad, 0 to 2 pi) of top, bottom, first contact turning forward and backward; heights (m).
 
-    ``risen_m`` is by how much the loaded point rises above its first contact again on its way to the bottom.
+    ``risen_m`` is the height by which the loaded point rises above first contact again on its way to the bottom.
     """
 
     top: float
@@ -186,9 +186,9 @@ def _dead_centre(press: Press, guess: float, step: float) -> float:
 
 
 def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
-    """Return where the loaded point's path has its top and bottom, and where the layer is met on the way down.
+    """Return top and bottom of the loaded point's path, and first contact with the layer on the way down.
 
-    Without a ``contact_fraction`` it is met at the height of the loaded point at 180 degrees of the crank.
+    Without a ``contact_fraction`` first contact is at the height of the loaded point at 180 degrees of the crank.
     """
     angles, heights = _path(press)
     top, bottom = float(angles[np.argmax(heights)]), float(angles[np.argmin(heights)])
@@ -214,7 +214,7 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
 def _path(press: Press) -> tuple[Array, Array]:
     """Return crank angles (rad) of a turn, rising, and the heights (m) of the loaded point there.
 
-    Where the path has a top or a low between two even angles, that is one of the angles too.
+    A local maximum or minimum of the path between two equally spaced angles is added to the angles.
     """
     step = TURN / SAMPLES
     even = np.linspace(0.0, TURN, SAMPLES, endpoint=False)

@@ -23,9 +23,9 @@ SET_LAYER = {CONTACT: Resisting(1.0, COMPACTED), CONTACT_REVERSED: Resisting(-1.
 
 
 def press_boundaries(stroke: Stroke, first: str, gives_back: bool = True) -> tuple[Boundary, ...]:
-    """Return where the layer is met (``first`` is the event), left at the bottom, let go or met again.
+    """Return the boundaries of contact with the layer: first contact (event ``first``), bottom, release, new contact.
 
-    A layer that gives nothing back is met again where the crank turned back, and is a new one after the top.
+    A layer without spring-back is in contact again where the crank reversed, and is a new one after the top.
     """
     pressed = (
         Boundary(stroke.contact, 1.0, FREE, CONTACT, first),

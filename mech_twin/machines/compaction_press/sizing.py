@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Flywheel of the press, for the worst machine within the tolerance of what is assumed."""
+"""Flywheel of the press, for the worst machine within the tolerance of the assumed numbers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ RUN_STEP_S = 5e-4
 def sizing(
     parameters: CompactionPress, limits: Mapping[str, float], objective: str, table: Table, tolerance: float = 0.0
 ) -> Sizing:
-    """Return the least flywheel that keeps the asked non-uniformity on every machine of the box, shown by a time run.
+    """Return the least flywheel for the required non-uniformity on every machine of the box, verified by simulation.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def sizing(
 
 
 def _shown(worst: WorstCase, flywheel: float, delta: float) -> tuple[float, dict[str, float]]:
-    """Return the non-uniformity that the worst machine keeps, and how it was shown."""
+    """Return the non-uniformity of the worst machine, and how it was verified."""
     press, stroke = press_constants(worst.parameters, fitted=False)
     speed = worst.parameters.drive.speed_rad_per_s
     cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)
@@ -90,7 +90,7 @@ def _shown(worst: WorstCase, flywheel: float, delta: float) -> tuple[float, dict
 
 
 def _trade_off(nominal: CompactionPress, worst: CompactionPress) -> tuple[dict[str, float | str], ...]:
-    """Return flywheels for other non-uniformities: of the machine as configured, and of the worst one found."""
+    """Return flywheels for other non-uniformities, for the machine as configured and for the worst one found."""
     return tuple(
         {
             "non_uniformity": delta,
@@ -121,7 +121,7 @@ class WorstCase(NamedTuple):
 
 
 def asked_of(parameters: CompactionPress, delta: float) -> float:
-    """Return the flywheel (kg m2) that a configuration's bare press asks for; negative where none is needed."""
+    """Return the flywheel (kg m2) required by a configuration's bare press; negative if none is needed."""
     press, stroke = press_constants(parameters, fitted=False)
     return turn_flywheel(press, stroke, parameters.drive.speed_rad_per_s, delta)
 
@@ -139,7 +139,7 @@ def _value(parameters: CompactionPress, key: str) -> float:
 
 
 def _active(parameters: CompactionPress, keys: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the keys that change something: not 0, no mass of a crank whose centroid lies in its axis."""
+    """Return the keys with an effect: not 0, and no mass of a crank whose centroid lies on its axis."""
     crank = parameters.links.crank
     balanced = crank.centroid_along_m == 0.0 and crank.centroid_across_m == 0.0
     idle = {"links.crank.mass_kg"} if balanced else set()
@@ -206,7 +206,7 @@ def _between(
 
 
 def worst_case(parameters: CompactionPress, delta: float, tolerance: float, seed: int = 1) -> WorstCase:
-    """Return the machine of the box that asks for the largest flywheel: corners, between them, and random inside."""
+    """Return the machine of the box with the largest required flywheel: corners, a key-wise search, random points."""
     if tolerance == 0.0:
         return WorstCase(asked_of(parameters, delta), parameters, {}, 1)
     _, where, tried = _worst_corner(parameters, delta, tolerance)
@@ -227,7 +227,7 @@ def worst_case(parameters: CompactionPress, delta: float, tolerance: float, seed
 
 
 class FlywheelRun(NamedTuple):
-    """What a time run shows: non-uniformity (1), smallest and largest speed (rad/s), drift of speed over a turn (1)."""
+    """Simulation result: non-uniformity (1), smallest and largest speed (rad/s), drift of speed over a turn (1)."""
 
     non_uniformity: float
     speed_min_rad_per_s: float
@@ -238,8 +238,8 @@ class FlywheelRun(NamedTuple):
 def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: float = 1e-4) -> FlywheelRun:
     """Return the speed's range over one turn under the constant mean torque with this flywheel (kg m2).
 
-    The run is integrated in time by the same kernels as the twin's, and starts on the energy curve that just touches
-    w_m (1 + delta/2); nothing of the sizing's closed form enters it but that first speed.
+    The run is integrated in time by the twin's kernels, and starts on the energy curve that just touches
+    w_m (1 + delta/2); that initial speed is all it takes from the sizing's closed form.
     """
     press, stroke = press_constants(parameters, fitted=False)
     speed, delta = parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity

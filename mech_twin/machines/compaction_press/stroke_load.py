@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Force of a layer that is pressed: it grows with the depth of a stroke and is gone on the return.
+"""Force of a compacted layer: it grows with the depth of the stroke and is zero on the return.
 
 ::
 
@@ -38,7 +38,7 @@ def with_peak(load: StrokeLoad, peak_n: float) -> StrokeLoad:
 def layer_force(load: StrokeLoad, y: float) -> float:
     """Return the force (N) at height ``y`` (m) while the layer is in contact.
 
-    Whether it is in contact is for the regime to say: with exponent 0 the force is the whole peak on first contact.
+    The regime decides on contact: with exponent 0 the force is the whole peak on first contact.
     """
     share = max((load.contact_y_m - y) / (load.contact_y_m - load.bottom_y_m), 0.0)
     return load.peak_n * math.pow(share, load.exponent)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Momentum and energy balance of one coupling step, kept piece by piece between events, per unit of mass.
+"""Momentum and energy balance of one coupling step, summed piece by piece between events, per unit of mass.
 
-Momentum: the impulse of the force against the impulses of the stop.  Energy: the work of the force against the losses
-at the stop.  Both are held against the velocities of the sample at either end of the step.
+Momentum: impulse of the force less the impulses of the stop.  Energy: work of the force less the losses at the stop.
+Both are compared with the change between the velocities of the samples at both ends of the step.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ LEAST_MOMENTUM, LEAST_ENERGY = 1e-280, 1e-280  # m/s, m2/s2: below, doubles hold
 
 
 class StepBalance(NamedTuple):
-    """Sums of a step per unit of mass: impulses in m/s, work and loss in m2/s2, and the sizes of what was summed."""
+    """Sums of a step per unit of mass: impulses in m/s, work and loss in m2/s2, and the sums of magnitudes."""
 
     drive_impulse_m_per_s: float
     drive_work_m2_per_s2: float
@@ -26,7 +26,7 @@ class StepBalance(NamedTuple):
 
 
 class BalanceResiduals(NamedTuple):
-    """What the balance of a step leaves over, as a share of what was summed."""
+    """Errors of the balances of a step, relative to the sums of magnitudes."""
 
     momentum_balance: float
     energy_balance: float
@@ -69,7 +69,7 @@ def balance_after_stop(balance: StepBalance, impulse_m_per_s: float, loss_m2_per
 
 @kernel
 def residuals(balance: StepBalance, begin_m_per_s: float, end_m_per_s: float) -> BalanceResiduals:
-    """Return v_E - v_S = impulse - stop and (v_E^2 - v_S^2)/2 = work - loss, what is left over each time."""
+    """Return the relative errors of v_E - v_S = impulse - stop and of (v_E^2 - v_S^2)/2 = work - loss."""
     momentum = (end_m_per_s - begin_m_per_s) - (balance.drive_impulse_m_per_s - balance.stop_impulse_m_per_s)
     energy = 0.5 * (end_m_per_s - begin_m_per_s) * (end_m_per_s + begin_m_per_s) - (
         balance.drive_work_m2_per_s2 - balance.stop_loss_m2_per_s2

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The event walk at length: millions of events in flat memory, and the fate of a start."""
+"""Long event-driven simulation: millions of events in constant memory, and the long-run outcome of initial states."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ AT_REST, LEFT, WANDERING = -1, -2, -3  # fates of a start that does not reach th
 
 
 class Tally(NamedTuple):
-    """What a walk met: counts by kind, ranges of velocities and of blows (0, 0 if none), the stop's impulse / mass."""
+    """Statistics of a simulation: events by kind, velocity and impact speed ranges (0, 0: none), stop impulse/mass."""
 
     events: float
     impacts: float
@@ -55,7 +55,7 @@ def empty_tally(motion: MassMotion) -> Tally:
 def event_batch(
     motion: MassMotion, system: ImpactSystem, tally: Tally, events: int, periods: float
 ) -> tuple[MassMotion, Tally]:
-    """Return motion and tally after so many events, or at the start of the period numbered ``periods`` if sooner."""
+    """Return motion and tally after a number of events, or at the start of period number ``periods`` if sooner."""
     count, impacts, ends, releases, phases, low, high, impulse, least, most, last, last_tau = tally
     for _ in range(events):
         if motion.period >= periods:
@@ -91,7 +91,7 @@ class PeriodOutcome(NamedTuple):
 
 @kernel
 def next_period(motion: MassMotion, system: ImpactSystem) -> PeriodOutcome:
-    """Return the rest of the period the motion is in, up to the start of the next."""
+    """Return the outcome of the rest of the present period."""
     number = motion.period
     impacts, ends, largest = 0.0, 0.0, 0.0
     while motion.period == number:
@@ -106,7 +106,7 @@ def next_period(motion: MassMotion, system: ImpactSystem) -> PeriodOutcome:
 
 @kernel
 def strikes_once_a_period(motion: MassMotion, system: ImpactSystem, tolerance_s: float) -> bool:
-    """Return whether the next impact after this one comes one period later; ``motion`` is right after a blow."""
+    """Return whether the next impact is one period after this one; ``motion`` is right after a blow."""
     period, tau = motion.period, motion.tau_s
     while motion.period <= period + 1.0:
         event, motion = next_event(motion, system)
@@ -117,7 +117,7 @@ def strikes_once_a_period(motion: MassMotion, system: ImpactSystem, tolerance_s:
 
 @kernel
 def leaves_for_good(before: MassMotion, after: MassMotion, impacts: float, system: ImpactSystem) -> bool:
-    """Return whether the mass never comes back, from the motion at the start and at the end of one period.
+    """Return whether the mass escapes for ever, from the motion at the start and at the end of one period.
 
     With <A> <= 0, a period without contact that ends no nearer and no faster than it began is followed by periods
     that lie wholly below it.  With <A> > 0 the mass always comes back.
@@ -132,10 +132,10 @@ def leaves_for_good(before: MassMotion, after: MassMotion, impacts: float, syste
 def settled_at(
     motion: MassMotion, system: ImpactSystem, target: MassMotion, tolerances: tuple[float, float], limit: int
 ) -> int:
-    """Return after how many periods a motion is at the period-1 orbit through ``target`` and stays there.
+    """Return the number of periods until a motion has converged to the period-1 orbit through ``target``.
 
-    Returns -1 if it rests for good, -2 if it leaves for good, -3 if neither comes within ``limit`` periods.  At the
-    orbit: gap and velocity at three period starts in a row within the tolerances (m, m/s).
+    Returns -1 if it rests for ever, -2 if it escapes, -3 if nothing is decided within ``limit`` periods.  Converged:
+    gap and velocity at three period starts in a row are within the tolerances (m, m/s).
     """
     near = 0
     for number in range(limit):
@@ -155,7 +155,7 @@ def settled_at(
 
 @kernel
 def collapse_period(motion: MassMotion, system: ImpactSystem, limit: float) -> tuple[MassMotion, float]:
-    """Return the last motion, and the number of the period (from 0) of rest for good, or -1 before ``limit``."""
+    """Return the last motion, and the number of the period (from 0) from which it rests for ever, -1 if none."""
     while motion.period < limit:
         if rests_for_good(motion, system):
             return motion, motion.period
@@ -172,7 +172,7 @@ def fates(
     tolerances: tuple[float, float],
     limit: int,
 ) -> NDArray[np.int64]:
-    """Return what becomes of each start at the beginning of a period; see `settled_at`."""
+    """Return the outcome of `settled_at` for each initial state at the start of a period."""
     found = np.empty(len(gaps_m), np.int64)
     for i in range(len(gaps_m)):
         start = initial_motion(gaps_m[i], velocities_m_per_s[i], system)
@@ -190,7 +190,7 @@ class SingleBlows(NamedTuple):
 
 @kernel
 def single_blows(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, SingleBlows]:
-    """Return the motion after so many periods with one impact each, or after the first other one, and what they had."""
+    """Return the motion after a number of one-impact periods, or after the first other period, and their statistics."""
     least, largest = 0.0, 0.0
     for number in range(periods):
         period = next_period(motion, system)

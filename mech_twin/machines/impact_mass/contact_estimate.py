@@ -29,9 +29,9 @@ from mech_twin.kernels.kernel import kernel
 
 
 class ContactEstimate(NamedTuple):
-    """What one impact takes at a stop of finite stiffness.
+    """Estimates for one impact at a stop of finite stiffness.
 
-    ``loss_j`` is the energy the contact takes: of the motion, and the work of the force over what stays.
+    ``loss_j`` is the energy dissipated: loss of kinetic energy, and work of the force over the permanent penetration.
     """
 
     peak_force_n: float
@@ -71,7 +71,7 @@ def contact_estimate(
 
 
 def merging_speed(mass_kg: float, restitution: float, stiffness_n_per_m: float, force_n: float) -> float:
-    """Return the speed before an impact below which the next comes before this contact is over, m/s; 0 if none does.
+    """Return the impact speed (m/s) below which the next impact comes before this contact is over; 0 if never.
 
     The flight after an impact lasts 2 R v/A, A = P/m > 0; the contact is taken at small P: pi/2 (1 + R) sqrt(m/k).
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One-impact cycles of the impact mass under judgement: multipliers, margin, basin, endurance."""
+"""Assessment of one-impact cycles of the impact mass: multipliers, stability margin, basin, endurance."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BATCH_PERIODS = 100_000
 
 @dataclass(frozen=True)
 class StartBox:
-    """Where random starts are drawn from, evenly, at the start of a period: gap (m), velocity (m/s), number, seed."""
+    """Box of uniform random initial states at the start of a period: gap (m), velocity (m/s), number, seed."""
 
     gap_max_m: float
     velocity_min_m_per_s: float
@@ -40,7 +40,7 @@ class StartBox:
 
 @dataclass(frozen=True)
 class Basin:
-    """What became of the random starts; ``fraction`` reached the cycle."""
+    """Outcomes of the random initial states; ``fraction`` is the share that reached the cycle."""
 
     box: StartBox
     reached: int
@@ -55,8 +55,8 @@ class Basin:
 class CycleVerdict:
     """Judgement of a one-impact cycle.
 
-    ``margin`` is 1 - |largest multiplier|.  On the border, where the blow falls on the change of the force, a late
-    blow sees A2 and an early one A1: the worse of both counts, and the cycle is not stable.
+    ``margin`` is 1 - |largest multiplier|.  On the border the blow coincides with the change of the force: a late
+    blow is under A2 and an early one under A1.  The worse of both counts, and the cycle is not stable.
     """
 
     exists: bool
@@ -72,7 +72,7 @@ class CycleVerdict:
 
 @dataclass(frozen=True)
 class Endurance:
-    """How long a cycle holds: periods in a row with exactly one impact; ``rests_in_period`` counts from 1, 0: never."""
+    """Endurance of a cycle: periods in a row with exactly one impact; ``rests_in_period`` counts from 1, 0: never."""
 
     period_s: float
     periods: int
@@ -112,7 +112,7 @@ def default_box(stroke_m: float, impact_speed_m_per_s: float, starts: int, seed:
 
 
 def basin(system: ImpactSystem, cycle: OneImpactCycle, box: StartBox, periods: int = BASIN_PERIODS) -> Basin:
-    """Return what becomes of the seeded random starts of a box within so many periods."""
+    """Return the outcomes of the seeded random initial states of a box within a number of periods."""
     random = np.random.default_rng(box.seed)
     gaps = random.uniform(0.0, box.gap_max_m, box.starts)
     velocities = random.uniform(box.velocity_min_m_per_s, box.velocity_max_m_per_s, box.starts)
@@ -167,7 +167,7 @@ def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float)
 
 
 def endurance(parameters: ImpactMass, periods: int) -> Endurance:
-    """Return how many periods from the configured start have exactly one impact, and when the mass comes to rest."""
+    """Return the number of one-impact periods from the configured start, and the period in which the mass rests."""
     p, system = parameters, parameters.system
     start = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
     held = _held(start, system, periods)

@@ -48,7 +48,7 @@ LISTED_MOST = 1000.0  # impacts of one series that are events of their own; late
 
 
 class MassMotion(NamedTuple):
-    """The mass at its last event: everything needed to go on.
+    """State of the mass at its last event.
 
     ``phase`` is 0 or 1; ``mode`` is flight, series (between impacts of one series in one phase) or stuck; the last
     three belong to a series: number of the last impact, speed and tau of its first.
@@ -66,7 +66,7 @@ class MassMotion(NamedTuple):
 
 
 class ImpactSystem(NamedTuple):
-    """What acts on the mass: period T and duration t1 (s), both accelerations (m/s2), restitution; impacts of a series.
+    """Constants of the motion: period T and duration t1 (s), both accelerations (m/s2), restitution; rule of series.
 
     ``listed`` is how many impacts of a completed series count one by one before its end.
 
@@ -84,9 +84,9 @@ class ImpactSystem(NamedTuple):
 
 
 class MotionEvent(NamedTuple):
-    """One event: kind, where in time, velocities on either side, impulse per unit of mass (m/s), impacts it holds.
+    """One event: kind, time, velocities before and after (m/s), impulse per unit of mass (m/s), number of impacts.
 
-    Of ``impacts_summed`` the velocities are those before the first and after the last of its impacts.
+    For ``impacts_summed`` the velocities are those before the first and after the last of its impacts.
     """
 
     kind: float
@@ -101,7 +101,7 @@ class MotionEvent(NamedTuple):
 def impact_system(
     times_s: tuple[float, float], accelerations: tuple[float, float], restitution: float, cutoff: float
 ) -> ImpactSystem:
-    """Return what acts on the mass, from (T, t1), (A1, A2), R and the relative cut-off speed (0: exact limit)."""
+    """Return the constants of the motion from (T, t1), (A1, A2), R and the relative cut-off speed (0: exact limit)."""
     listed = impacts_kept(cutoff if cutoff > 0.0 else LISTED_RATIO, restitution)
     return ImpactSystem(*times_s, *accelerations, restitution, listed, 0.0 if cutoff > 0.0 else 1.0)
 
@@ -122,7 +122,7 @@ def phase_end(motion: MassMotion, system: ImpactSystem) -> float:
 def anchored(
     period: float, tau_s: float, phase: float, gap_m: float, velocity: float, acceleration_now: float
 ) -> MassMotion:
-    """Return a motion anchored here, at rest at the stop if it is there without speed and nothing pulls it away."""
+    """Return the motion from this state on; at the stop without speed and with A >= 0 it is at rest."""
     mode = STUCK if gap_m == 0.0 and velocity == 0.0 and acceleration_now >= 0.0 else FLIGHT
     return MassMotion(period, tau_s, phase, gap_m, velocity, mode, 0.0, 0.0, 0.0)
 
@@ -135,7 +135,7 @@ def initial_motion(gap_m: float, velocity: float, system: ImpactSystem) -> MassM
 
 @kernel
 def gap_after(motion: MassMotion, system: ImpactSystem, duration_s: float) -> tuple[float, float]:
-    """Return gap (m) and velocity (m/s) a time after the last event, no other event between."""
+    """Return gap (m) and velocity (m/s) at a time (s) after the last event, with no event in between."""
     if motion.mode == STUCK:
         return 0.0, 0.0
     a = acceleration(motion, system)
@@ -147,7 +147,7 @@ def gap_after(motion: MassMotion, system: ImpactSystem, duration_s: float) -> tu
 def after_impact(
     motion: MassMotion, system: ImpactSystem, tau_s: float, speed: float
 ) -> tuple[MotionEvent, MassMotion]:
-    """Return the blow and the motion after it; with the force towards the stop it opens or goes on with a series."""
+    """Return the impact and the motion after it; with the force towards the stop it starts or continues a series."""
     post = -system.restitution * speed
     number, first, first_tau = 1.0, speed, tau_s
     if motion.mode == SERIES:
@@ -189,7 +189,7 @@ def after_phase(motion: MassMotion, system: ImpactSystem) -> tuple[MotionEvent, 
 
 @kernel
 def after_summed_impacts(motion: MassMotion, system: ImpactSystem, last: float) -> tuple[MotionEvent, MassMotion]:
-    """Return the impacts of a series up to the one numbered ``last`` as one event, and the motion after them."""
+    """Return the impacts of a series up to number ``last`` as one event, and the motion after them."""
     a, r, first = acceleration(motion, system), system.restitution, motion.series_speed_m_per_s
     tau = motion.series_tau_s + series_delay(last, first, a, r)
     count = last - motion.series_number
@@ -201,7 +201,7 @@ def after_summed_impacts(motion: MassMotion, system: ImpactSystem, last: float) 
 
 @kernel
 def last_impact_by(motion: MassMotion, system: ImpactSystem, until_s: float, completes: bool) -> float:
-    """Return the number of the last impact of the series under way that lies at or before ``until_s``."""
+    """Return the number of the last impact of the present series at or before ``until_s``."""
     a, r, first = acceleration(motion, system), system.restitution, motion.series_speed_m_per_s
     last = impacts_within(until_s - motion.series_tau_s, first, a, r)
     most = system.listed if completes or system.exact == 0.0 else 2.0 * system.listed  # then too late to tell apart
@@ -284,5 +284,5 @@ def elapsed(motion: MassMotion, system: ImpactSystem, steps: float, step_s: floa
 
 @kernel
 def rests_for_good(motion: MassMotion, system: ImpactSystem) -> bool:
-    """Return whether the mass rests at the stop and no phase will ever release it: A1 >= 0 and A2 >= 0."""
+    """Return whether the mass rests at the stop for ever: A1 >= 0 and A2 >= 0."""
     return motion.mode == STUCK and system.acceleration1 >= 0.0 and system.acceleration2 >= 0.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Force analysis of the impact mass: reaction of the stop, and what an impact takes at a stop of finite stiffness."""
+"""Force analysis of the impact mass: reaction of the stop, and contact estimates for a stop of finite stiffness."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class StopQuantities(NamedTuple):
 
 
 class Stop(NamedTuple):
-    """Constants of the force analysis; ``stiff`` where a contact stiffness is told, ``waves`` where the stop is a rod.
+    """Constants of the force analysis; ``stiff``: a contact stiffness is given, ``waves``: the stop is a rod.
 
-    Of a rod: largest force (N s/m) over the speed of the blow, and contact time.
+    For a rod also the largest force over the impact speed (N s/m), and the contact time (s).
     """
 
     period_s: float
@@ -89,7 +89,7 @@ def hardest_contact(model: Stop, memory: Any, log: Array, count: int) -> Contact
 def stop_reaction(
     model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in the stop's reaction on the mass, its impulse in this step and its mean over the last full period."""
+    """Fill ``out`` with the stop's reaction on the mass, its impulse in this step and its mean over the last period."""
     memory, force = memory_of(linkage), linkage[LINKAGE_JOINTS + 2]
     reaction = max(force, 0.0) if memory.mode_1 == STUCK else 0.0
     last_impulse_ns = memory.last_period_impulse_m_per_s * memory.mass_kg
@@ -121,10 +121,10 @@ def stop_reaction(
 class StopReaction(CompiledForces):
     """The force analysis: the stop's impulse in the step, its force on a resting mass, its mean over a period.
 
-    The stop can only push back, along -x.  Over a periodic motion its mean force equals the mean force of the
-    generator, since the momentum of the mass comes back.  With a contact stiffness the quantities hold peak force,
-    contact time and loss of the hardest impact of the step; 0 without an impact, or at a rigid stop.  Mass and
-    restitution are those of the step, from the memory: a live change does not reach back.
+    The stop can only push, along -x.  Over a periodic motion its mean force equals the mean force of the generator,
+    since the momentum of the mass is periodic.  With a contact stiffness the quantities hold peak force, contact time
+    and loss of the hardest impact of the step; 0 without an impact, or at a rigid stop.  Mass and restitution are those
+    of the step, from the memory: a live change is not applied in retrospect.
     """
 
     times_s: tuple[float, float]

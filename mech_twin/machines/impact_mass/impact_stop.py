@@ -12,10 +12,10 @@ x is positive towards the stop, so the gap is never negative.  Velocities are po
 v- > 0 and leaves with v+ = -R v- < 0.  Under a constant acceleration A = P/m the path is a parabola, so nothing here
 steps through time.
 
-Decided once, for every machine with a stop:
+Conventions for every machine with a stop:
 
-- *Grazing* (contact with exactly zero speed) is no impact: no event, the flight goes on.  Its discriminant
-  v^2 + 2 A g is formed with error-free products, so its sign is the true sign for the numbers given.
+- *Grazing* (contact with exactly zero speed) is no impact: no event, the flight continues.  Its discriminant
+  v^2 + 2 A g is formed with error-free products, so its sign is exact for the given numbers.
 - Zero gap and zero speed: *stuck* while A >= 0, leaving the moment A < 0.
 - An impact at exactly the end of an interval belongs to the interval that ends.
 
@@ -56,7 +56,7 @@ class StopParameters(Parameters):
 
 
 class Arrival(NamedTuple):
-    """Flight to the stop: whether it gets there, after how long (s) and with what speed v- (m/s)."""
+    """Flight to the stop: whether it reaches it, duration (s) and speed v- (m/s)."""
 
     reaches: bool
     duration_s: float
@@ -158,7 +158,7 @@ def series_length(first_m_per_s: float, acceleration_m_per_s2: float, restitutio
 
 @kernel
 def series_sum(count: float, first_m_per_s: float, restitution: float) -> float:
-    """Return the sum of the speeds before so many impacts in a row, v (1 - R^n)/(1 - R), in m/s."""
+    """Return the sum of the speeds before n successive impacts, v (1 - R^n)/(1 - R), in m/s."""
     return first_m_per_s * -math.expm1(count * math.log(restitution)) / (1.0 - restitution)
 
 

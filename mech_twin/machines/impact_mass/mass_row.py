@@ -49,7 +49,7 @@ class StoppedMass(NamedTuple):
 
 @step_of(motor_step, Generator)
 def generator_force(model: Generator, linkage: Array, target: float, out: Array) -> None:
-    """Fill in the force on the mass now, and the levels of both phases (N)."""
+    """Fill ``out`` with the present force on the mass, and the levels of both phases (N)."""
     command = limited_command(linkage[COMMAND], target, model.rate_per_s, model.step_s)
     level1, level2 = command * model.phase1_force_n, command * model.phase2_force_n
     out[:] = 0.0
@@ -61,7 +61,7 @@ def generator_force(model: Generator, linkage: Array, target: float, out: Array)
 
 @kernel
 def under_levels(model: StoppedMass, level1_n: float, level2_n: float) -> ImpactSystem:
-    """Return what acts on the mass under these forces of both phases (N)."""
+    """Return the constants of the motion under these forces of both phases (N)."""
     s = model.system
     first, second = level1_n / model.mass_kg, level2_n / model.mass_kg
     return ImpactSystem(s.period_s, s.phase1_s, first, second, s.restitution, s.listed, s.exact)
@@ -69,7 +69,7 @@ def under_levels(model: StoppedMass, level1_n: float, level2_n: float) -> Impact
 
 @kernel
 def acted_before(now: ImpactSystem, memory: Any) -> ImpactSystem:
-    """Return what acted on the mass in the step before; ``now`` gives times and the rule of the series."""
+    """Return the constants of the motion in the step before; ``now`` gives times and the rule of series."""
     return ImpactSystem(
         now.period_s,
         now.phase1_s,
@@ -83,7 +83,7 @@ def acted_before(now: ImpactSystem, memory: Any) -> ImpactSystem:
 
 @kernel
 def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
-    """Tell the motion of a linkage row from this step on, not from its last event: the same motion."""
+    """Rewrite the motion in a linkage row as starting at this step instead of at its last event; it stays the same."""
     memory = memory_of(linkage)
     before = acted_before(model.system, memory)
     motion = reanchored(motion_of(memory), before, before, step - memory.origin_step_1, model.step_s)
@@ -94,7 +94,7 @@ def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
 def mass_on_stop(
     model: StoppedMass, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the mass one coupling step later, with every event in between at its own time."""
+    """Fill ``out`` with the mass one coupling step later, and log every event in between at its own time."""
     memory, levels = memory_of(linkage), (motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8])
     system = under_levels(model, levels[0], levels[1])
     steps, before = step - memory.origin_step_1, acted_before(system, memory)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the impact mass remembers from step to step, by name."""
+"""Memory of the impact mass from step to step, by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mech_twin.machines.impact_mass.step import RunningCounts
 
 
 class MassMemory(NamedTuple):
-    """State of the mass that is no joint: anchor of the motion, running counts, what acted, energies of the step.
+    """State of the mass besides its joint: last event, running counts, constants of the motion, energies of the step.
 
     The first nine fields are `MassMotion`, the next seven `RunningCounts`; phase and mode are named in `states`.
     """
@@ -52,7 +52,7 @@ class MassMemory(NamedTuple):
 
 
 class StepEnergies(NamedTuple):
-    """Of one coupling step: work of the force, loss at the stop, energy and momentum that a change of mass brought."""
+    """Of one coupling step: work of the force, loss at the stop, energy and momentum added by a change of mass."""
 
     drive_work_j: float
     stop_loss_j: float
@@ -86,7 +86,7 @@ def memory_of(row: Array) -> Any:
 
 @kernel
 def motion_of(memory: Any) -> MassMotion:
-    """Return the motion at its anchor."""
+    """Return the motion from its last event on."""
     return MassMotion(
         memory.anchor_period_1,
         memory.anchor_tau_s,
@@ -116,7 +116,7 @@ def counts_of(memory: Any) -> RunningCounts:
 
 @kernel
 def fill_motion(motion: MassMotion, memory: Any) -> None:
-    """Fill in the motion at its anchor; all else is left as it is."""
+    """Write the motion into the memory; the rest is unchanged."""
     memory.anchor_period_1, memory.anchor_tau_s, memory.phase_1 = motion.period, motion.tau_s, motion.phase
     memory.anchor_gap_m, memory.anchor_velocity_m_per_s = motion.gap_m, motion.velocity_m_per_s
     memory.mode_1, memory.series_number_1 = motion.mode, motion.series_number
@@ -125,7 +125,7 @@ def fill_motion(motion: MassMotion, memory: Any) -> None:
 
 @kernel
 def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Any) -> None:
-    """Fill in motion, counts and what acts; origin, mass and energies are left as they are."""
+    """Write motion, counts and constants into the memory; origin, mass and energies are unchanged."""
     fill_motion(motion, memory)
     memory.impacts_1, memory.chatter_ends_1 = counts.impacts, counts.chatter_ends
     memory.period_impacts_1, memory.last_period_impacts_1 = counts.period_impacts, counts.last_period_impacts

@@ -40,12 +40,12 @@ def after_blow(cycle: OneImpactCycle, system: ImpactSystem) -> MassMotion:
 
 
 def admissible(cycle: OneImpactCycle, system: ImpactSystem) -> bool:
-    """Return whether nothing strikes between the blows of a one-impact cycle."""
+    """Return whether a one-impact cycle has no further impact in its period."""
     return strikes_once_a_period(after_blow(cycle, system), system, BLOW_TOLERANCE * system.period_s)
 
 
 def one_impact_cycles(system: ImpactSystem) -> list[OneImpactCycle]:
-    """Return the one-impact motions there are: the blow within its phase, nothing striking between (at most two)."""
+    """Return the admissible one-impact motions (at most two): the blow within its phase, no further impact."""
     accelerations = (system.acceleration1, system.acceleration2)
     found = (
         one_impact_cycle(system.period_s, system.phase1_s, accelerations, system.restitution, phase) for phase in (0, 1)
@@ -89,7 +89,7 @@ def cycle_metrics(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m
 
 
 def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float) -> dict[str, float]:
-    """Return peak force, contact time and loss of the one-impact motions, and below which speed contacts merge."""
+    """Return peak force, contact time and loss of the one-impact motions, and the speed below which contacts merge."""
     forces_n = (system.acceleration1 * mass_kg, system.acceleration2 * mass_kg)
     metrics = {}
     for cycle in one_impact_cycles(system):
@@ -106,7 +106,7 @@ def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: flo
 
 
 def wave_metrics(system: ImpactSystem, mass_kg: float, rod: StopRod) -> dict[str, float]:
-    """Return the restitution of a stop that is a rod, and what the blows of the one-impact motions give."""
+    """Return the restitution of a stop that is a rod, and the results of the one-impact motions' blows."""
     found = {"stop_restitution": system.restitution}
     for cycle in one_impact_cycles(system):
         numbers = blow_numbers(rod, mass_kg, cycle.impact_speed_m_per_s)
@@ -117,7 +117,7 @@ def wave_metrics(system: ImpactSystem, mass_kg: float, rod: StopRod) -> dict[str
 def position_metrics(
     system: ImpactSystem, mass_kg: float, stop_m: float, gap_m: float, velocity_m_per_s: float, angle_rad: float
 ) -> dict[str, Any]:
-    """Return the state at an angle 2 pi tau/T of the period after a thousand, from the configured start."""
+    """Return the state at phase angle 2 pi tau/T after a thousand periods from the configured start."""
     motion = initial_motion(gap_m, velocity_m_per_s, system)
     for _ in range(SETTLING_PERIODS):
         motion = next_period(motion, system).motion

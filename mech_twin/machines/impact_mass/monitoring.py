@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a monitor and a shadow ask of the machine: features of a cycle, faults, what anchors its motion."""
+"""Monitoring and shadowing of the machine: features of a cycle, faults, and the anchor of its motion."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class SteadySpeed:
         self._hardest = 0.0
 
     def add(self, period: int, speed_m_per_s: float) -> None:
-        """Take an impact into account; a later period completes the one before."""
+        """Update with an impact; one in a later period completes the period before."""
         if period != self._period:
             if self._period >= 0:
                 self._full.append(self._hardest)
@@ -74,7 +74,7 @@ class EnergyBalance:
         self._work, self._loss, self._change = CompensatedSum(), CompensatedSum(), CompensatedSum()
 
     def observe(self, frame: Frame, memory: MassMemory) -> None:
-        """Take one frame into account; a reset is booked as a change."""
+        """Update with one frame; a reset counts as work of a change."""
         (velocity,) = frame.linkage.velocity
         kinetic_j = 0.5 * memory.mass_kg * velocity**2
         if self._begin_j is None:
@@ -88,7 +88,7 @@ class EnergyBalance:
         self._last_j = kinetic_j
 
     def numbers(self) -> dict[str, float]:
-        """Return the sums and what they leave over."""
+        """Return the sums and the error of the balance."""
         given = self._work.value - self._loss.value + self._change.value
         return {
             "drive_work_j": self._work.value,
@@ -106,7 +106,7 @@ class MassObserver:
     stop_m : float
         Where the stop is.
     blow : callable, optional
-        What a blow at a speed (m/s) gives, of a stop that is a rod.
+        Results of a blow at a speed (m/s), for a stop that is a rod.
     """
 
     def __init__(self, stop_m: float, blow: Callable[[float], dict[str, float]] | None = None) -> None:

@@ -34,9 +34,9 @@ class SynthesisedCycle(NamedTuple):
 
 
 class OneImpactCycle(NamedTuple):
-    """A period-T motion with one impact: where it strikes and where it stands at the start of a period.
+    """A period-T motion with one impact: time of the impact and state at the start of a period.
 
-    ``position_share`` is the place of the blow in its phase, 0 at the phase's start and 1 at its end; the motion
+    ``position_share`` is the time of the blow within its phase, 0 at the phase's start and 1 at its end; the motion
     exists if it lies between.
     """
 

@@ -28,7 +28,7 @@ class MotionCurves(NamedTuple):
 
 
 def path(parameters: ImpactMass, periods: int) -> MotionCurves:
-    """Return the motion from the configured start, every arc from event to event."""
+    """Return the curves of the motion from the configured start, arc by arc between events."""
     system = parameters.system
     motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     rows = []

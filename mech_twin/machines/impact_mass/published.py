@@ -69,7 +69,7 @@ def cycle_spec(parameters: ImpactMass) -> CycleSpec:
 
 
 def rows(parameters: ImpactMass) -> Iterator[PublishedRow]:
-    """Yield what is printed beside what is computed, the synthesised cycle that collapses first."""
+    """Yield printed and computed values, first those of the synthesised cycle that collapses."""
     yield from _collapse(parameters)
     yield from _synthesis(parameters)
     yield from _settling(parameters)

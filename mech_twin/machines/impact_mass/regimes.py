@@ -56,7 +56,7 @@ NOT_RESOLVED = "not resolved"
 
 
 class PeriodTable(NamedTuple):
-    """What happened in each period: one row a period, gap (m) and velocity (m/s) at its start."""
+    """One row a period: gap (m) and velocity (m/s) at its start, impacts, chatter ends, hardest blow, releases."""
 
     gap_m: NDArray[np.float64]
     velocity_m_per_s: NDArray[np.float64]
@@ -72,11 +72,11 @@ class PeriodTable(NamedTuple):
 
 @dataclass(frozen=True)
 class LongRunRegime:
-    """What the motion does in the long run.
+    """Long-run regime of the motion.
 
     ``impacts_per_period`` lists one period of the motion (a completed series counts as -1 in its period: endless);
     ``blows_m_per_s`` are the hardest blows of these periods (of the last window where there is no period).
-    ``growth`` is how much a small difference grows from release to release, where the motion is periodic by release.
+    ``growth`` is the factor by which a perturbation grows from release to release, if periodic by release.
     """
 
     kind: str
@@ -105,7 +105,7 @@ class RegimeMap:
 
 @kernel
 def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, int, int, PeriodTable]:
-    """Return the motion after so many periods, how it ended (going, rest, escape), how many were walked, and a table.
+    """Return the motion after a number of periods, how it ended (going, rest, escape), the periods done, and a table.
 
     Rows of the table beyond the walked ones are zero.
     """
@@ -156,7 +156,7 @@ def _periodic(table: PeriodTable, k: int, walked: int, growth: float | None) -> 
 
 
 def _released(system: ImpactSystem, table: PeriodTable, k: int, walked: int) -> LongRunRegime:
-    """Return the regime of a motion with releases k periods apart: the number, or its refusal."""
+    """Return the regime of a motion with releases k periods apart: periodic, or not resolved."""
     _, exponent_log = release_growth(system, float(k))
     growth = math.exp(min(exponent_log, LARGEST_LOG))
     if growth * ROUNDING <= RESOLVED:

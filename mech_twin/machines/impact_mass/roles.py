@@ -28,9 +28,9 @@ RESIDUAL_LIMITS = dict.fromkeys(BalanceResiduals._fields, 1e-9)
 
 @dataclass(frozen=True)
 class ForceGenerator(CompiledMotor):
-    """The motor role: force now, and both levels in force, all times the supply command.
+    """The motor role: the present force and both levels, all times the supply command.
 
-    The mass obeys these levels; so the forces reach it through the sample (or the topic) alone.
+    The mass uses these levels, so the forces reach it only through the sample (or the topic).
     """
 
     phase1_force_n: float
@@ -41,7 +41,7 @@ class ForceGenerator(CompiledMotor):
 
     @property
     def effort_limit(self) -> float:
-        """Greatest force that can be asked of it (N): its stronger level."""
+        """Largest force that can be commanded (N): the larger level."""
         return float(max(abs(self.phase1_force_n), abs(self.phase2_force_n)))
 
     @cached_property
@@ -57,7 +57,7 @@ class ForceGenerator(CompiledMotor):
 
 @dataclass(frozen=True)
 class MassOnStop(CompiledLinkage):
-    """The linkage role: the mass between its exact events."""
+    """The linkage role: the mass, simulated exactly from event to event."""
 
     mass_kg: float
     stop_m: float
@@ -75,7 +75,7 @@ class MassOnStop(CompiledLinkage):
     residual_limits: Mapping[str, float] = field(default_factory=lambda: RESIDUAL_LIMITS)
 
     def system(self, levels_n: tuple[float, float]) -> ImpactSystem:
-        """Return what acts on the mass under these force levels."""
+        """Return the constants of the motion under these force levels (N)."""
         level1, level2 = levels_n
         accelerations = (level1 / self.mass_kg, level2 / self.mass_kg)
         return impact_system(self.times_s, accelerations, self.restitution, self.chatter_cutoff)

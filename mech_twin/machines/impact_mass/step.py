@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One coupling step of the impact mass: its events, the sample at its end, and its balance.
 
-The state never leaves its anchor at the last event, so the answer does not depend on the coupling step: a finer grid
-only looks more often.
+The state is always stored at the last event, so the motion does not depend on the coupling step: a shorter step only
+samples it more often.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class RunningCounts(NamedTuple):
 
 @kernel
 def rescaled(counts: RunningCounts, ratio: float) -> RunningCounts:
-    """Return the counts with impulses times the mass before over the mass after, so that they stay the same N s."""
+    """Return the counts with impulses per mass rescaled by old over new mass, so that impulses in N s are unchanged."""
     if ratio == 1.0:
         return counts
     return RunningCounts(
@@ -82,8 +82,7 @@ def rescaled(counts: RunningCounts, ratio: float) -> RunningCounts:
 class MassStep(NamedTuple):
     """The mass one coupling step later.
 
-    Anchor, counts, balance and what it leaves over; gap (m) and velocity (m/s) at the end; regime; table of events, and
-    how many it holds.
+    Motion, counts, balance and its errors; gap (m) and velocity (m/s) at the end; regime; table and number of events.
     """
 
     motion: MassMotion
@@ -98,7 +97,7 @@ class MassStep(NamedTuple):
 
 
 class Span(NamedTuple):
-    """The step that is walked: its origin of time (s), number of its end from there, length (s); the mass (kg)."""
+    """A coupling step: origin of time (s), number of steps from there to its end, length (s); the mass (kg)."""
 
     origin_s: float
     steps: float
@@ -109,7 +108,7 @@ class Span(NamedTuple):
 
 @kernel
 def counts_after_event(counts: RunningCounts, event: MotionEvent, rest_impulse: float) -> RunningCounts:
-    """Return the counts after an event; ``rest_impulse`` is what the stop gave while the mass lay against it."""
+    """Return the counts after an event; ``rest_impulse`` (m/s) is the stop's impulse on the mass resting before it."""
     impulse = counts.period_impulse_m_per_s + event.impulse_per_mass + rest_impulse
     hits = counts.period_impacts + event.impacts
     last_impulse, last_hits = counts.last_period_impulse_m_per_s, counts.last_period_impacts
@@ -121,7 +120,7 @@ def counts_after_event(counts: RunningCounts, event: MotionEvent, rest_impulse: 
 
 @kernel
 def counts_after_step(counts: RunningCounts, rest_impulse: float, step_impulse: float) -> RunningCounts:
-    """Return the counts at the end of a step: the impulse of a rest that goes on, and of the whole step."""
+    """Return the counts at the end of a step, with the impulses of an ongoing rest and of the whole step (m/s)."""
     return RunningCounts(
         counts.impacts,
         counts.chatter_ends,
@@ -135,7 +134,7 @@ def counts_after_step(counts: RunningCounts, rest_impulse: float, step_impulse: 
 
 @kernel
 def logged(log: Array, count: int, event: MotionEvent, system: ImpactSystem, span: Span) -> Array:
-    """Return the table with an event in row ``count``, at the time that samples tell."""
+    """Return the table with an event in row ``count``, its time not after the step's end."""
     time_s = min(span.origin_s + (event.period * system.period_s + event.tau_s), span.latest_s)
     kind, impulse_ns = int(event.kind), event.impulse_per_mass * span.mass_kg
     contact = CONTACT_OF_KIND[kind]
@@ -161,7 +160,7 @@ def balance_after_event(
     begin_gap: float,
     passed_s: float,
 ) -> tuple[StepBalance, float]:
-    """Return the balance after the piece that ends with this event and after its impact, and the impulse of a rest."""
+    """Return the balance after the piece that ends with this event and its impact, and the impulse of a rest (m/s)."""
     a = acceleration(motion, system)
     until = phase_end(motion, system) if event.kind == PHASE_CHANGE else event.tau_s
     duration = max(until - motion.tau_s - passed_s, 0.0)
@@ -180,7 +179,7 @@ def lies_in_step(
 ) -> bool:
     """Return whether an event belongs to the step that ends at ``end_s``, s since the origin.
 
-    A sum of impacts was cut at the end of the step, so it does; the impact after it was found to lie behind.
+    Summed impacts end at the end of the step, so they do; the impact after them is known to be later.
     """
     if coming.kind == IMPACTS_SUMMED:
         return True
@@ -196,7 +195,7 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
     Parameters
     ----------
     motion : MassMotion
-        Anchor at the last event (or the last change of a parameter).
+        State at the last event (or the last change of a parameter).
     system : ImpactSystem
         Forces per unit of mass and restitution during the step.
     counts : RunningCounts
@@ -239,9 +238,9 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
 def reanchored(
     motion: MassMotion, before: ImpactSystem, after: ImpactSystem, steps: float, step_s: float
 ) -> MassMotion:
-    """Return the motion anchored at a coupling step, where what acts on the mass changes.
+    """Return the motion restarted at a coupling step at which the constants of the motion change.
 
-    A series under way is over: what follows under the new forces is a flight, and its impacts a new series.
+    A present series ends: under the new forces a flight follows, and its impacts form a new series.
     """
     tau = min(motion.tau_s + elapsed(motion, before, steps, step_s), phase_end(motion, before))
     gap, velocity = gap_after(motion, before, tau - motion.tau_s)

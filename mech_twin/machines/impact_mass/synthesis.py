@@ -49,7 +49,7 @@ CERTIFIED_MOST = 8  # candidates tried in full before the search gives up
 
 @dataclass(frozen=True)
 class CycleSpec:
-    """What the cycle shall be: mass, stop, start of the stroke, speed of the blow, restitution."""
+    """Specification of a cycle: mass, stop, start of the stroke, impact speed, restitution."""
 
     mass_kg: float
     stop_position_m: float
@@ -66,7 +66,7 @@ class CycleSpec:
 
 @dataclass(frozen=True)
 class RobustnessSpec:
-    """What a robust cycle shall stand.
+    """Requirements on a robust cycle.
 
     ``margin`` is 1 - |multiplier| of the nominal cycle; ``basin_fraction`` the share of the random starts that reach
     the cycle, at every point tried of the box P1, P2, t1, T, R each within the relative ``tolerance``.
@@ -160,7 +160,7 @@ def with_phase2_force(published: ImpactMass, impact_speed_m_per_s: float, phase2
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A choice of P2, with the widest multiple of the tolerance over which it holds by a first look."""
+    """A choice of P2, with the largest multiple of the tolerance over which it passes the screening."""
 
     parameters: ImpactMass
     margin: float
@@ -186,7 +186,7 @@ def _nominal_candidates(spec: CycleSpec, published: ImpactMass, robustness: Robu
 
 
 def _short_enough(keeping: list[ImpactMass], spec: CycleSpec, robustness: RobustnessSpec) -> list[ImpactMass]:
-    """Return those within the bounds of stroke and start speed."""
+    """Return the candidates within the bounds of stroke and start speed."""
     bounded = [
         parameters
         for parameters in keeping
@@ -204,9 +204,9 @@ def _short_enough(keeping: list[ImpactMass], spec: CycleSpec, robustness: Robust
 
 
 def _screened(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec) -> _Candidate:
-    """Return a candidate with the widest box over which a first look finds no failure (0: it fails nominally).
+    """Return a candidate with the widest box over which a screening finds no failure (0: it fails nominally).
 
-    A first look has few starts and fails only where their failures alone are more than the whole number may have.
+    A screening has few starts; it fails if these alone have more failures than are allowed for all starts.
     """
     few = replace(box, starts=min(SCREEN_STARTS, box.starts))
     least = 1.0 - (1.0 - robustness.basin_fraction) * box.starts / few.starts
@@ -283,7 +283,7 @@ def cycle_stroke(parameters: ImpactMass) -> float:
 
 
 def printed_periods(period_s: float) -> tuple[float, ...]:
-    """Return T as a paper prints it: rounded to four decimals, and cut to three."""
+    """Return T with the digits of print: rounded to four decimals, and truncated to three."""
     return round(period_s, 4), math.floor(period_s * 1000.0) / 1000.0
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Growth of a small difference of two motions, in closed form: flight, impact, and a whole series of impacts.
+"""Growth of a small perturbation in closed form (tangent map): flight, impact, and a whole series of impacts.
 
-A difference is (dx, dv) at one time, lengths scaled by the period so that both are speeds.  Flight: (1 t; 0 1).
-Impact with speed v- under A: (-R 0; (1 + R) A/v- -R).  A completed series forgets every difference.
+A perturbation is (dx, dv) at one time, with dx divided by the period so that both are speeds.  Flight: (1 t; 0 1).
+Impact with speed v- under A: (-R 0; (1 + R) A/v- -R).  A completed series erases every perturbation.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ GENERIC = (1.0, 0.7)  # a direction that is no eigenvector of a flight or an imp
 def after_summed(
     dx: float, dv: float, motion: MassMotion, event: MotionEvent, system: ImpactSystem
 ) -> tuple[float, float]:
-    """Return a difference at the last of several impacts of one series, from that right after the one before them.
+    """Return the perturbation at the last of several impacts of one series, from that right after the preceding one.
 
     The speed of the next impact changes by dv_1 = (v dv - A dx)/v_1 and its time by dt_1 = (dv_1 - dv)/A; from there
     dv_n = R^(n-1) dv_1 and dt_n = dt_1 + 2 R dv_1/A (1 - R^(n-1))/(1 - R).
@@ -52,7 +52,7 @@ def after_summed(
 def tangent_after(
     dx: float, dv: float, motion: MassMotion, event: MotionEvent, system: ImpactSystem
 ) -> tuple[float, float]:
-    """Return a difference right after an event (impacts or a change of phase), from that right after the last."""
+    """Return the perturbation after an event (impacts or a change of phase), from that after the last event."""
     if event.kind == IMPACTS_SUMMED:
         return after_summed(dx, dv, motion, event, system)
     if event.kind == IMPACT:
@@ -64,9 +64,9 @@ def tangent_after(
 
 @kernel
 def exponent(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, float]:
-    """Return the motion after so many periods and the mean growth of a small difference per period (natural log).
+    """Return the motion after a number of periods and the largest Lyapunov exponent per period (natural log).
 
-    A completed series forgets every difference: the growth is -inf.
+    A completed series erases every perturbation: the exponent is -inf.
     """
     dx, dv = GENERIC
     growth, last = 0.0, motion.period + periods
@@ -85,9 +85,8 @@ def exponent(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[Ma
 def release_growth(system: ImpactSystem, most_periods: float) -> tuple[float, float]:
     """Return the periods from one release to the end of the next completed series, and the growth between (log).
 
-    From rest the motion always goes on the same way.  The growth is the largest that a small difference undergoes
-    between any two changes of phase on the way; what rounding puts in grows by it.  Returns 0 periods if no series
-    completes within ``most_periods``.
+    Every release from rest starts the same motion.  The growth is the largest of a perturbation between any two
+    changes of phase; rounding errors grow by it.  Returns 0 periods if no series completes within ``most_periods``.
     """
     phase = PHASE_2 if system.acceleration2 < 0.0 else PHASE_1
     tau = system.phase1_s if phase == PHASE_2 else 0.0

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The worst case of a one-impact cycle over a box of tolerances of P1, P2, t1, T and R.
 
-Every point of the box is a machine of its own: its cycle must exist, be admissible and stable, and the asked share of
-the random starts must reach it.  Tried are the corners and the middles of the faces, random points inside, and points
-climbed to from the slowest of all these, for a start that takes long to settle is near one that never does.
+Every point of the box is a machine.  Its cycle must exist, be admissible and stable, and the required share of the
+random starts must reach it.  Corners, middles of the faces and random points inside are tried.  From the slowest of
+these a search climbs to slower points: a start that takes long to settle is near one that never does.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ NOMINAL = Deviation(0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class PointOutcome(NamedTuple):
-    """What one point of the box gives: margin, share of the starts that reach the cycle, periods of the slowest."""
+    """Result at one point of the box: margin, share of the starts that reach the cycle, periods of the slowest."""
 
     deviation: Deviation
     margin: float
@@ -51,7 +51,7 @@ class PointOutcome(NamedTuple):
 
 @dataclass(frozen=True)
 class Certificate:
-    """What was tried over the box, and the worst that was found.
+    """Points tried over the box, and the worst of them.
 
     ``tolerance`` is relative, of P1, P2, t1, T and R alike; every point was tried with ``starts`` random starts.
     """
@@ -75,7 +75,7 @@ class Certificate:
 
 
 def deviated(parameters: ImpactMass, deviation: Deviation) -> ImpactSystem | None:
-    """Return what acts on the mass at a point of the box, or None where t1 >= T or R leaves its range."""
+    """Return the constants of the motion at a point of the box, or None if t1 >= T or R leaves its range."""
     p, d = parameters, deviation
     times_s = (p.period_s * (1.0 + d.period), p.phase1_duration_s * (1.0 + d.phase1_duration))
     restitution = p.rebound * (1.0 + d.restitution)
@@ -97,7 +97,7 @@ def stable_cycle(system: ImpactSystem) -> OneImpactCycle | None:
 
 
 def outcome(parameters: ImpactMass, deviation: Deviation, starts: StartBox) -> PointOutcome:
-    """Return what a point of the box gives; margin and share are 0 where it has no stable cycle."""
+    """Return the result at a point of the box; margin and share are 0 if it has no stable cycle."""
     system = deviated(parameters, deviation)
     cycle = None if system is None else stable_cycle(system)
     if system is None or cycle is None:
@@ -118,7 +118,7 @@ def faces(tolerance: float) -> list[Deviation]:
 
 
 def inside(tolerance: float, count: int, seed: int) -> list[Deviation]:
-    """Return random points of the box, even, seeded."""
+    """Return uniform random points of the box from a seed."""
     random = np.random.default_rng(seed)
     return [Deviation(*row) for row in random.uniform(-tolerance, tolerance, (count, len(NOMINAL))).tolist()]
 
@@ -159,7 +159,7 @@ def _hardness(point: PointOutcome) -> tuple[float, float]:
 
 
 def certified(parameters: ImpactMass, tolerance: float, starts: StartBox, count: int) -> Certificate:
-    """Return what the box gives: nominal point, corners, faces, ``count`` random points inside, and climbs."""
+    """Return the certificate of the box: nominal point, corners, faces, ``count`` random points, and climbs."""
     points = corners(tolerance), faces(tolerance), inside(tolerance, count, starts.seed)
     at_corners, at_faces, at_inside = points if tolerance > 0.0 else ([], [], [])
     tried = [outcome(parameters, d, starts) for d in (NOMINAL, *at_corners, *at_faces, *at_inside)]

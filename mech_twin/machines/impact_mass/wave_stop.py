@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The stop of the impact mass as a rod on a wall: what one blow gives, and the restitution that follows.
+"""The stop of the impact mass as a rod on a wall: results of one blow, and the restitution.
 
-All laws of such a stop are of the first degree in the speed: linear contacts, no gap, no threshold.  So forces grow
-with the speed, energies with its square, and the restitution is one number, for which the event walk stays exact.  The
-rods are at rest before each blow: it finds the stop in its seat, quiet.  The generator gives no impulse in the blow.
+Such a stop is linear: linear contacts, no gap, no threshold.  So forces are proportional to the impact speed, energies
+to its square, and the restitution is one number, for which the event-driven simulation stays exact.  The stop is in
+its seat and free of waves before each blow.  The impulse of the generator's force during the blow is neglected.
 """
 
 from __future__ import annotations
@@ -74,18 +74,18 @@ class StopModel(Parameters):
 
 @lru_cache(maxsize=64)
 def unit_blow(rod: StopRod, mass_kg: float) -> RodBlow:
-    """Return the blow of a mass on a stop at 1 m/s."""
+    """Return the blow of a mass on a stop at unit speed (1 m/s)."""
     grid = wave_grid(rod, 0.0)
     return rod_blow(grid, float(mass_kg), 1.0, 0.0, True, NO_CURVE, NO_FORCES)
 
 
 def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) -> float:
-    """Return the speed of a mass after a blow on a stop over that before it.
+    """Return the coefficient of restitution of a mass on a stop.
 
     Raises
     ------
     ValueError
-        The head of the mass is most of it; the blow does not end; the mass does not rebound within the bounds.
+        If the head is most of the mass, the blow does not end, or the restitution is out of bounds.
     """
     head = wave_grid(rod, 0.0).head_mass_kg
     if head > LARGEST_HEAD * mass_kg:
@@ -109,7 +109,7 @@ def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) 
 
 
 def blow_numbers(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str, float]:
-    """Return what a blow at a speed gives."""
+    """Return the results of a blow at a speed (m/s)."""
     unit, grid, v = unit_blow(rod, mass_kg), wave_grid(rod, 0.0), speed_m_per_s
     return {
         "incident_energy_j": unit.incident_energy_j * v * v,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Carts of a roller former: geometry, masses, loads, and what the kernels need of them."""
+"""Carts of a roller former: geometry, masses, loads, and the constants of the kernels."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class CartParameters(Parameters):
         return tuple(self.states or [loaded] * self.count)
 
     def weight_of(self, cart: int) -> float:
-        """Weight of one cart (N): of a cart of another mass it follows its mass at the pin."""
+        """Weight of one cart (N); for a cart of its own mass it follows from its mass at the pin."""
         common = self.mass_kg + 0.5 * self.rod_mass_kg
         return self.weight_n * (self.pin_mass_of(cart) / common if common > 0.0 else 1.0)
 
@@ -107,11 +107,11 @@ class CartParameters(Parameters):
 
 
 class CartBank(NamedTuple):
-    """What the kernels need of all carts; the arrays have one entry per cart.
+    """Kernel constants of all carts; the arrays have one entry per cart.
 
-    ``force_x_n`` and ``force_y_n`` are F01 + F02 and R01 + R02; ``on_either_rail`` where guide friction is taken on the
-    size of each reaction; ``pull_n`` is the numerator of (12).  ``rod_weight_cosine_nm`` and ``_sine_nm`` give the
-    moment of the rods' halves at the crank pins, ``cosine_nm cos phi2 - sine_nm sin phi2``.
+    ``force_x_n`` and ``force_y_n`` are F01 + F02 and R01 + R02.  ``on_either_rail``: guide friction is proportional to
+    the magnitude of each reaction.  ``pull_n`` is the numerator of (12).  ``rod_weight_cosine_nm`` and ``_sine_nm``
+    give the moment of the rods' halves at the crank pins, ``cosine_nm cos phi2 - sine_nm sin phi2``.
     """
 
     offset_rad: NDArray[np.float64]
@@ -143,12 +143,12 @@ class CartBank(NamedTuple):
 
 
 def check_guides(parameters: CartParameters, load: LoadKind, guide_friction: GuideFriction) -> None:
-    """Refuse guides whose friction would drive the carts, or in which the carts lock themselves.
+    """Raise for guides whose friction would drive the carts, or that are self-locking.
 
     With ``signed`` friction (12) drives where ``(R01 + R02 - G) f + F01 + F02 < 0``.  Guides lock where the friction
-    that the rod's side force calls up outgrows the rod's pull along the travel, however large that is:
-    ``f tan beta >= 1`` for signed friction, ``f tan beta max(1, (p + f d/2)/b) >= 1`` for that on the size of each
-    reaction.
+    due to the rod's side force exceeds the rod's pull along the travel, however large that is:
+    ``f tan beta >= 1`` for signed friction, ``f tan beta max(1, (p + f d/2)/b) >= 1`` for friction by the magnitude of
+    each reaction.
 
     Raises
     ------
@@ -183,10 +183,10 @@ def check_guides(parameters: CartParameters, load: LoadKind, guide_friction: Gui
 def cart_bank(
     parameters: CartParameters, load: LoadKind, guide_friction: GuideFriction, kinematics: Kinematics
 ) -> CartBank:
-    """Return the carts as the kernels want them.
+    """Return the kernel constants of the carts.
 
-    An empty cart has no roller forces; as its weight then presses the guide rollers on the other rail, its friction is
-    always taken on the size of the reactions.
+    An empty cart has no roller forces.  Its weight then presses the guide rollers on the other rail, so its friction
+    is always by the magnitude of the reactions.
     """
     p = parameters
     carts = range(p.count)
@@ -232,7 +232,7 @@ def cart_bank(
 
 
 def inertia_range_kg_m2(bank: CartBank) -> tuple[float, float]:
-    """Return least and greatest reduced inertia J_p2 of crank shaft and carts over a turn (kg m^2)."""
+    """Return minimum and maximum over a turn of the reduced inertia J_p2 of crank shaft and carts (kg m^2)."""
     angles = np.concatenate([np.linspace(0.0, 2.0 * pi, 720, endpoint=False), -bank.offset_rad, pi - bank.offset_rad])
     psi = angles[:, None] + bank.offset_rad
     sine, cosine = np.sin(psi), np.cos(psi)

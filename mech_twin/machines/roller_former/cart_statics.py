@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Roller forming cart on a crank: where it is, what the rod and the guides carry, what moment it asks.
+r"""Roller forming cart on a crank: its position, rod force, guide reactions and moment on the shaft.
 
 ::
 
@@ -85,8 +85,8 @@ def guide_reactions(
 ) -> tuple[float, float]:
     """Return N1 and N2 (N) of a cart whose rod pulls with ``rod_force_n``.
 
-    ``sense`` is +1 or -1 with the travel, ``share`` the part of process force and guide friction that is on,
-    ``static_force_n`` the rod force without inertia under the whole of them, on whose reactions friction is taken.
+    ``sense`` is +1 or -1 with the travel, ``share`` the fraction of process force and guide friction that acts.
+    ``static_force_n`` is the rod force without inertia under the full load, whose reactions give the friction.
 
     From the moments about B and the vertical forces of (10), with ``sense f`` for f and ``sense F0`` for F0.
     """
@@ -104,15 +104,15 @@ def guide_reactions(
 def rod_force(bank: CartBank, cart: int, rod_sine: float, rod_cosine: float, sense: float) -> float:
     """Return the rod force F (N) that moves a cart against its load; ``sense`` is +1 or -1 with the travel.
 
-    Signed friction: eq. (12), ``s [(R01 + R02 - G) f + F01 + F02]/(cos beta - s f sin beta)``.  Friction on the size of
-    each reaction: the signs of N1 and N2 for which the solution agrees with itself (the moment about B keeps f N d/2:
-    on the other rail force and arm both change sign).
+    Signed friction: eq. (12), ``s [(R01 + R02 - G) f + F01 + F02]/(cos beta - s f sin beta)``.  Friction by the
+    magnitude of each reaction: the consistent signs of N1 and N2 (the moment about B keeps f N d/2: on the other rail
+    force and arm both change sign).
     """
     f = bank.friction
     if not bank.on_either_rail[cart]:
         return float(sense * bank.pull_n[cart] / (rod_cosine - sense * f * rod_sine))
     front_0, rear_0 = guide_reactions(bank, cart, rod_sine, 0.0, sense, 1.0, 0.0)
-    # what a newton of rod force adds, by itself: as a difference it is rounding beside loads on long arms
+    # derivative by the rod force, formed directly: a difference of moments would be lost in rounding
     rear_1 = rod_sine * (bank.b_m - bank.p_m - sense * f * bank.roller_radius_m) / (2.0 * bank.b_m)
     front_1 = rod_sine - rear_1
     force = 0.0

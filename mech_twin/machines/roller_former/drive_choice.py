@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motor of the roller former, which carries and starts the load, and the loads in the coupling behind it."""
+"""Choice of the roller former's motor by running and starting under load, and the loads in its coupling."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class MotorVerdict:
 
 
 def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueValue, ...]:
-    """Return the printed values of the published motor beside those that follow from its other data and Kloss."""
+    """Return printed values of the published motor with those derived from its other data by Kloss's formula."""
     rated_slip = 1.0 - motor.rated_speed_rpm / motor.synchronous_speed_rpm
     constants = motor_constants(motor)
     slip = breakdown_slip(rated_slip, motor.breakdown_torque_ratio)
@@ -105,7 +105,7 @@ def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueValue, ..
 
 
 def power_required_w(parameters: RollerFormer) -> float:
-    """Return the rated power the mean moment asks for: mean moment times rated crank speed over efficiency (W)."""
+    """Return the required rated power (W): mean moment times rated crank speed over efficiency."""
     mean = moment_metrics(former_of(parameters))["moment_mean_nm"]
     return mean * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
 
@@ -162,14 +162,14 @@ def motor_selection(parameters: RollerFormer, table: Mapping[str, Mapping[str, f
 
 
 def speed_under_mean_load(parameters: RollerFormer) -> float:
-    """Return the motor speed (rad/s) at which Kloss gives the mean moment; nan where it is beyond breakdown."""
+    """Return the motor speed (rad/s) at the mean moment by Kloss's formula; nan if that is above breakdown."""
     former = former_of(parameters)
     torque = moment_metrics(former)["moment_mean_nm"] / (former.ratio * former.efficiency)
     return former.motor.synchronous_speed_rad_per_s * (1.0 - slip_at_torque(former.motor, torque))
 
 
 def standstill_margin(parameters: RollerFormer) -> float:
-    """Return the motor's moment at standstill over the largest load moment a start may meet (both at the crank)."""
+    """Return the motor's standstill moment over the largest load moment at a start (both at the crank)."""
     former = former_of(parameters)
     moment = motor_torque(former.motor, 0.0, 1.0) * former.ratio * former.efficiency
     return float(moment / np.max(load_moments(former.bank, np.linspace(0.0, 2.0 * np.pi, 720), 1.0)))
@@ -186,7 +186,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class CouplingPoint:
-    """Load in the coupling of one steady turn, moments at the crank (N m); nan where the motor cannot keep it up."""
+    """Loads in the coupling over a steady turn, moments at the crank (N m); nan if the motor cannot drive the load."""
 
     stiffness_nm_per_rad: float
     damping_nms_per_rad: float
@@ -202,7 +202,7 @@ class CouplingPoint:
 
 @dataclass(frozen=True)
 class StiffnessFinding:
-    """What a sweep over stiffness says of the published optimum.
+    """Result of a sweep over stiffness, for comparison with the published optimum.
 
     ``minima`` are the stiffnesses (N m/rad) at which the largest moment has a local minimum inside the sweep;
     ``unique`` is whether there is exactly one, within a step of the published value, and lowest of the whole sweep.

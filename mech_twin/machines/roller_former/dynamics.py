@@ -8,8 +8,9 @@ r"""State of the roller former, its constants, and the moments and energies that
     J_p1 phi1'' = M_p1 - T,   T = c (phi1 - phi2) + k (phi1' - phi2')
     J_p2 phi2'' + phi2'^2 sum m_B x' x'' = T - M_p2 - M_friction - M_weight
 
-Twist instead of phi1, so that a twist of 1e-4 rad keeps its digits after many turns.  M_p1 is the motor's torque behind
-the gear: u eta M while it drives, u M/eta while driven (by the sign of power), or u eta M always, as printed.
+The state has the twist instead of phi1, so that a twist of 1e-4 rad keeps its digits after many turns.  M_p1 is the
+motor's torque behind the gear: u eta M while it drives, u M/eta while driven (by the sign of power), or u eta M always,
+as printed.
 
 Source: LoveikinRoller2018 eq. (40); the friction of the shaft and the rule of the gear are ours.
 """
@@ -34,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 class FormerState(NamedTuple):
-    """State of the motion: angles and rates, and the works since the state was laid down."""
+    """State of the motion: angles and rates, and the works since the start of the integration."""
 
     crank_rad: float
     twist_rad: float
@@ -58,7 +59,7 @@ DRIVE_SPEED = 3  # where the motion has the speed of the drive, the state its tw
 
 
 class Former(NamedTuple):
-    """All the kernels need: carts, motor, drive, friction, start and stall thresholds, scales and tolerances."""
+    """Kernel constants: carts, motor, drive, friction, start and stall thresholds, scales and tolerances."""
 
     bank: CartBank
     motor: MotorConstants
@@ -79,9 +80,9 @@ class Former(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """What is no coordinate: senses in which crank and drive turn (0: stuck), the load, the time below stall speed.
+    """Discrete state: directions of rotation of crank and drive (0: sticking), load, time below stall speed (s).
 
-    ``load_share`` rises from 0 to 1 after the load has come on; ``slow_s`` is -1 above the stall threshold.
+    ``load_share`` rises from 0 to 1 after the load is applied; ``slow_s`` is -1 above the stall threshold.
     """
 
     direction: float
@@ -100,7 +101,7 @@ def state_of(y: Array) -> FormerState:
 
 @borrowing_kernel
 def fill_state(y: Array, state: FormerState) -> None:
-    """Put a state into an array (8,)."""
+    """Write a state into an array (8,)."""
     for i in range(STATE_SIZE):
         y[i] = state[i]
 
@@ -112,7 +113,7 @@ def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:
 
 @borrowing_kernel
 def holds_at_rest(bank: CartBank) -> bool:
-    """Return whether the load is one that opposes the motion, and so holds the shaft at rest."""
+    """Return whether the load always opposes the motion, and so can hold the shaft at rest."""
     return bank.load in (REVERSING, RESIST)
 
 
@@ -144,7 +145,7 @@ def geared(former: Former, shaft_nm: float, direction: float) -> float:
 
 @borrowing_kernel
 def at_motor(former: Former, moment_nm: float, direction: float) -> float:
-    """Return the torque in the coupling on the motor's side (N m) of a moment behind the gear: `geared`, turned round.
+    """Return the coupling torque on the motor's side (N m) for a moment behind the gear: the inverse of `geared`.
 
     ``T/(u eta)`` while the motor drives, ``T eta/u`` while it is driven.
     """

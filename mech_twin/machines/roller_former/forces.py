@@ -47,7 +47,7 @@ class FormerQuantities(NamedTuple):
 
 
 class CartForces(NamedTuple):
-    """Forces of each cart (N), (carts,) each: along the rod, on the guides, of the rod on its crank pin."""
+    """Forces of each cart (N), shape (carts,): along the rod, on the guides, of the rod on its crank pin."""
 
     rod: Array
     front: Array
@@ -57,10 +57,10 @@ class CartForces(NamedTuple):
 
 
 class ShaftForces(NamedTuple):
-    """Moment about the shaft by the crank pins (N m), force on the shaft and shaking force (N).
+    """Moment of the crank-pin forces about the shaft (N m), force on the shaft and shaking force (N).
 
-    ``inertia_nm`` is the sum of the sizes of the carts' inertia forces times the crank radius: what the expansion's
-    misses are taken over.
+    ``inertia_nm`` is the sum of the magnitudes of the carts' inertia forces times the crank radius: the scale of the
+    errors of the series expansion.
     """
 
     moment_nm: float
@@ -98,7 +98,7 @@ def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float,
 
 @borrowing_kernel
 def friction_moment(former: Former, speed: float, driving: float) -> float:
-    """Return the friction of the shaft against its motion (N m); at rest as much as holds it, up to Coulomb's."""
+    """Return the friction of the shaft (N m): kinetic, or static at rest, up to Coulomb's limit."""
     if speed == 0.0:
         return min(max(driving, -former.coulomb_nm), former.coulomb_nm)
     return former.viscous_nms_per_rad * speed + (former.coulomb_nm if speed > 0.0 else -former.coulomb_nm)
@@ -108,9 +108,9 @@ def friction_moment(former: Former, speed: float, driving: float) -> float:
 def fill_cart_forces(
     former: Former, crank: float, speed: float, acceleration: float, pulls: Array, forces: CartForces
 ) -> ShaftForces:
-    """Fill ``forces`` with those of each cart; return what they make on shaft and frame.
+    """Fill the forces of each cart; return the resulting forces on shaft and frame.
 
-    The weight of a rod's half at the crank pin counts to the force on that pin.
+    The weight of a rod's half at the crank pin is part of the force on that pin.
     """
     bank = former.bank
     moment, inertia_nm, shaft_x, shaft_y, shake_x, shake_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -145,7 +145,7 @@ def fill_cart_forces(
 def former_forces(
     former: Former, crank: float, speed: float, drive_speed: float, efforts: tuple[float, float, float], pulls: Array
 ) -> tuple[CartForces, ShaftForces, FormerQuantities, float]:
-    """Return forces of carts and shaft, the quantities, and how far two routes to the moment in the coupling differ.
+    """Return forces of carts and shaft, the quantities, and the difference of two routes to the coupling moment.
 
     ``efforts`` are the motor's moment at the crank, the moment in the coupling and its elastic part (N m).
     """
@@ -194,7 +194,7 @@ class LoadedFormer(NamedTuple):
 def fill_forces(
     model: LoadedFormer, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in every force at the linkage's step.
+    """Fill ``out`` with every force at the linkage's step.
 
     The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
     """

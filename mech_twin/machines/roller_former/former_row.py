@@ -60,7 +60,7 @@ def coupled_former(former: Former, step_s: float) -> CoupledFormer:
 
 
 class CartJoints(NamedTuple):
-    """Joints of carts and rods, cart 1, rod 1, cart 2, ...: (2 carts,) each; the worst miss of a rod's length."""
+    """Joints of carts and rods (cart 1, rod 1, cart 2, ...), shape (2 carts,); largest relative rod length error."""
 
     position: Array
     velocity: Array
@@ -70,7 +70,7 @@ class CartJoints(NamedTuple):
 
 @borrowing_kernel
 def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float, float]:
-    """Return the sense and the share of the load that acts: where the crank is held, as much as holds it."""
+    """Return direction and share of the load that acts; at rest the share that balances the other moments."""
     if modes.direction != 0.0:
         return modes.direction, modes.load_share
     rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
@@ -111,7 +111,7 @@ def cart_joints(former: Former, y: Array, modes: Modes) -> CartJoints:
 
 @borrowing_kernel
 def modes_of(memory: Any) -> Modes:
-    """Return the modes of a memory."""
+    """Return the modes stored in a memory."""
     return Modes(
         memory.direction_1,
         memory.drive_direction_1,
@@ -124,15 +124,15 @@ def modes_of(memory: Any) -> Modes:
 
 @kernel
 def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Any) -> None:
-    """Fill the memory after a step: modes, works, and the balance of their energies since the last whole turn.
+    """Fill the memory after a step: modes, works, and the energy balance of the step.
 
     Parameters
     ----------
     past, after : record
         Memory before and after, of two rows.
     begun_j, stored_j : float
-        Energy at the start and at the end with the parameters of the step (J): what the start differs from the end of
-        the step before is the work of a change of parameters.
+        Energy (J) at start and end with the parameters of the step.  The difference of the start from the end of the
+        step before is the work of a change of parameters.
     """
     works = state_of(y)
     put_in, loss = works.motor_work_j, works.damping_work_j + works.load_work_j + works.friction_work_j
@@ -189,7 +189,7 @@ def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array
 def former_step(
     model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the linkage one coupling step later."""
+    """Fill ``out`` with the linkage one coupling step later."""
     former, begin_s, y = model.former, step * model.step_s, np.empty(STATE_SIZE)
     past, before = memory_of(linkage, former.bank.offset_rad.size), shaft_of(linkage)
     if max(abs(before.drive_rad_per_s), abs(before.crank_rad_per_s)) > RUNAWAY * former.scales.crank_speed_rad_per_s:

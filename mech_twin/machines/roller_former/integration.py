@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The roller former carried on from one instant to another by the one loop."""
+"""Integration of the roller former from one instant to another by the event loop."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ TIGHT = "integrator.tolerance is too tight for these loads"
 
 
 class Advance(NamedTuple):
-    """How an integration ended: time (s), number of events or why it failed (< 0), modes, steps tried."""
+    """End of an integration: time (s), number of events or failure status (< 0), modes, steps tried."""
 
     time_s: float
     status: int
@@ -79,7 +79,7 @@ class Advance(NamedTuple):
 
 
 def ending(advance: Advance) -> str:
-    """Return in one line why an integration did not reach its end."""
+    """Return the error text of a failed integration, one line."""
     at = f" at {advance.time_s:.6g} s" if math.isfinite(advance.time_s) else ""
     if advance.status == UNSTEADY:
         return f"{NO_STEP}{at}: {TIGHT}"
@@ -97,7 +97,7 @@ def entry_for(former: Former) -> int | None:
 
 @inline_kernel
 def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kept: Array, regimes: Indices) -> None:
-    """Fill regimes and what is kept from modes, in line with parameters and command as they are now."""
+    """Fill regimes and stored values from the modes, consistent with the present parameters and command."""
     kept[SLOW_S], stalled = modes.slow_s, modes.stalled
     if torque.command <= 0.0 or y[DRIVE] >= former.slow_speed_rad_per_s * torque.command:
         kept[SLOW_S], stalled = -1.0, False
@@ -116,7 +116,7 @@ def advance_in(
     entry: int | None, former: Former, torque: MotorInStep, times: tuple[float, float], stop_rad: float, state: Array,
     modes: Modes, log: Array, numbers: Array, marks: Indices,
 ) -> Advance:  # fmt: skip
-    """Carry the state on as `advance_motion` does, in given room."""
+    """Integrate as `advance_motion` does, with given work arrays."""
     carts, y, regimes = former.bank.offset_rad.size, numbers[:SIZE], marks[:5]
     kept, sides = numbers[SIZE : SIZE + KEPT], numbers[SIZE + KEPT : SIZE + KEPT + carts]
     room = room_in(numbers[SIZE + KEPT + carts :], marks[5:], 2, LAWS, OWN_SIGNALS, SIZE, DORMAND_PRINCE_8)
@@ -146,7 +146,7 @@ def advance_motion(
     entry: int | None, former: Former, torque: MotorInStep, t: float, end_s: float, y: Array, modes: Modes, log: Array,
     stop_rad: float,
 ) -> tuple[Advance, Array]:  # fmt: skip
-    """Carry the state on to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
+    """Integrate the state up to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of the roller former's linkage row by name: joints of the shaft, and its state that is no joint.
+"""The numbers of the roller former's linkage row by name: joints of the shaft, and its memory.
 
-That are modes, works, and the energy balance they make.
+The memory holds modes, works, and their energy balance.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from mech_twin.kernels.kernel import kernel
 
 
 class ShaftMotion(NamedTuple):
-    """What the row begins with: regime, command of the motor; angle, rate, effort of drive, crank and twist.
+    """First numbers of the row: regime, command of the motor; angle, rate, effort of drive, crank and twist.
 
     Position, velocity and effort of cart and rod of each crank follow.
     """
@@ -33,11 +33,11 @@ class ShaftMotion(NamedTuple):
 
 
 class FormerMemory(NamedTuple):
-    """State that is no joint.
+    """State besides the joints.
 
-    Works are those since the start; ``stored_energy_j`` is the energy at the sample; ``change_work_j`` what parameters
-    changed while running put in.  The balance error and the turnover (sum of the sizes of all works) begin anew with
-    every turn of the crank, so that neither hours nor a large sum hide an error.
+    Works are those since the start; ``stored_energy_j`` is the energy at the sample; ``change_work_j`` is the energy
+    added by live changes of parameters.  The balance error and the turnover (sum of the magnitudes of all works) are
+    reset with every turn of the crank, so that a long run or a large sum hides no error.
     """
 
     direction_1: float = 1.0
@@ -57,7 +57,7 @@ class FormerMemory(NamedTuple):
 
 
 class FormerResiduals(NamedTuple):
-    """What must be zero but for rounding: energy, and the length of the rods."""
+    """Residuals, zero but for rounding: energy balance, and length of the rods."""
 
     energy_balance: float
     rod_length: float
@@ -70,18 +70,18 @@ MEMORY_SIZE = len(FormerMemory._fields)
 
 @kernel
 def shaft_of(row: Array) -> Any:
-    """Return what a linkage row begins with, as a record that shares its numbers (see `engine.records`)."""
+    """Return the first numbers of a linkage row as a record that shares them (see `engine.records`)."""
     return row[:CARTS_AT].view(SHAFT)[0]
 
 
 @kernel
 def memory_of(row: Array, carts: int) -> Any:
-    """Return the memory of a linkage row with so many carts as a record that shares its numbers."""
+    """Return the memory in a linkage row with this number of carts as a record that shares its numbers."""
     at = CARTS_AT + 6 * carts
     return row[at : at + MEMORY_SIZE].view(MEMORY)[0]
 
 
 @kernel
 def residuals_of(row: Array, carts: int) -> Any:
-    """Return the residuals of a linkage row with so many carts as a record that shares its numbers."""
+    """Return the residuals in a linkage row with this number of carts as a record that shares its numbers."""
     return row[CARTS_AT + 6 * carts + MEMORY_SIZE :].view(RESIDUALS)[0]

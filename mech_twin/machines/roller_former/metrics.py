@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of the roller former: one position, static moments, the steady turn, and those of a run as it goes."""
+"""Metrics of the roller former: of one position, static moments, the steady turn, and a run."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def motor_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
     """Return the root mean square of the motor's torque over a steady turn, and its rotor loss, against rated.
 
     The copper loss of the rotor is the slip power ``M s w_0``; the rated one is ``M_n s_n w_0``.  Stator, magnetising
-    and iron losses are not told by rating and speeds, and not counted.
+    and iron losses do not follow from rating and speeds and are left out.
     """
     motor, columns = former.motor, turn.columns
     torque = columns.motor_nm
@@ -172,7 +172,7 @@ EXTREMES = (
 
 
 class TurnSums(NamedTuple):
-    """Sums since the start of a run, or how fast they grow: angle (rad), works (J), the coupling's squared moment."""
+    """Sums since the start of a run, or their rates: angle (rad), works (J), the coupling's squared moment."""
 
     crank_rad: float
     motor_work_j: float
@@ -197,7 +197,7 @@ class FormerObserver:
         self._run = {"turns": 0.0, "stalls": 0.0, "coupling_moment_max_of_run_nm": -inf, "motor_torque_max_nm": -inf}
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         linkage, run = frame.linkage, self._run
         joints, before = joints_of(linkage.position), self._now
         self._now = self._sums(frame)
@@ -247,7 +247,7 @@ class FormerObserver:
     def _begin_turn(
         self, angle: float, before: tuple[float, TurnSums, TurnSums] | None, now: tuple[float, TurnSums, TurnSums]
     ) -> None:
-        """Close the turn that ends, if it was a whole one, and begin the next at an angle passed since ``before``."""
+        """Finish the present turn, if it was a whole one, and start the next at an angle passed since ``before``."""
         first = now[:2] if before is None else passage(max(angle, TURN * (self._turn or 0)), before, now)
         if self._first is not None and first[1].crank_rad - self._first[1].crank_rad > WHOLE_TURN:
             self._closed = self._metrics_of_turn(*self._first, *first)
@@ -279,7 +279,7 @@ class FormerObserver:
 def passage(
     angle: float, before: tuple[float, TurnSums, TurnSums], now: tuple[float, TurnSums, TurnSums]
 ) -> tuple[float, TurnSums]:
-    """Return time and sums at which the crank passed an angle between two frames, on the cubics through both."""
+    """Return time and sums at which the crank passed an angle between two frames, by cubic Hermite interpolation."""
     (begin_s, first, rates), (end_s, last, last_rates) = before, now
     span = end_s - begin_s
     ends = list(zip(zip(first, last, strict=True), zip(rates, last_rates, strict=True), strict=True))

@@ -56,7 +56,7 @@ def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
 
 
 def _weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
-    """Return the motor with its torque at every slip changed by a share."""
+    """Return the motor with its torque at every slip changed by a relative amount."""
     return motor_changes(parameters, torque=1.0 + size)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Motion of the roller former between two instants: what it declares to the one loop.
+"""Equations of motion of the roller former, as declared to the event loop.
 
-Two laws act: at the crank, friction of the shaft and a load that turns with the motion; at the drive, the loss of the
-gear.  Further signals: dead centres (kinks of the load), the load coming on and in full, the stall threshold and time.
+Two laws act: at the crank, friction of the shaft and a load that opposes the motion; at the drive, the loss of the
+gear.  Further signals: dead centres (kinks of the load), start and end of the load's rise, stall threshold and time.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ LAWS = 2
 
 
 class FormerMotion(NamedTuple):
-    """The system: constants, the motor's torque, where it stops (rad); what is kept; the half turns of the carts."""
+    """The system: constants, motor torque, crank angle to stop at (rad); stored values; half turns of the carts."""
 
     former: Former
     torque: MotorInStep
@@ -77,13 +77,13 @@ class FormerMotion(NamedTuple):
 
 @inline_kernel
 def sense_of(regime: int) -> float:
-    """Return the sense of turning: 0 held, 1 of a shaft that cannot stick."""
+    """Return the direction of rotation: 0 while sticking, 1 for a shaft that cannot stick."""
     return -1.0 if regime == HIGH else 0.0 if regime == HOLD else 1.0
 
 
 @inline_kernel
 def law_of(sticks: bool, speed: float, sense: float) -> int:
-    """Return the regime of a law, at rest that of the sense remembered."""
+    """Return the regime of a law; at rest that of the stored direction."""
     if not sticks:
         return OPEN
     if speed != 0.0:
@@ -93,20 +93,20 @@ def law_of(sticks: bool, speed: float, sense: float) -> int:
 
 @inline_kernel
 def share_rate(motion: FormerMotion, regimes: Indices) -> float:
-    """Return how fast the load comes on (1/s)."""
+    """Return the rate of the load's rise (1/s)."""
     rises = regimes[LOAD_ON] == 1 and motion.kept[SHARE] < 1.0
     return 1.0 / motion.former.load_rise_s if rises else 0.0
 
 
 @inline_kernel
 def load_share(motion: FormerMotion, t: float, regimes: Indices) -> float:
-    """Return the share of the load that acts."""
+    """Return the share of the load that acts (0 to 1)."""
     return float(motion.kept[SHARE] + share_rate(motion, regimes) * (t - motion.kept[SINCE_S]))
 
 
 @declares(evaluate, FormerMotion)
 def evaluate_former(motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill in inertias, moments, and the bounds of load and friction at the crank, of the gear at the drive."""
+    """Fill inertias, moments, and the bounds of load and friction at the crank, of the gear at the drive."""
     former, crank, twist, w, first = motion.former, y[CRANK], y[TWIST], y[SPEED], y[DRIVE]
     bank, direction = former.bank, sense_of(regimes[CRANK_LAW])
     share = load_share(motion, t, regimes)
@@ -136,7 +136,7 @@ def evaluate_former(motion: FormerMotion, t: float, y: Array, regimes: Indices, 
 
 @declares(accumulate, FormerMotion)
 def accumulate_work(motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
-    """Fill in the rate of the twist, and the power of motor, damping, load and friction."""
+    """Fill the rate of the twist (rad/s), and the power of motor, damping, load and friction (W)."""
     former, w, first = motion.former, y[SPEED], y[DRIVE]
     twist_rate = first - w
     damping = former.damping_nms_per_rad * twist_rate
@@ -159,7 +159,7 @@ def accumulate_work(motion: FormerMotion, t: float, y: Array, regimes: Indices, 
 def signal_events(
     motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
-    """Fill in what is left to dead centres, thresholds of speed, and times of load and stall."""
+    """Fill the distances to dead centres (rad), speed thresholds (rad/s), and times of load and stall (s)."""
     former, kept, first, begin = motion.former, motion.kept, y[DRIVE], 2 * LAWS
     for i in range(OWN_SIGNALS):
         values[begin + i], rates[begin + i] = math.inf, 0.0
@@ -184,7 +184,7 @@ def signal_events(
 
 @borrowing_kernel
 def setting_off(motion: FormerMotion, y: Array, regimes: Indices) -> float:
-    """Return a moment (N m) with the sense in which a crank at rest sets off, 0 where nothing drives it."""
+    """Return a moment (N m) with the direction in which a crank at rest starts, 0 if nothing drives it."""
     former, bank = motion.former, motion.former.bank
     driving = former.stiffness_nm_per_rad * y[TWIST] + former.damping_nms_per_rad * (y[DRIVE] - y[SPEED])
     driving -= rod_weight_moment(bank, y[CRANK])
@@ -198,9 +198,9 @@ def setting_off(motion: FormerMotion, y: Array, regimes: Indices) -> float:
 
 @declares(begin_piece, FormerMotion)
 def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> None:
-    """Keep the dead centres on either side, and the half turn of each cart in the sense the crank turns.
+    """Store the dead centres on both sides of the crank angle, and the half turn of each cart.
 
-    What sets a crank off from a dead centre may have moved it no further than rounding.
+    A crank that starts from a dead centre may have moved no further than rounding, so its direction decides.
     """
     bank, kept, crank, w = motion.former.bank, motion.kept, y[CRANK], y[SPEED]
     sense = w
@@ -209,7 +209,7 @@ def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> No
     known = regimes[CRANK_LAW] in (LOW, HIGH)
     ahead = sense_of(regimes[CRANK_LAW]) if known else (1.0 if sense >= 0.0 else -1.0)
     low, high = sides_of_travel(bank, crank + ahead * LOOK_AHEAD_RAD, motion.sides)
-    if w == 0.0:  # on dead centres of two carts that rounding tells apart: it is past neither
+    if w == 0.0:  # between dead centres of two carts that differ by rounding: neither is passed
         low, high = min(low, crank), max(high, crank)
     if not has_kinks(bank):
         low, high = -FAR_RAD, FAR_RAD
@@ -218,7 +218,7 @@ def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> No
 
 @declares(end_piece, FormerMotion)
 def count_time(motion: FormerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
-    """Keep how far the load has come on, and how long the motor is below its stall threshold."""
+    """Store the load's share at the end of a piece, and the time (s) the motor is below its stall threshold."""
     kept, span = motion.kept, t - motion.kept[SINCE_S]
     kept[SHARE] = min(1.0, kept[SHARE] + share_rate(motion, regimes) * span)
     if regimes[IS_SLOW] == 1:
@@ -228,7 +228,7 @@ def count_time(motion: FormerMotion, t: float, before: Array, y: Array, regimes:
 
 @borrowing_kernel
 def log_former(motion: FormerMotion, t: float, kind: int, crank_rad: float, log: Array, count: int) -> int:
-    """Write an event with the turn of the crank; return the number of events."""
+    """Log an event with the number of the crank's turn; return the number of events."""
     turn = float(math.floor(crank_rad / TURN))
     fill_event(log, count, motion.begin_s + t, kind, 0, 0.0, 0.0, 0.0, turn)
     return count + 1
@@ -236,7 +236,7 @@ def log_former(motion: FormerMotion, t: float, kind: int, crank_rad: float, log:
 
 @declares(pass_signal, FormerMotion)
 def pass_event(motion: FormerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Let the crank pass a dead centre, the load come on, or the motor a threshold; log what users are told of."""
+    """Pass a dead centre, apply the load, stop, or cross the stall threshold; log what is an event for users."""
     former, kept = motion.former, motion.kept
     if which == SIDE_AHEAD:
         y[CRANK], kept[PASSED] = kept[HIGH_RAD], 1.0
@@ -269,7 +269,7 @@ def pass_event(motion: FormerMotion, which: int, t: float, y: Array, regimes: In
 def change_sense(
     motion: FormerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
-    """Log that the crank is held or let go."""
+    """Log that the crank sticks or is released."""
     before, after = past[CRANK_LAW], regimes[CRANK_LAW]
     if after == HOLD and before != HOLD:
         return log_former(motion, t, HELD_EVENT, y[CRANK], log, count)
@@ -280,5 +280,5 @@ def change_sense(
 
 @declares(note_impact, FormerMotion)
 def no_impact(motion: FormerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Return that there was none."""
+    """Log nothing: the roller former has no impacts."""
     return count

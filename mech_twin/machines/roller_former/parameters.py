@@ -42,7 +42,7 @@ LARGEST_RATE_PER_S = 1e6  # of anything that decays or swings: the integration i
 
 
 class LoadSet(Parameters):
-    """Mass and loads of a cart that belong together."""
+    """Mass and loads of a cart that form one set of the source."""
 
     mass_kg: float = quantity("kg", "mass of a cart without its half of the rod", ge=0.0)
     roller_force_x_n: float = quantity("N", "horizontal force of one roller on the mix", ge=0.0)
@@ -123,7 +123,7 @@ class RollerFormer(Parameters):
 
     @model_validator(mode="after")
     def _can_be_integrated(self) -> RollerFormer:
-        """Refuse guides that lock, a shaft without inertia, a drive too stiff, a step the motor makes unstable."""
+        """Raise for self-locking guides, a shaft without inertia, a too stiff drive, a step too long for the motor."""
         check_guides(self.carts, self.load, self.guide_friction)
         ratio = self.carts.crank_m / self.carts.rod_m
         if self.kinematics == "expanded" and ratio > LARGEST_EXPANDED_RATIO:
@@ -192,23 +192,23 @@ def longest_step_s(parameters: RollerFormer) -> float:
 
 
 def bank_of(parameters: RollerFormer) -> CartBank:
-    """Return the carts as the kernels want them."""
+    """Return the kernel constants of the carts."""
     return cart_bank(parameters.carts, parameters.load, parameters.guide_friction, parameters.kinematics)
 
 
 def crank_energy_j(bank: CartBank, speed_rad_per_s: float) -> float:
-    """Return the most that crank shaft, carts and weights hold at a crank speed (J)."""
+    """Return the largest energy (J) of crank shaft, carts and weights over a turn at a crank speed (rad/s)."""
     _least, most = inertia_range_kg_m2(bank)
     return 0.5 * most * speed_rad_per_s**2 + hypot(bank.rod_weight_cosine_nm, bank.rod_weight_sine_nm)
 
 
 def tolerances_of(tolerance: float, scales: FormerState, crank_j: float) -> NDArray[np.float64]:
-    """Return the errors that a step may make, (8,).
+    """Return the error tolerances of a step, shape (8,).
 
-    The balance of energy is told over what the motor's side holds.  Where the crank holds ``crank_j`` (J), many times
-    that, its angle and speed are followed as exactly as the balance needs: to a hundredth of its limit a step.
-    Under a rated moment a soft coupling would twist by thousands of turns, which are no scale of an error: a radian,
-    and synchronous speed, are the most.
+    The energy balance is relative to the energy of the motor's side.  If the crank's energy ``crank_j`` (J) is many
+    times that, its angle and speed are integrated more exactly, to a hundredth of the balance's limit in a step.
+    A soft coupling would twist by thousands of turns under the rated moment, which is no scale of an error: the scales
+    are at most a radian and synchronous speed.
     """
     own_j, crank = scales.motor_work_j, tolerance
     scales = scales._replace(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linkage of the roller former: both masses, the elastic drive and all carts.  The motor is the shared `KlossDrive`."""
+"""Linkage of the roller former: inertias, elastic drive and all carts.  The motor is the shared `KlossDrive`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def joints_of(values: tuple[float, ...]) -> FormerJoints:
 
 @dataclass(frozen=True)
 class FormerLinkage(CompiledLinkage):
-    """Both masses, the elastic drive and all carts; owner of all mechanical state."""
+    """Both inertias, the elastic drive and all carts; it holds all mechanical state."""
 
     former: Former
     step_s: float
@@ -58,7 +58,7 @@ class FormerLinkage(CompiledLinkage):
 
     @property
     def residual_limits(self) -> dict[str, float]:
-        """Limits of the invariants; the expansion leaves (r/l)^4/8 of the rod's length open."""
+        """Limits of the residuals; the series expansion has an error of (r/l)^4/8 of the rod's length."""
         open_rod = max(1e-12, 0.2 * self.former.bank.ratio**4 if self.former.bank.expanded else 0.0)
         return {"energy_balance": 1e-8, "rod_length": open_rod}
 
@@ -83,7 +83,7 @@ class FormerLinkage(CompiledLinkage):
 
 
 def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
-    """Return the modes at the start: the load on or still off, the crank held where it rests under load or friction."""
+    """Return the initial modes: load on or off; a crank at rest under load or friction sticks."""
     loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
     modes = Modes(1.0, 1.0, loaded, float(loaded), -1.0, False)
     held = speed_rad_per_s == 0.0 and may_stick(former, loaded)

@@ -61,7 +61,7 @@ def motor_of(parameters: RollerFormer, table: Mapping[str, Any], tolerance: floa
 
 
 def worst_point(configurations: Iterable[RollerFormer], stiffness: float, damping: float) -> CouplingPoint:
-    """Return the largest of each number of the coupling over configurations; nan where one has no steady turn."""
+    """Return the maximum over configurations of each coupling load; nan if one has no steady turn."""
     points = [coupling_point(configuration, stiffness, damping) for configuration in configurations]
     for point in points:
         if isnan(point.coupling_max_nm):
@@ -75,9 +75,9 @@ def within(point: CouplingPoint, limits: Mapping[str, float]) -> bool:
 
 
 def damped(p: RollerFormer, stiffness: float, gain: float) -> CouplingPoint:
-    """Return the coupling at the least damping from which more lowers its RMS about the mean by at most ``gain``.
+    """Return the coupling loads at the least damping beyond which the RMS about the mean falls by at most ``gain``.
 
-    The RMS is asked, since it falls with damping throughout; the largest moment has chance minima.
+    The RMS is used because it falls monotonically with damping; the largest moment has chance minima.
     """
     low, high = coupling_point(p, stiffness, SWEEP_DAMPING[0]), coupling_point(p, stiffness, SWEEP_DAMPING[-1])
     goal = high.coupling_rms_about_mean_nm * (1.0 + gain)
@@ -100,8 +100,8 @@ def stiffness_and_damping(
 ) -> tuple[CouplingPoint, list[CouplingPoint]]:
     """Return the coupling with the least largest moment within the limits, and the sweep it was found in.
 
-    All in the worst case over the box.  Between the best stiffness of the sweep and a neighbour that breaks a limit,
-    the limit itself is looked for.
+    All values are the worst over the box.  Between the best stiffness of the sweep and a neighbour that breaks a limit,
+    the stiffness at the limit is located.
     """
     gain = limits["damping_gain"]
     sweep = []

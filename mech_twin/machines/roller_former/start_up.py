@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Start of the roller former: run until load and speed are steady, or the motor has stalled."""
+"""Start of the roller former: simulated until load and speed are steady, or the motor has stalled."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ MOST_START_STEPS = 1_000_000  # of integration: some ten seconds; a drive so sti
 class StartUp:
     """How a start ends.
 
-    ``stalled`` and ``steady`` are both false where neither has happened within a minute of full supply: the load has
-    not come on, the speed still changes, or the drive is too stiff to be followed so long.  ``time_s`` is when crank
-    speed first reached the speed asked for, ``steady_time_s`` when load and speed were steady, ``stall_time_s`` when
-    the motor counted as stalled (nan: never).
+    ``stalled`` and ``steady`` are both false if neither has happened within a minute of full supply: the load is not
+    applied, the speed still changes, or the drive is too stiff to be integrated so long.  ``time_s`` is the time at
+    which the crank first reached the required speed, ``steady_time_s`` that at which load and speed were steady,
+    ``stall_time_s`` that of the stall (nan: never).
     """
 
     stalled: bool
@@ -54,11 +54,11 @@ def start_motion(
     y: Array,
     modes: Modes,
 ) -> tuple[Advance, float, bool]:
-    """Carry the state on until load and speed are steady or the motor has stalled, at most ``longest_s``.
+    """Integrate until load and speed are steady or the motor has stalled, at most ``longest_s``.
 
-    ``supply`` is the fraction in force at the start and its rate (1/s).  Returns how the integration ended, when crank
-    speed first reached the goal (nan: never), and whether it is steady: the whole load on, the supply at rated
-    frequency, and three turns in a row that took the same time.
+    ``supply`` is the fraction at the start and its rate (1/s).  Returns the end of the integration, the time at which
+    the crank first reached the goal (nan: never), and whether it is steady.  Steady: the whole load on, supply at rated
+    frequency, and three turns in a row of the same duration.
     """
     command, rate = supply
     reached = 0.0 if y[SPEED] >= goal_rad_per_s else nan
@@ -88,7 +88,7 @@ def start_motion(
 
 
 def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) -> StartUp:
-    """Return how the configured start goes; ``goal_rad_per_s`` is the crank speed whose first passage is told.
+    """Return the result of the configured start; ``goal_rad_per_s`` is the crank speed whose first passage is timed.
 
     Raises
     ------

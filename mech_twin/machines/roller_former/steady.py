@@ -65,8 +65,8 @@ class TurnColumns(NamedTuple):
 class SteadyTurn:
     """One turn of the periodic motion.
 
-    ``works`` is what the turn took and gave (J), integrated with the motion.  ``change`` is the largest change of
-    twist, crank speed and twist rate from the turn before, over their scales.
+    ``works`` are the works of the turn (J), integrated with the motion.  ``change`` is the largest change of twist,
+    crank speed and twist rate from the turn before, relative to their scales.
     """
 
     turn_time_s: float
@@ -88,7 +88,7 @@ class SteadyTurn:
 
 
 def closed_extremes(values: Array) -> tuple[float, float]:
-    """Return smallest and largest value of a periodic curve sampled at equal steps, a parabola laid about each."""
+    """Return minimum and maximum of a periodic curve sampled at equal steps, each refined by a parabola."""
     found = []
     for sign in (-1.0, 1.0):
         curve = sign * values
@@ -101,7 +101,7 @@ def closed_extremes(values: Array) -> tuple[float, float]:
 
 
 def failed(done: Advance) -> bool:
-    """Tell whether an integration could not go on."""
+    """Return whether an integration failed."""
     return done.status < 0 and done.status != ENDED
 
 
@@ -109,7 +109,7 @@ def failed(done: Advance) -> bool:
 def next_section(
     entry: int | None, former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float
 ) -> Advance:
-    """Carry the state on by one whole turn; the time reached is nan if the turn does not end in time."""
+    """Integrate the state over one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
     torque = supplied_motor(former.motor, command)
     done, _ = advance_motion(entry, former, torque, t, t + longest_s, y, modes, np.empty((8, EVENT_WIDTH)), stop)
@@ -161,7 +161,7 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
 def turn_columns(
     entry: int | None, former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes
 ) -> TurnColumns:
-    """Carry the state through one turn, and return the nodes passed."""
+    """Integrate the state over one turn, and return its values at the nodes."""
     found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
     torque = supplied_motor(former.motor, command)
     for node in range(nodes):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Crank vibration mechanism with counterweight: drive moment, pin forces and the force it leaves on the frame."""
+"""Crank vibration mechanism with counterweight: drive moment, pin forces and the resulting force on the frame."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def build(parameters: Parameters) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what the machine answers beside running."""
+    """Return the capabilities of the machine besides running."""
     from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.vibration_crank import monitoring, plots, published, sizing
 

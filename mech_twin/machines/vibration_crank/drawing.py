@@ -126,7 +126,7 @@ def mechanism(s: SliderCrank) -> FrameTree:
 
 
 def _masses(s: SliderCrank) -> tuple[Inertia, ...]:
-    """Return the points that the machine counts its masses in: at the crank pin, the counterweight, the follower."""
+    """Return the point masses of the model: at the crank pin, the counterweight, the follower."""
     turning_masses = (Inertia("crank", s.rotating_mass, (s.crank_m, 0.0)), Inertia("counterweight", s.counter_mass))
     if s.kind == BOOM:
         joint, load = (s.boom_m, 0.0), (s.load_ratio * s.boom_m, 0.0)

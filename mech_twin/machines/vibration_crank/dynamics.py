@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The vibration crank as a mechanism of the crank linkage: its state, and what is reduced to its crank."""
+"""The vibration crank as a mechanism of the crank linkage: its state, and inertia and moment reduced to its crank."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ShakingCrank(NamedTuple):
 def crank_state(
     mechanism: ShakingCrank, f: float, w: float, e: float, regime: int
 ) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
-    """Return positions and rates of crank, rod, follower; crank torque (N m), energy (J), miss of the rod (m)."""
+    """Return positions and rates of crank, rod, follower; crank torque (N m), energy (J), rod length error (m)."""
     s = mechanism.slider
     at = follower(s, f)
     a_x, a_y = s.crank_m * math.cos(f), s.crank_m * math.sin(f)
@@ -85,5 +85,5 @@ def crank_reduced(mechanism: ShakingCrank, f: float, regime: int) -> tuple[float
 
 @step_of(under_load_share, ShakingCrank)
 def whole_load(mechanism: ShakingCrank, share: float) -> ShakingCrank:
-    """Return the mechanism: no load of it only resists, so the share is always 1."""
+    """Return the mechanism unchanged: it has no purely resisting load, so the share is always 1."""
     return mechanism

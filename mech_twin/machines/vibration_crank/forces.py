@@ -39,7 +39,7 @@ class LoadedCrank(NamedTuple):
 def crank_forces(
     model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in the pin forces at the angle, rate and acceleration of the crank, and its torque by both routes."""
+    """Fill ``out`` with the pin forces at the crank's angle, rate and acceleration, and its torque by both routes."""
     memory, s = memory_of(linkage, 3), model.mechanism
     th, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
     inertia, slope, load = reduced(s, th)

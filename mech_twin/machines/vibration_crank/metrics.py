@@ -107,10 +107,10 @@ def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
 
 
 def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:
-    """Return what one counter-rotating mass at w and a pair at 2w would cancel of the force on the frame.
+    """Return the parts of the frame force that a counter-rotating mass at w and a pair at 2w would cancel.
 
-    Fx + i Fy = sum of c_n exp(i n th): c_-1 turns against the crank and is what one counter-rotating mass cancels; a
-    pair of opposite masses at 2w gives a straight force and cancels the vertical second harmonic.
+    Fx + i Fy = sum of c_n exp(i n th): c_-1 rotates against the crank and is cancelled by one counter-rotating mass.
+    A pair of counter-rotating masses at 2w gives a force along a line and cancels the vertical second harmonic.
     """
     angles = turn(HARMONICS)
     x, y, _ = frame_forces(s, angles, speed)
@@ -131,7 +131,7 @@ def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:
 
 
 def peak_change(s: SliderCrank, speed: float) -> float:
-    """Return the relative change of the largest |M| that the counterweight brings (negative: a benefit)."""
+    """Return the relative change of the largest |M| by the counterweight (negative: a benefit)."""
     return extreme(s, speed, MOMENT) / extreme(s._replace(counter_mass=0.0), speed, MOMENT) - 1.0
 
 
@@ -231,7 +231,7 @@ class VibrationCrankObserver:
         self._run = CrankRun(motor)
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         force = frame.forces.quantities.as_dict()["shaking_force_n"]
         self._run.observe(frame, **{"shaking_force_{}_n": force})
 

@@ -47,19 +47,19 @@ class BalanceEffect(NamedTuple):
     shaking_force_max_n: float
 
     def violation(self, limits: Mapping[str, float]) -> float:
-        """Return by how much the limits are broken, each over its own size."""
+        """Return the sum of the limits' violations, each relative to its limit."""
         return float(sum(max(0.0, value / limits[name] - 1.0) for name, value in self._asdict().items()))
 
 
 class Corner(NamedTuple):
-    """A machine of the box: its mechanism, the counterweight still to be hung on, and its speed (rad/s)."""
+    """A machine of the box: its mechanism without the counterweight to be chosen, and its speed (rad/s)."""
 
     mechanism: SliderCrank
     speed: float
 
 
 def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...] | None = None) -> BalanceEffect:
-    """Return mass, peak moment and largest force on the frame, the worst of the corners (the configured one alone).
+    """Return counterweight, peak moment and largest force on the frame, the worst over the corners of the box.
 
     The counterweight is the one derived for the fraction from the configured masses.
     """
@@ -73,7 +73,7 @@ def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corne
 
 
 def box_corners(parameters: VibrationCrank, tolerance: float) -> tuple[Corner, ...]:
-    """Return the corners of the box that the assumed masses, force and speed span; one where there is no tolerance."""
+    """Return the corners of the box of assumed masses, force and speed; one if there is no tolerance."""
     values = {key: _value(parameters, key) for group in GROUPS for key in group}
     groups = [[key for key in group if values[key] != 0.0] for group in GROUPS]
     groups = [group for group in groups if group]

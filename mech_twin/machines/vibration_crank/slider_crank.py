@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Crank that shakes a mass: vertical slider (finite or infinite rod) or boom as a rocker, with a counterweight.
+"""Crank that drives a mass: vertical slider (finite or infinite rod) or boom as a rocker, with a counterweight.
 
 ::
 
@@ -106,7 +106,7 @@ def follower(s: SliderCrank, th: float) -> Follower:
 
 @kernel
 def rod_error(s: SliderCrank, th: float) -> float:
-    """Return the miss of the rod's length (m); 0 for an infinite rod."""
+    """Return the error of the rod's length (m); 0 for an infinite rod."""
     if s.kind == INFINITE_ROD:
         return 0.0
     at = follower(s, th)

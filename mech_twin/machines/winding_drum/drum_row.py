@@ -71,23 +71,23 @@ class LoadedDrum(NamedTuple):
 
 @kernel
 def wound_by_yarn(p: Package, first: float, yarn_m: float, radius: float) -> Wound:
-    """Return what is on a drum of this radius (m) when this much yarn (m) has run since radius ``first`` (m).
+    """Return the package at a radius (m) after a length of yarn (m) has run since radius ``first`` (m).
 
-    The area is that of the yarn: what a step winds may be less than the last digit of the radius.
+    Its area follows from the yarn: the layer of a step may be less than the last digit of the radius.
     """
     return Wound(radius, wound_at(p, first).square_m2 - 2.0 * p.layer_m * yarn_m)
 
 
 @kernel
 def turning_energy(model: Drum, yarn_m: float, omega: float) -> float:
-    """Return the kinetic energy of the drum (J) when this much yarn (m) has run."""
+    """Return the kinetic energy of the drum (J) after a length of yarn (m) has run."""
     wound = wound_by_yarn(model.package, model.start_radius_m, yarn_m, 0.0)
     return 0.5 * package_inertia(model.package, wound) * (omega * omega)
 
 
 @kernel
 def fill_row(model: Drum, regime: int, command: float, out: Array) -> None:
-    """Fill in what follows from angle, rates, radius and memory, which are in place: efforts, residuals."""
+    """Fill efforts and residuals of a row whose angle, rates, radius and memory are set."""
     p, now, past, residuals = model.package, motion_of(out), memory_of(out), residuals_of(out)
     radius, theta = now.radius_m, now.yarn_m_per_s
     now.regime, now.command = regime, command
@@ -109,7 +109,7 @@ def fill_row(model: Drum, regime: int, command: float, out: Array) -> None:
 
 @kernel
 def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
-    """Fill the row of the package at its first radius, the yarn at a speed (m/s)."""
+    """Fill the row of the package at its initial radius, the yarn at a speed (m/s)."""
     out[:] = 0.0
     omega, now, past = theta / tangent_arm(model.package, model.start_radius_m, 0.0), motion_of(out), memory_of(out)
     now.drum_rad_per_s, now.yarn_m_per_s, now.radius_m = omega, theta, model.start_radius_m
@@ -121,7 +121,7 @@ def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
 def try_step(
     model: Drum, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
 ) -> int:
-    """Fill in the drum one step later; return the number of events, negative where it failed."""
+    """Fill ``out`` with the drum one step later; return the number of events, negative for a failure."""
     p, h, command, start = model.package, model.step_s, motor[MOTOR_COMMAND], model.start_radius_m
     y, regimes = numbers[:STATE_SIZE], marks[:2]
     for i in range(len(out)):
@@ -164,7 +164,7 @@ def try_step(
 def drum_step(
     model: Drum, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill in the drum one step later; the end of the package is located exactly inside the step."""
+    """Fill ``out`` with the drum one step later; the end of the package is located exactly within the step."""
     size, places = drum_room()
     numbers, marks = np.zeros(STATE_SIZE + size), np.zeros(2 + places, dtype=np.int64)
     count = try_step(model, step, linkage, motor, out, log, numbers, marks)
@@ -178,10 +178,10 @@ def drum_step(
 def drum_forces(
     model: LoadedDrum, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
 ) -> tuple[Array, int]:
-    """Fill in each torque term by itself, and the force that carries the package round its axis.
+    """Fill ``out`` with each torque term, and the reaction of the shaft.
 
     The drive torque of the linkage is a sum of terms; the second route is the chain rule on J0 omega.  The shaft's
-    force is what accelerates the centre c of the package, and its weight: c'' = -omega^2 c + alpha k x c with
+    reaction accelerates the centre c of the package and carries its weight: c'' = -omega^2 c + alpha k x c with
     c = e (-sin(phi), cos(phi)).
     """
     p, now, a = model.package, motion_of(linkage), memory_of(linkage).yarn_acceleration_m_per_s2

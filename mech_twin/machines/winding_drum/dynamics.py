@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the drum declares to the one loop: turned by the yarn, or coasting once yarn and drive let go.
+"""Equation of motion of the drum for the event loop: driven by the yarn, or coasting after yarn and drive let go.
 
-One law acts on the shaft.  Under the yarn it holds the drum to the yarn's speed; afterwards it is Coulomb friction.
+One law acts on the shaft.  With the yarn it constrains the drum to the yarn's speed; afterwards it is Coulomb friction.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
 
 
 class DrumSystem(NamedTuple):
-    """The system: constants, the package at the start; yarn of speed theta + a t, of which ``left_m`` is left.
+    """The system: constants, the package at the start of the step; yarn speed theta + a t, remaining yarn ``left_m``.
 
-    ``last`` is the package once the yarn has let go, ``begin_s`` when the step begins.
+    ``last`` is the package after the yarn has let go, ``begin_s`` the start of the step (s).
     """
 
     package: Package
@@ -74,9 +74,9 @@ class DrumSystem(NamedTuple):
 
 @inline_kernel
 def drive_torque(p: Package, wound: Wound, phi: float, theta: float, a: float) -> float:
-    """Return the torque the drive gives (N m): the dynamic torque, less gravity's moment, and friction overcome.
+    """Return the drive torque (N m): the dynamic torque, less gravity's moment, plus friction.
 
-    At rest friction takes what it can hold of it.
+    At rest static friction carries the torque up to its limit.
     """
     wanted = torque_terms(p, wound, phi, theta, a).total - gravity_moment(p, wound, phi)
     omega = theta / tangent_arm(p, wound.radius_m, phi)
@@ -87,7 +87,7 @@ def drive_torque(p: Package, wound: Wound, phi: float, theta: float, a: float) -
 
 @inline_kernel
 def yarn_run(motion: DrumSystem, t: float) -> float:
-    """Return the yarn (m) that has run since the step began."""
+    """Return the length of yarn (m) that has run since the start of the step."""
     return (motion.theta_m_per_s + 0.5 * motion.acceleration_m_per_s2 * t) * t
 
 
@@ -105,7 +105,7 @@ def sense_law(omega: float) -> int:
 
 @declares(evaluate, DrumSystem)
 def evaluate_drum(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Fill in inertia, moment, and the bounds of the shaft's law: none under the yarn, which gives the acceleration."""
+    """Fill inertia, moment, and the bounds of the shaft's law: infinite with the yarn, which sets the acceleration."""
     p, phi = motion.package, y[ANGLE]
     at.directions[SHAFT, 0] = 1.0
     if regimes[YARN_ON] == 1:
@@ -121,7 +121,7 @@ def evaluate_drum(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: 
 
 @declares(accumulate, DrumSystem)
 def accumulate_work(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
-    """Fill in the power of drive, gravity and friction; under the yarn also the speed it gives the drum."""
+    """Fill the power of drive, gravity and friction (W); with the yarn also the drum's speed that it sets (rad/s)."""
     p, phi, omega = motion.package, y[ANGLE], y[SPEED]
     if regimes[YARN_ON] == 1:
         wound, theta = wound_after(p, motion.first, yarn_run(motion, t)), yarn_speed(motion, t)
@@ -139,7 +139,7 @@ def accumulate_work(motion: DrumSystem, t: float, y: Array, regimes: Indices, at
 def signal_end(
     motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
-    """Fill in the yarn that is left."""
+    """Fill the remaining length of yarn (m)."""
     values[2 * LAWS], rates[2 * LAWS] = inf, 0.0
     if regimes[YARN_ON] == 1:
         values[2 * LAWS], rates[2 * LAWS] = motion.left_m - yarn_run(motion, t), -yarn_speed(motion, t)
@@ -147,12 +147,12 @@ def signal_end(
 
 @declares(begin_piece, DrumSystem)
 def begin_nothing(motion: DrumSystem, t: float, y: Array, regimes: Indices) -> None:
-    """Return: nothing is kept from piece to piece."""
+    """Do nothing: no values are stored from piece to piece."""
 
 
 @declares(end_piece, DrumSystem)
 def follow_yarn(motion: DrumSystem, t: float, before: Array, y: Array, regimes: Indices) -> None:
-    """Give the drum under the yarn the speed of the yarn."""
+    """Set the drum's speed (rad/s) from the speed of the yarn."""
     if regimes[YARN_ON] == 1:
         radius = wound_after(motion.package, motion.first, yarn_run(motion, t)).radius_m
         y[SPEED] = yarn_speed(motion, t) / tangent_arm(motion.package, radius, y[ANGLE])
@@ -160,7 +160,7 @@ def follow_yarn(motion: DrumSystem, t: float, before: Array, y: Array, regimes: 
 
 @borrowing_kernel
 def log_drum(motion: DrumSystem, t: float, kind: int, contact: int, phi: float, log: Array, count: int) -> None:
-    """Write an event with the angle of the drum on either side; rates and velocities are 0."""
+    """Log an event with the drum angle before and after it; rates and velocities are 0."""
     fill_event(log, count, motion.begin_s + t, kind, contact, 0.0, 0.0, 0.0, 0.0)
     log[count, SIDES] = 1.0
     for i in range(EVENT_WIDTH, log.shape[1]):
@@ -170,7 +170,7 @@ def log_drum(motion: DrumSystem, t: float, kind: int, contact: int, phi: float, 
 
 @declares(pass_signal, DrumSystem)
 def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
-    """Let yarn and drive go at the end of the package."""
+    """Release yarn and drive at the end of the package."""
     theta, last = yarn_speed(motion, t), motion.last
     omega = theta / tangent_arm(motion.package, last.radius_m, y[ANGLE])
     y[SPEED], regimes[YARN_ON], regimes[SHAFT] = omega, 0, sense_law(omega)
@@ -184,7 +184,7 @@ def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices,
 def change_sense(
     motion: DrumSystem, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
-    """Log that the drum sticks or is let go."""
+    """Log that the drum sticks or is released."""
     if (past[SHAFT] == HOLD) == (regimes[SHAFT] == HOLD):
         return count
     log_drum(motion, t, STICK_KIND if regimes[SHAFT] == HOLD else RELEASE_KIND, DRUM_CONTACT, y[ANGLE], log, count)
@@ -193,7 +193,7 @@ def change_sense(
 
 @declares(note_impact, DrumSystem)
 def no_impact(motion: DrumSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
-    """Return that there was none."""
+    """Log nothing: the drum has no impacts."""
     return count
 
 
@@ -204,7 +204,7 @@ def drum_entry(package: Package) -> int | None:
 
 @inline_kernel
 def drum_room() -> tuple[int, int]:
-    """Return how many numbers and marks `advance_drum` needs."""
+    """Return the lengths of the float and integer arrays that `advance_drum` needs."""
     return room_sizes(1, LAWS, OWN_SIGNALS, STATE_SIZE)
 
 
@@ -213,10 +213,10 @@ def advance_drum(
     entry: int | None, motion: DrumSystem, span: float, y: Array, regimes: Indices, log: Array, numbers: Array,
     marks: Indices,
 ) -> int:  # fmt: skip
-    """Carry the drum on for ``span`` (s); return the number of events, negative where it failed.
+    """Integrate the drum over ``span`` (s); return the number of events, negative for a failure.
 
-    A step turns the drum by no more than `SURE_RAD`: all that is integrated varies with its angle and hardly else, so
-    the errors that the estimate is made of are zero together at some angles.
+    A step turns the drum by no more than `SURE_RAD`: the integrands vary almost only with its angle, so both error
+    estimates can vanish together at some angles.
     """
     p, room = motion.package, room_in(numbers, marks, 1, LAWS, OWN_SIGNALS, STATE_SIZE, DORMAND_PRINCE_8)
     heavy = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The numbers of the drum's linkage row by name: what its motion is, what it carries beside, its residuals."""
+"""The numbers of the drum's linkage row by name: its motion, its memory, its residuals."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mech_twin.kernels.kernel import kernel
 
 
 class DrumMotion(NamedTuple):
-    """What the row begins with: regime, command of the motor; angle, rate, effort of each joint.
+    """First numbers of the row: regime, command of the motor; position, rate, effort of each joint.
 
     The joints are the drum, the yarn that has run, and the radius of the package.
     """
@@ -30,7 +30,7 @@ class DrumMotion(NamedTuple):
 
 
 class DrumMemory(NamedTuple):
-    """What the linkage carries beside its joints."""
+    """State of the linkage besides its joints."""
 
     yarn_acceleration_m_per_s2: float
     drive_work_j: float
@@ -41,7 +41,7 @@ class DrumMemory(NamedTuple):
 
 
 class DrumResiduals(NamedTuple):
-    """What must be zero but for rounding: area of the layers against the yarn, energy."""
+    """Residuals, zero but for rounding: area of the layers against the yarn, energy balance."""
 
     area_balance: float
     energy_balance: float
@@ -54,7 +54,7 @@ RESIDUALS_AT = MEMORY_AT + len(DrumMemory._fields)
 
 @kernel
 def motion_of(row: Array) -> Any:
-    """Return what a linkage row begins with, as a record that shares its numbers (see `engine.records`)."""
+    """Return the first numbers of a linkage row as a record that shares them (see `engine.records`)."""
     return row[:MEMORY_AT].view(MOTION)[0]
 
 

@@ -30,7 +30,7 @@ GRID = 3600
 def position_metrics(parameters: WoundPackage, package: Package, phi: float) -> dict[str, Any]:
     """Return speeds and torque terms of the full package at drum angle ``phi`` (rad).
 
-    Yarn speed and acceleration are the configured ones; the ideal package (e = 0) stands beside the eccentric one.
+    Yarn speed and acceleration are the configured ones; the ideal package (e = 0) is given besides the eccentric one.
     """
     radius = parameters.package_radius_m
     wound = wound_at(package, radius)
@@ -60,7 +60,7 @@ def position_metrics(parameters: WoundPackage, package: Package, phi: float) -> 
 
 
 def sign_changes(values: np.ndarray) -> int:
-    """Return how often a closed curve, sampled over one turn, changes its sign (zeros belong to neither side)."""
+    """Return the number of sign changes of a periodic curve sampled over one turn (zeros are skipped)."""
     signs = np.sign(values[np.abs(values) > 1e-12 * max(float(np.max(np.abs(values))), 1e-300)])
     return int(np.count_nonzero(signs != np.roll(signs, 1)))
 
@@ -111,7 +111,7 @@ class DrumObserver:
         }
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         now, linkage = self._numbers, frame.linkage
         torque, _, _ = linkage.effort
         now["torque_max_nm"] = max(now["torque_max_nm"], torque)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a monitor asks of the winding drum: features of a turn, faults, the operating point.
 
-The package runs off, so a turn is compared with the model's torque at the radius R that the yarn of that turn tells.
+The package runs off, so a turn is compared with the model's torque at the radius R found from the yarn of that turn.
 Torque is linear in the package's density, M = M_0 + k M_1 with k = 1 as configured.  k follows from the turn by least
-squares.  What is left drifts neither with the radius nor, on another density, with its effect at that radius::
+squares.  The residual then depends neither on the radius nor on the density::
 
     k = <M_1, M - M_0>/<M_1, M_1>,      R(phi) = R - L (phi - pi)
 """
@@ -40,7 +40,7 @@ LEAST_OF_CORE, MOST_OF_CORE = 0.5, 1000.0
 
 
 def features(parameters: WindingDrum) -> CycleFeatures:
-    """Return the features of a turn: speed, density, torque beside the model's, and the package's run-out."""
+    """Return the features of a turn: speed, density, torque minus the model's, and the package's run-out."""
     package = package_constants(parameters, parameters.direction == "winding")
     return CycleFeatures(
         CycleReference(DRUM),
@@ -73,7 +73,7 @@ def _yarn_speed(cycle: SampledCycle) -> float:
 
 
 def _told_density(package: Package, cycle: SampledCycle) -> tuple[float, Array, Array]:
-    """Return density over that configured, and the model's torque without and of the package at each sample."""
+    """Return density relative to the configured one, and the model's torques M_0 and M_1 at each sample (N m)."""
     radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
     least = max(LEAST_OF_CORE * package.core_m, package.eccentricity_m)
     if not least < radius < MOST_OF_CORE * package.core_m:
@@ -94,7 +94,7 @@ def _density(package: Package) -> CycleFeature:
 
 
 def _torque_left(name: str, package: Package, order: int, meaning: str) -> CycleFeature:
-    """Return a coefficient of the measured torque less the model's at the density told: order 0 the mean, 1 cosine."""
+    """Return a coefficient of measured minus modelled torque at the fitted density: order 0 the mean, 1 the cosine."""
 
     def of(cycle: SampledCycle) -> float:
         measured, (k, bare, wound) = cycle.channels[TORQUE], _told_density(package, cycle)
@@ -108,7 +108,7 @@ def _torque_left(name: str, package: Package, order: int, meaning: str) -> Cycle
 
 @kernel
 def _model_torques(package: Package, radius: float, yarn_m_per_s: float, phase_rad: Array) -> Array:
-    """Return the torque of the drive at angles of a turn in whose middle the package has a radius."""
+    """Return the drive torque (N m) at angles of a turn, for a package radius (m) at its middle."""
     found = np.empty(len(phase_rad))
     for i in range(len(phase_rad)):
         here = radius - package.layer_m * (phase_rad[i] - math.pi)

@@ -56,9 +56,9 @@ def place_of(sample: LinkageSample) -> Place:
 
 @dataclass(frozen=True)
 class DrumLinkage(CompiledLinkage):
-    """Drum, package and yarn; owner of the package radius.
+    """Drum, package and yarn; the package radius is part of its state.
 
-    When the package is empty (or full) yarn and drive let go: the drum turns on under its weight and friction.
+    When the package is empty (or full) yarn and drive let go: the drum coasts under its weight and friction.
     """
 
     package: Package
@@ -91,7 +91,7 @@ class DrumLinkage(CompiledLinkage):
         return LinkageLayout(self.joints, DrumMemory._fields, DrumResiduals._fields, events)
 
     def start(self, step: int = 0) -> LinkageSample:
-        """Return the package at its first radius, the yarn at the configured share of its speed."""
+        """Return the package at its initial radius, the yarn at the configured share of its speed."""
         out = np.empty(self.layout.size)
         start_row(self.model, float(self.start_speed_m_per_s), float(self.start_command), out)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())

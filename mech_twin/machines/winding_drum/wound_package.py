@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Yarn package on a drum: its radius, its speed and the torque that its changing mass asks for.
+r"""Yarn package on a drum: its radius, its speed and the torque required by its changing mass.
 
 ::
 
@@ -40,10 +40,10 @@ class Package(NamedTuple):
 
 
 class Wound(NamedTuple):
-    """What is on the drum: the radius of the package R (m), and R^2 - c^2 (m2), c that of the core.
+    """Size of the package: radius R (m), and R^2 - c^2 (m2) with the core's radius c.
 
-    On a nearly bare drum the difference of the squares has few digits, of R^4 - c^4 too; mass and inertia are those of
-    the area, which whoever follows the yarn carries beside the radius.
+    On a nearly bare drum the differences of squares and of fourth powers lose digits.  Mass and inertia are therefore
+    computed from the area, which is integrated with the yarn besides the radius.
     """
 
     radius_m: float
@@ -62,13 +62,13 @@ class PackageTorque(NamedTuple):
 
 @inline_kernel
 def wound_at(p: Package, radius: float) -> Wound:
-    """Return what is on the drum at a radius of the package (m)."""
+    """Return the size of the package at a radius (m)."""
     return Wound(radius, (radius - p.core_m) * (radius + p.core_m))
 
 
 @inline_kernel
 def wound_after(p: Package, wound: Wound, length: float) -> Wound:
-    """Return what is on the drum after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
+    """Return the size of the package after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
     return Wound(radius_after(p, wound.radius_m, length), wound.square_m2 - 2.0 * p.layer_m * length)
 
 
@@ -110,7 +110,7 @@ def torque_terms(p: Package, wound: Wound, phi: float, theta: float, a: float) -
     p : Package
         Constants.
     wound : Wound
-        What is on the drum.
+        Size of the package.
     phi : float
         Drum angle (rad).
     theta, a : float
