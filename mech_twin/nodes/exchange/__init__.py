@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step messages between nodes: as objects inside a process, as bytes over DDS, behind one face."""
+"""Step messages between nodes: as objects inside a process, as bytes over DDS, behind one interface."""

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every node of the twin shares: options, parameters, counted publishers, diagnostics, steady timers.
+"""Base of every node of the twin: options, parameters, counted publishers, diagnostics, steady timers.
 
-Nothing here knows a role or builds a machine, so that a process that only records or shows compiles no kernel.
+It does not depend on roles or machines, so that a process that only records or shows compiles no kernel.
 
-`RunOptions` is how a node is run, as opposed to what the machine is: the group ``run`` of its parameters.
+`RunOptions` are the options of a run, the group ``run`` of the parameters; the machine has parameters of its own.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from mech_twin.process.terminal_output import printable
 
 
 class RunOptions(Parameters):
-    """StepPacer, length and company of a run."""
+    """Pacing and length of a run, and the nodes that run with it."""
 
     pace: Literal["realtime", "max"] = choice("follow the wall clock, or run as fast as answers come", default="max")
     duration_s: float = quantity(
@@ -98,7 +98,7 @@ class TwinNode(Node):
     machine_name : str
         Machine of the catalogue, and the namespace.
     parameters : Parameters, optional
-        Configuration to start from; the installed file if absent.  ROS parameter overrides are laid over it.
+        Initial configuration; the installed file if absent.  ROS parameter overrides take precedence.
     options : RunOptions, optional
         How to run.
 
@@ -141,10 +141,10 @@ class TwinNode(Node):
         return {}
 
     def close(self) -> None:
-        """Let go of what this node holds open beside its topics."""
+        """Close the resources of this node other than its topics."""
 
     def quiet_s(self) -> float:
-        """Return for how long this node has heard nothing it must keep."""
+        """Return the time (s) since this node last received a message it must keep."""
         return float("inf")
 
     @property
@@ -153,22 +153,22 @@ class TwinNode(Node):
         return {}
 
     def adopt(self, parameters: Parameters) -> None:
-        """Go on with a model of other parameters, where this node has a model."""
+        """Switch to a model with other parameters, if this node has a model."""
 
     def resumed(self) -> None:
-        """Begin measuring time anew, after this process was suspended."""
+        """Restart time measurements after this process was suspended."""
 
     def check_peers(self, now_s: float) -> None:
-        """Look whether somebody is missing; called ten times a second."""
+        """Check whether a peer is missing; called ten times a second."""
 
     # -- time -------------------------------------------------------------------------------------------------------
 
     def every(self, period_s: float, call: Callable[[], None]) -> Timer:
-        """Return a timer on the steady clock: a step of the wall clock, or somebody's ``/clock``, does not touch it."""
+        """Return a timer on the steady clock: jumps of the wall clock or of ``/clock`` have no effect on it."""
         return self.create_timer(period_s, call, clock=self._steady)
 
     def _pulse(self) -> None:
-        """Notice that this process itself was suspended (by a signal, or for want of a processor)."""
+        """Detect that this process was suspended (by a signal, or on an overloaded machine)."""
         now, before = time.monotonic(), self._pulse_at
         self._pulse_at = now
         if before is not None and now - before > self.options.peer_timeout_s + PULSE_S:
@@ -179,7 +179,7 @@ class TwinNode(Node):
     # -- topics -----------------------------------------------------------------------------------------------------
 
     def subscribe(self, topic: Topic, call: Callable[[Any], None], **changes: Any) -> Subscription:
-        """Return a new subscription; a publisher whose quality of service does not fit is counted."""
+        """Return a new subscription; publishers with an incompatible quality of service are counted."""
         callbacks = SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible, topic.name, "publisher"))
         qos = changes.pop("qos", topic.qos)
         return self.create_subscription(topic.type, topic.name, call, qos, event_callbacks=callbacks, **changes)
@@ -191,16 +191,16 @@ class TwinNode(Node):
         take: Callable[[Any, Step], None],
         **changes: Any,
     ) -> None:
-        """Listen to a topic of step messages; what is none is counted.
+        """Subscribe to a topic of step messages; other messages are counted.
 
         Parameters
         ----------
         topic : Topic
-            What is heard.
+            Topic to subscribe to.
         decode : callable
             Returns the sample of a message, or raises `MessageError`.
         take : callable
-            Called with each sample and the step it came by.
+            Called with each sample and its step message.
         """
 
         def receive(heard: HeardBytes) -> None:
@@ -222,7 +222,7 @@ class TwinNode(Node):
         patient: bool = False,
         **changes: Any,
     ) -> Listener:
-        """Return a subscription: by hand from nodes of the same executor, else as bytes."""
+        """Return a subscription: objects from nodes of the same executor, else bytes."""
         silence_s = self.options.peer_timeout_s
         listener = Listener(self.resolve_topic_name(topic.name), take, receive, patient, silence_s)
         subscription = self.subscribe(topic, _with_info(listener.hear), raw=True, **changes)
@@ -255,12 +255,12 @@ class TwinNode(Node):
         self.statistics.count(topic, "incompatible", f"a {who} whose {policy} does not fit is not connected")
 
     def output(self, topic: Topic, peers: int = 0, *, recorded: bool = True) -> CountingPublisher:
-        """Return a new counted publisher; so many peers, and the recorder, must listen before the first step."""
+        """Return a new counted publisher; ``peers`` subscribers and the recorder must match before the first step."""
         listeners = peers + (recorded and self.options.recorder)
         return self._added(CountingPublisher(self, topic, listeners, self._told(topic)))
 
     def step_output(self, topic: Topic, peers: int) -> StepPublisher:
-        """Return the publisher of a step message, which a viewer and an observer listen to as well."""
+        """Return the publisher of a step message, to which viewer and observer subscribe as well."""
         listeners = peers + self.options.recorder + self.options.viewer + self.options.observer
         made = StepPublisher(self, topic, listeners, self._told(topic))
         self._added(made)
@@ -274,7 +274,7 @@ class TwinNode(Node):
         *,
         exclusive: bool = False,
     ) -> DecimatedPublisher:
-        """Return a new publisher of what a window lets through."""
+        """Return a new publisher of the messages that a window passes."""
         listeners = int(self.options.recorder)
         made = DecimatedPublisher(self, topic, listeners, window, message, self._told(topic), exclusive=exclusive)
         self._added(made)
@@ -291,11 +291,11 @@ class TwinNode(Node):
 
     @property
     def matched(self) -> bool:
-        """Whether everybody who must hear this node does."""
+        """Whether all required subscribers of this node are matched."""
         return all(output.matched for output in self.outputs)
 
     def flush(self) -> None:
-        """Publish what decimated topics still hold."""
+        """Publish the messages still held by decimated topics."""
         for output in self.outputs:
             output.flush()
 
@@ -313,7 +313,7 @@ class TwinNode(Node):
 
 
 def _with_info(hear: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
-    """Return a callback of both, as rclpy reads its signature; its executor of events hands them over as one."""
+    """Return a callback with message and info arguments, for rclpy's events executor, which passes them as one."""
 
     @wraps(hear)
     def call(*heard: Any) -> None:

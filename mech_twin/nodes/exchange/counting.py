@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a node counts: what it sent on each topic, what went wrong there, and the diagnostics that say so.
+"""Counters of a node: messages sent and faults on each topic, and the diagnostics that report them.
 
-No loss is silent.  The worst residual of each window is held against its limit.
+No loss is silent.  The largest residual of each window is compared with its limit.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "s
 
 
 class Report(NamedTuple):
-    """What one window of one topic saw."""
+    """Counts of one topic in one window."""
 
     topic: str
     counts: dict[str, int]
@@ -37,7 +37,7 @@ class Report(NamedTuple):
 
 
 class SequenceFault(NamedTuple):
-    """A kind of `KINDS`, words for a person, and how many steps it concerns."""
+    """A kind of `KINDS`, an explanation, and the number of steps concerned."""
 
     kind: str
     reason: str
@@ -52,7 +52,7 @@ class StepSequence:
         self.last: int | None = None
 
     def take(self, step: int) -> SequenceFault | None:
-        """Take a step into account; return what is wrong with it, if anything is."""
+        """Update with a step; return its fault, if any."""
         last, self.last = self.last, step if self.last is None else max(step, self.last)
         if last is None:
             self.first = step
@@ -73,7 +73,7 @@ class TopicStatistics:
         self._reasons: dict[str, str] = {}
 
     def count(self, topic: str, kind: str, reason: str = "", number: int = 1) -> None:
-        """Count that something of this kind happened on a topic."""
+        """Count a fault of this kind on a topic."""
         if kind not in KINDS:
             raise ValueError(f"kind {kind!r} is not one of {', '.join(KINDS)}")
         self.total[topic, kind] += number
@@ -124,12 +124,12 @@ class NodeDiagnostics:
         self._warnings: list[str] = []
 
     def limits(self, limits: Mapping[str, float], step_s: float) -> None:
-        """Judge residuals by these limits, of a coupling step (s), from now on; one that has none counts as broken."""
+        """Set the limits of the residuals, for a coupling step (s); a residual without a limit counts as broken."""
         self._window.limits = dict(limits)
         self._step_s = step_s
 
     def observe(self, residuals: Named) -> None:
-        """Take the residuals of one sample into account."""
+        """Update with the residuals of one sample."""
         self._window.observe(residuals)
 
     def error(self, text: str) -> None:
@@ -173,19 +173,19 @@ def array_message(time_s: float, status: DiagnosticStatus) -> DiagnosticArray:
 class CountingPublisher:
     """One topic a node publishes.
 
-    A message that nobody listens to is counted and not handed to the middleware, except where it is kept for who comes
-    later.  What is not kept is handed as bytes to listeners served by the same executor, and published for others only.
+    Without subscribers a message is counted and not published, unless it is latched for late subscribers.  Messages
+    that are not latched go directly as bytes to listeners of the same executor, and are published for others only.
 
     Parameters
     ----------
     node : Node
         The publishing node.
     topic : Topic
-        What is published.
+        The topic.
     listeners : int
         Subscribers that must be matched before the first message, so that none is missed.
     on_incompatible : callable, optional
-        Told when a subscriber asks for a quality of service that is not offered.
+        Called when a subscriber requests a quality of service that is not offered.
     """
 
     exclusive = False  # whether nobody else may publish on the topic
@@ -204,12 +204,12 @@ class CountingPublisher:
 
     @property
     def matched(self) -> bool:
-        """Whether all expected subscribers are there."""
+        """Whether all expected subscribers are matched."""
         return self._count() >= self.listeners
 
     @property
     def heard(self) -> bool:
-        """Whether somebody listens, or what is sent is kept for who comes later."""
+        """Whether there are subscribers, or messages are latched for late ones."""
         return self._kept or self._count() > 0
 
     def send(self, message: Any) -> None:
@@ -218,7 +218,7 @@ class CountingPublisher:
         self._pass_on(message)
 
     def send_made(self, make: Callable[[], Any]) -> None:
-        """Publish what a call returns, which is made only if somebody listens."""
+        """Publish the result of a call, which is made only if there are subscribers."""
         self.sent += 1
         if self.heard:
             self._pass_on(make())
@@ -232,20 +232,20 @@ class CountingPublisher:
             self._channel.send(HandedBytes(serialize_message(message)), self._count, self._publisher.publish)
 
     def join(self, channel: StepChannel) -> None:
-        """Send to the listeners of a channel by hand from now on."""
+        """Send directly to the listeners of a channel from now on."""
         channel.senders += 1
         self._channel = channel
 
     def leave(self) -> None:
-        """Send to nobody by hand."""
+        """Send to no listener directly."""
         self._channel.left()
         self._channel = StepChannel()
 
     def flush(self) -> None:
-        """Publish what is held back, where anything is."""
+        """Publish held messages, if any."""
 
     def withdraw(self, node: Node) -> None:
-        """Leave the topic to others."""
+        """Stop publishing on the topic."""
         node.destroy_publisher(self._publisher)
 
 
@@ -255,22 +255,22 @@ class StepPublisher(CountingPublisher):
     exclusive = True
 
     def send(self, message: HandedStep) -> None:
-        """Hand a step over, and publish its bytes where somebody elsewhere listens."""
+        """Pass a step to listeners of this executor, and publish its bytes if there are others."""
         self.sent += 1
         self._channel.send(message, self._count, self._publisher.publish)
 
 
 class DecimatedPublisher(CountingPublisher):
-    """A topic that fewer samples go out on than are offered.
+    """A topic on which only some of the offered samples are published.
 
     Parameters
     ----------
     window : StreamWindow or PeakHoldWindow
-        Decides which.
+        Selects them.
     message : callable
         Returns the message of a sample.
     exclusive : bool
-        Whether nobody else may publish on the topic.
+        Whether other publishers on the topic are excluded.
     """
 
     def __init__(
@@ -288,11 +288,11 @@ class DecimatedPublisher(CountingPublisher):
         self._window, self._message, self.exclusive = window, message, exclusive
 
     def offer(self, *step: Any) -> None:
-        """Take a step into account as the window does, and publish what goes out."""
+        """Offer a sample to the window, and publish the messages it passes."""
         self._send_all(self._window.offer(*step))
 
     def flush(self) -> None:
-        """Publish what the window holds so far."""
+        """Publish the samples that the window holds."""
         self._send_all(self._window.rest())
 
     def _send_all(self, due: Iterable[Any]) -> None:

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes served by one executor hand each other steps as objects, in the order they were sent.  Knows no ROS.
+"""Direct exchange of steps as objects between nodes of one executor, in the order they were sent.  Uses no ROS.
 
-Each listener keeps its subscription.  A step is handed to it while only nodes here publish on the topic; else it gets
-the bytes like everybody.  Bytes are published where a subscription is not served by hand.  What a listener was handed
-and is published for others comes back by its subscription too: as bytes it is known to expect, and drops.
+Each listener keeps its subscription.  A step is passed to it directly while only nodes of this executor publish on the
+topic; otherwise it gets the bytes.  Bytes are published if a subscription is not served directly.  They then arrive at
+the subscriptions of direct listeners too, which expect and drop them.
 
-Order survives each change of the way: nothing is handed while bytes sent before are expected, and bytes that arrive
-while a handed step waits are taken after it.
+The order is kept at each change between the two ways.  Nothing is passed directly while bytes sent before are expected,
+and bytes that arrive while a direct step waits are taken after it.
 
-What senders here sign is known here.  Bytes that bear a sender's number and that no sender here published are a copy
-by somebody else: their signature is not believed, and they count as unsigned.  So do those of a sender elsewhere that
-another publisher sent (`PublisherNumbers`).
+Bytes with the source number of a sender of this executor, but not published by one, are a copy by another publisher:
+they count as unsigned.  So do those of a remote sender that another publisher sent (`PublisherNumbers`).
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ SOURCES = 64  # of a topic that are remembered
 
 
 class PublisherNumbers:
-    """The publisher of each source heard on one topic: the first that signed with it.
+    """The publisher of each source number on one topic: the first that signed with it.
 
     Parameters
     ----------
     silence_s : float
-        Time after which that publisher counts as gone, and another number of the source as its successor's.
+        Silence (s) after which that publisher counts as gone, and another publisher of the source as its successor.
     clock : callable
         Steady time in seconds.
     """
@@ -44,16 +43,16 @@ class PublisherNumbers:
         self._newest: OrderedDict[float, tuple[int, float]] = OrderedDict()  # its number, and when it came
 
     def is_own(self, source: float, number: int | None, alone: Callable[[], bool]) -> bool:
-        """Return whether a message comes from the publisher of the source it bears.
+        """Return whether a message comes from the publisher of the source number in it.
 
         Parameters
         ----------
         source : float
-            What it is signed with.
+            Source number in the message.
         number : int or None
-            What the middleware numbers it with; None where it does not, and then every message is believed.
+            Sequence number of the middleware; None if it gives none, and then every message is accepted.
         alone : callable
-            Whether nobody else publishes the topic: a gap is then a loss.  Asked where the number does not go on.
+            Whether there is no other publisher: a gap is then a loss.  Called if the sequence is interrupted.
         """
         if number is None:
             return True
@@ -71,14 +70,14 @@ REMEMBERED = 1 << 15  # messages of a topic: half a minute of steps of 1 ms, lon
 
 
 class HandedStep:
-    """A sample as its node publishes it; bytes are made where somebody asks for them, and once.
+    """A sample as its node publishes it; it is encoded on first request, once.
 
     Parameters
     ----------
     sample : LinkageSample, MotorSample, ForceSample or BodySample
         The sample.
     marks : tuple of Row
-        What the node adds; its signature last.
+        Rows that the node adds; its signature last.
     encode : callable
         Returns the bytes of sample and marks.
     """
@@ -110,13 +109,13 @@ class HandedStep:
 
     @property
     def finite(self) -> bool:
-        """Whether the sum of all numbers is finite; where it is not, a decoder of bytes has to look at each."""
+        """Whether the sum of all numbers is finite; if not, the decoder must check each number."""
         more = self.sample[-1]
         return math.isfinite(sum(row_of(self.sample).tolist()) + (_numbers_of(more) if more else 0.0))
 
 
 class HandedBytes:
-    """A message of which only bytes are wanted."""
+    """A message of which only the bytes are used."""
 
     finite = True  # nobody asks it for numbers
 
@@ -128,21 +127,21 @@ Handed = HandedStep | HandedBytes
 
 
 class HeardBytes(NamedTuple):
-    """A message as the subscription received it, and which of its publisher's it is; None where nobody knows."""
+    """A message as received, and its publisher's sequence number (None: unknown)."""
 
     raw: bytes
     number: int | None
 
 
 class ReceivedStep:
-    """A step that came as bytes.
+    """A step received as bytes.
 
     Parameters
     ----------
     message : StepMessage
-        What came.
+        The message.
     source : float
-        The number of its publisher as far as it is believed, 0 without any; see `Listener.believed`.
+        Accepted source number of its publisher, 0 without any; see `Listener.believed`.
     """
 
     def __init__(self, message: StepMessage, source: float) -> None:
@@ -164,7 +163,7 @@ Step = HandedStep | ReceivedStep
 
 
 def _numbers_of(part: Iterable[Any]) -> float:
-    """Return the sum of all numbers in nested tuples; words count nothing."""
+    """Return the sum of all numbers in nested tuples; text counts as 0."""
     total = 0.0
     for entry in part:
         if isinstance(entry, (int, float)):
@@ -182,18 +181,18 @@ class Listener:
     topic : str
         Full name.
     take : callable
-        Called with a step that is handed over.
+        Called with a step passed directly.
     receive : callable
         Called with the `HeardBytes` of a step.
     patient : bool
-        Whether its steps may come some at a time, later than those of others.
+        Whether its steps may be delivered in batches, later than those of others.
     silence_s : float
-        Time after which a publisher elsewhere counts as gone.
+        Silence (s) after which a remote publisher counts as gone.
 
     Attributes
     ----------
     publishers : callable
-        Returns how many publishers its subscription is matched with, those of this process included.
+        Returns the number of matched publishers, those of this process included.
     """
 
     def __init__(
@@ -215,7 +214,7 @@ class Listener:
         self._numbers = PublisherNumbers(silence_s)
 
     def believed(self, source: float, heard: HeardBytes) -> float:
-        """Return the number that signs bytes as heard; 0 where it is that of a sender who did not send them."""
+        """Return the source number of received bytes, 0 if it belongs to a sender that did not send them."""
         if source == ANONYMOUS:
             return source
         if self._channel is not None and self._channel.signs(source):
@@ -223,7 +222,7 @@ class Listener:
         return source if self._numbers.is_own(source, heard.number, lambda: self.publishers() <= 1) else ANONYMOUS
 
     def hear(self, raw: bytes, info: Mapping[str, Any]) -> None:
-        """Take bytes that the subscription received, and what rclpy knows of them, unless the step was handed over."""
+        """Process bytes received by the subscription with rclpy's message info, unless the step came directly."""
         if self._was_handed(raw):
             return
         heard = HeardBytes(raw, info["publication_sequence_number"])
@@ -234,7 +233,7 @@ class Listener:
             self._receive(heard)
 
     def queue(self, step: Handed, senders: int) -> bool:
-        """Put a step on its way by hand, if only these senders publish and no bytes of them are expected."""
+        """Queue a step for direct delivery if only these senders publish and none of their bytes are expected."""
         if self._waiting is None or self._only_bytes or self.publishers() > senders:
             return False
         self._queued += 1
@@ -242,22 +241,22 @@ class Listener:
         return True
 
     def expect(self, raw: bytes, handed: bool) -> None:
-        """Take note of bytes that are on their way."""
+        """Register bytes that have been published and will arrive."""
         self._expected.append((raw, handed))
         self._only_bytes += not handed
 
     def taken(self) -> None:
-        """Take note that one of the queued steps is delivered."""
+        """Register the delivery of a queued step."""
         self._queued -= 1
 
     def joined(self, waiting: Waiting | None, channel: StepChannel | None) -> None:
-        """Queue steps there from now on, and know what the senders of a channel sent."""
+        """Queue steps in this list from now on, and recognise the messages of a channel's senders."""
         self._waiting, self._queued, self._channel = waiting, 0, channel
         self._expected.clear()
         self._only_bytes = 0
 
     def _was_handed(self, raw: bytes) -> bool:
-        """Return whether these bytes are expected and were handed over; those expected before them are lost."""
+        """Return whether these bytes are expected and came directly before; bytes expected earlier are lost."""
         if not any(known == raw for known, _ in self._expected):
             return False
         while True:
@@ -280,27 +279,27 @@ class StepChannel:
         self._published: OrderedDict[int, None] = OrderedDict()  # hashes of the newest bytes
 
     def left(self) -> None:
-        """Take note that a sender sends nothing here any more; what it publishes from now on is not known here."""
+        """Remove a sender; its later messages count as remote."""
         self.senders -= 1
         self._sources.clear()
 
     def signs(self, source: float) -> bool:
-        """Return whether a sender here signs with this number."""
+        """Return whether this source number belongs to a sender of this executor."""
         return source in self._sources
 
     def published(self, raw: bytes) -> bool:
-        """Return whether a sender here published these bytes."""
+        """Return whether a sender of this executor published these bytes."""
         return hash(raw) in self._published
 
     def send(self, step: Handed, subscriptions: Callable[[], int], publish: Callable[[bytes], None]) -> None:
-        """Hand a step over, and publish its bytes where a subscription is not served by hand.
+        """Pass a step directly, and publish its bytes if a subscription is not served directly.
 
         Parameters
         ----------
         step : Handed
-            What is sent.
+            The step.
         subscriptions : callable
-            Returns how many subscriptions the publisher is matched with, those of this process included.
+            Returns the number of matched subscriptions, those of this process included.
         publish : callable
             Sends bytes to all of them.
         """
@@ -324,7 +323,7 @@ class StepChannel:
 
 
 class HandOver:
-    """The channels of one executor, and the steps on their way: at once, or ``later`` to who is patient."""
+    """The channels of one executor, and the queues of steps: at once, and ``later`` for patient listeners."""
 
     def __init__(self) -> None:
         self.waiting: Waiting = deque()
@@ -333,7 +332,7 @@ class HandOver:
 
     @property
     def used(self) -> bool:
-        """Whether anybody hands over to anybody."""
+        """Whether there is any direct exchange."""
         return any(channel.senders and channel.listeners for channel in self._channels.values())
 
     def channel(self, topic: str) -> StepChannel:
@@ -341,13 +340,13 @@ class HandOver:
         return self._channels.setdefault(topic, StepChannel())
 
     def listen(self, listener: Listener) -> None:
-        """Hand steps of its topic to a listener from now on."""
+        """Pass the steps of its topic directly to a listener from now on."""
         channel = self.channel(listener.topic)
         listener.joined(self._queue(listener), channel)
         channel.listeners.append(listener)
 
     def leave(self, listener: Listener) -> None:
-        """Hand a listener nothing more, what is on its way included."""
+        """Stop direct delivery to a listener, queued steps included."""
         self.channel(listener.topic).listeners.remove(listener)
         listener.joined(None, None)
         queue = self._queue(listener)
@@ -360,7 +359,7 @@ class HandOver:
         _deliver(self.waiting)
 
     def deliver_later(self) -> None:
-        """Deliver all that waits for who is patient: what is done many times in a row is done faster."""
+        """Deliver all steps queued for patient listeners: a batch is faster than single steps."""
         later = self.later
         while later:
             _deliver(later)

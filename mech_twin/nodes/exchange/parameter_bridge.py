@@ -22,7 +22,7 @@ UNBOUNDED = 1.7e308
 
 
 def _choices(annotation: Any) -> list[str]:
-    """Return the words a key may have; none if any, or if it is no word."""
+    """Return the allowed words of a key; none if it is not restricted to words."""
     options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
     return [str(word) for option in options if typing.get_origin(option) is Literal for word in typing.get_args(option)]
 
@@ -82,18 +82,18 @@ def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
 
 
 def machine_override(node: Node) -> str | None:
-    """Return the machine a node is told to be of, as rcl resolves it for the node's name and namespace."""
+    """Return the override of a node's parameter ``machine``, as rcl resolves it for its name and namespace."""
     given = node._parameter_overrides.get(MACHINE_KEY)
     return None if given is None else str(given.value)
 
 
 def declare_machine(node: Node, machine_name: str) -> None:
-    """Declare the machine as a parameter that can be read only.
+    """Declare the machine as a read-only parameter.
 
     Raises
     ------
     ConfigurationError
-        If the node is told to be of another machine.
+        If an override names another machine.
     """
     told = machine_override(node)
     if told is not None and told != machine_name:
@@ -105,7 +105,7 @@ def declare_machine(node: Node, machine_name: str) -> None:
 
 
 def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:
-    """Declare every key on the node and return the values in force, the node's overrides laid over the defaults.
+    """Declare every key on the node and return the values in force: defaults with the node's overrides.
 
     Parameters
     ----------

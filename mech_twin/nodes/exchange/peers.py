@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who is at the other end of a topic: which publisher is followed, who has answered, who is gone, who tells time.
+"""Peers of a node: the followed publisher of a topic, answers to a step, lost peers, other publishers of the clock.
 
 One publisher of a topic is followed at a time, another only when the first is gone.  Each node signs its step messages
-with a number of its own (row ``~source``).  A message without one comes from somebody's own program; all of those are
-one source, `ANONYMOUS`. A run goes on when every peer has answered a step; a missing answer is asked for again, until
-its peer counts as gone. Two clocks on one topic make time jump for who follows it.
+with a source number (row ``~source``).  A message without one comes from a user's own program; all of those are one
+source, `ANONYMOUS`.  A run continues when every peer has answered a step.  A missing answer is requested again, until
+the peer counts as gone.  Two clocks on one topic would make time jump for its subscribers.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ SOURCE_BITS = 48  # a float64 holds it exactly
 
 
 def new_source() -> float:
-    """Return a number no other node signs with."""
+    """Return a unique source number."""
     return float(1 + secrets.randbits(SOURCE_BITS))
 
 
 class Admission(Enum):
-    """What a lock says of a message's source."""
+    """Decision of a lock on a message's source."""
 
     FOLLOWED = "followed"
     NEWLY_FOLLOWED = "newly followed"
@@ -56,7 +56,7 @@ class SourceLock:
         return self.source is not None
 
     def admit(self, source: float, vacant: bool) -> Admission:
-        """Return whether a message of this source counts; where the place is vacant, its source is followed on."""
+        """Return whether a message of this source counts; if ``vacant``, its source becomes the followed one."""
         if source == self.source:
             return Admission.FOLLOWED
         if not vacant:
@@ -66,7 +66,7 @@ class SourceLock:
 
 
 class HeardSource:
-    """The publisher that a mere listener follows: one that signs before one that does not, until it falls silent.
+    """The publisher that a passive listener follows until it falls silent; signed ones have priority.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ class HeardSource:
     def admit(self, source: float, alone: Callable[[], bool]) -> Admission:
         """Return whether a message of this source counts.
 
-        ``alone`` tells whether nobody else publishes there; it is asked where nobody is followed yet and the message
-        is not signed.
+        ``alone`` returns whether there is no other publisher; it is called for an unsigned message while no publisher
+        is followed.
         """
         now_s = self._clock()
         if source == self._lock.source:
@@ -107,7 +107,7 @@ Answer = MotorSample | ForceSample | BodySample
 
 
 class AnswerFault(NamedTuple):
-    """Why an answer is not used: a kind of `topic_statistics.KINDS`, and words for a person."""
+    """Reason why an answer is not used: a kind of `topic_statistics.KINDS`, and an explanation."""
 
     kind: str
     reason: str
@@ -152,15 +152,15 @@ class SteppingBarrier:
         return answer if isinstance(answer, BodySample) else None
 
     def missing(self) -> tuple[str, ...]:
-        """Return who has not answered."""
+        """Return the peers that have not answered."""
         return tuple(name for name in self.names if name not in self._answers)
 
     def expect_next(self) -> None:
-        """Begin a new step."""
+        """Start a new step."""
         self._previous, self._answers = self._answers, {}
 
     def take(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
-        """Keep a peer's answer to this step; anything else is not kept, and the reason is returned."""
+        """Store a peer's answer to this step; for any other message return the reason why it is not used."""
         fault = self._fault(peer, sample, step)
         if fault is None:
             self._answers[peer] = sample
@@ -184,7 +184,7 @@ ASK_AGAIN_WAITING_S = 0.1
 
 
 class PeerWait:
-    """The time since the last step, and how long the run has waited for peers in all.
+    """The time since the last step, and the total time of waiting for peers.
 
     Parameters
     ----------
@@ -212,16 +212,16 @@ class PeerWait:
         return now_s - self._step_at_s
 
     def total_s(self, now_s: float) -> float:
-        """Return how long the run has waited in all, the present wait included."""
+        """Return the total time of waiting (s), the present wait included."""
         return self._ended_s + (0.0 if self._since_s is None else now_s - self._since_s)
 
     def due(self, now_s: float) -> bool:
-        """Return whether what is missing is to be asked for again."""
+        """Return whether missing answers are to be requested again."""
         patience_s = ASK_AGAIN_WAITING_S if self.waiting else ASK_AGAIN_S
         return now_s - max(self._step_at_s, self._asked_at_s) > patience_s
 
     def ask(self, now_s: float) -> bool:
-        """Take note of a repeated question; return whether the peer counts as gone from now on."""
+        """Register a repeated request; return whether the peer counts as gone from now on."""
         self._asked_at_s = now_s
         if self.waiting or self.silence_s(now_s) <= self._timeout_s:
             return False
@@ -230,18 +230,18 @@ class PeerWait:
         return True
 
     def stepped(self, now_s: float) -> None:
-        """Take note of a step, which ends a wait."""
+        """Register a step, which ends a wait."""
         self._ended_s = self.total_s(now_s)
         self._since_s = None
         self._step_at_s = now_s
 
     def resumed(self, now_s: float) -> None:
-        """Measure anew, after this process itself was suspended."""
+        """Restart time measurement after this process was suspended."""
         self._step_at_s = now_s
 
 
 def other_clocks(node: Node) -> str:
-    """Return one line that names the other publishers of a node's clock and what to do; empty if there is none."""
+    """Return a warning that names other publishers of a node's clock and the remedy; empty if there is none."""
     topic = node.resolve_topic_name(CLOCK.name)
     others = clock_publishers(node)
     if not others or len(node.get_publishers_info_by_topic(topic)) == len(others):  # this node is none of them
@@ -264,15 +264,15 @@ UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of rmw: the endpoint is discovered before the
 class LivingPublishers:
     """The publishers of one topic, by node name and endpoint.
 
-    A killed node that was started again has two endpoints until the first is forgotten, of one name or one of them of
-    none: they count as one, until both are known for longer than that.
+    A restarted node has two endpoints until the killed one's is forgotten, both with its name or one without a name.
+    They count as one, unless both are known for longer than that.
     """
 
     def __init__(self) -> None:
         self._since_s: dict[tuple[str, bytes], float] = {}
 
     def living(self, known: Iterable[tuple[str, bytes]], now_s: float) -> int:
-        """Return how many live for certain, of the node names and endpoints that are known now."""
+        """Return the number of publishers that are certainly alive among the known node names and endpoints."""
         self._since_s = {each: self._since_s.get(each, now_s) for each in known}
         lasting = Counter(name for (name, _), since_s in self._since_s.items() if now_s - since_s > FORGOTTEN_S)
         names = {name for name, _ in self._since_s}
@@ -285,17 +285,17 @@ ANSWER_S = 0.02
 
 
 class HostClaims:
-    """Names held on this host: abstract Unix sockets, which the kernel gives to one process at a time.
+    """Names claimed on this host: abstract Unix sockets, which the kernel gives to one process at a time.
 
     Parameters
     ----------
     names : iterable of str
-        What is claimed; all or none.
+        Names to claim; all or none.
 
     Attributes
     ----------
     holder : str
-        What is held by whom, if another process holds one of them; else empty.
+        Name and holder, if another process holds one of them; else empty.
     """
 
     def __init__(self, names: Iterable[str]) -> None:
@@ -316,12 +316,12 @@ class HostClaims:
                 return
 
     def close(self) -> None:
-        """Let go of the names."""
+        """Release the names."""
         self._held.close()
 
 
 def _holder(address: bytes) -> str:
-    """Return the process that listens at an address, in words."""
+    """Return a description of the process that listens at an address."""
     with suppress(OSError), socket.socket(socket.AF_UNIX) as asked:
         asked.settimeout(ANSWER_S)
         asked.connect(address)

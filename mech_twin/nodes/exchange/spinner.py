@@ -39,24 +39,24 @@ GARBAGE_THRESHOLDS = (50_000, 20, 50)
 
 @runtime_checkable
 class Ticking(Protocol):
-    """A node that has something to do between messages.
+    """A node with tasks between messages.
 
     Attributes
     ----------
     interrupt : callable
-        To be called where a message has made something due sooner than the last ``tick`` said.
+        To be called when a message makes a task due earlier than the last ``tick`` returned.
     """
 
     interrupt: Callable[[], None]
 
     def tick(self) -> float:
-        """Do what is due; return how long nothing more will be."""
+        """Run the due tasks; return the time to the next one (s)."""
         ...
 
 
 @runtime_checkable
 class Exchanging(Protocol):
-    """A node that exchanges steps, as objects with those of the same executor."""
+    """A node that exchanges steps, as objects with nodes of the same executor."""
 
     def join(self, hand_over: HandOver) -> None:
         """Exchange objects there from now on."""
@@ -70,13 +70,13 @@ class Exchanging(Protocol):
 class Spinner:
     """A context in which nodes are served.
 
-    One executor for as long as the nodes live: what a second one would find waiting it does not hear of.  Its own
+    One executor is used as long as the nodes live: a second one is not notified of messages already waiting.  Its own
     ``spin()`` is never called: in these wheels it does not end on a signal.
 
     Attributes
     ----------
     patient : list of callable
-        Called some fifty times a second, where what is handed to patient listeners is delivered, and at the end.
+        Called some fifty times a second, when steps are delivered to patient listeners, and at the end.
     """
 
     def __init__(self, nodes: Iterable[Node] = ()) -> None:
@@ -99,7 +99,7 @@ class Spinner:
             node.join(self._steps)
 
     def remove(self, node: Node) -> None:
-        """Serve a node no longer; what it has been handed, if it is patient, it still takes."""
+        """Stop serving a node; a patient one still receives the steps queued for it."""
         self._serve_patient()
         self.nodes.remove(node)
         if isinstance(node, Exchanging):
@@ -120,11 +120,11 @@ class Spinner:
         self._serve_patient()
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Serve the nodes until a run has ended, which is asked some fifty times a second, or rclpy is shut down.
+        """Serve the nodes until a run has ended, which is checked some fifty times a second, or rclpy is shut down.
 
-        Between the questions the executor goes from message to message by itself, unless a node calls ``interrupt``:
-        one that waits for the wall clock is served message by message.  To begin such a slice costs some bytes that
-        rclpy never gives back, so a slice goes on until something is due.
+        Between two checks (a slice) the executor processes messages by itself, unless a node calls ``interrupt``.
+        A node that waits for the wall clock is served message by message.  Each slice leaks some bytes in rclpy, so a
+        slice lasts until a task is due.
         """
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         for node in ticking:
@@ -153,13 +153,13 @@ class Spinner:
             first.destroy_timer(timer)
 
     def _deliver_all(self) -> None:
-        """Deliver what is handed over, and what that leads to, until it is the turn of others."""
+        """Deliver queued steps, and those they cause, until other work is due."""
         steps = self._steps
         while steps.waiting and not self._serve_others():
             steps.deliver()
 
     def _serve_others(self) -> bool:
-        """Serve those that are patient, and the executor, if a slice is over; return whether it is."""
+        """Serve patient listeners and the executor if a slice is over; return whether it is."""
         if time.monotonic() < self._slice_end_s:
             return False
         self._serve_patient()
@@ -173,7 +173,7 @@ class Spinner:
             call()
 
     def _drain(self) -> None:
-        """Serve everything that waits in the executor by now: a task is served after it."""
+        """Serve everything now waiting in the executor, by adding a task and waiting for it."""
         end_s = time.monotonic() + LONGEST_SLICE_S
         task = self._executor.create_task(int)
         while not task.done() and time.monotonic() < end_s:
@@ -200,7 +200,7 @@ class Spinner:
 
 
 def _wait_s(ticking: Iterable[Ticking]) -> float:
-    """Return how long to wait for a message: until something is due."""
+    """Return how long to wait for a message (s): until a task is due."""
     wait_s = LONGEST_WAIT_S
     for node in ticking:
         wait_s = min(wait_s, node.tick())
@@ -211,7 +211,7 @@ LIMIT_S = 4.0  # it takes a tenth of a second, on a busy machine one
 
 
 def destroy_nodes(nodes: Sequence[Node]) -> None:
-    """Close what nodes hold open, then take them down; with the last of a process goes the middleware."""
+    """Close the resources of nodes, then destroy them; the middleware ends with the last node of a process."""
     for node in nodes:
         if isinstance(node, TwinNode):
             node.close()
@@ -222,7 +222,7 @@ def destroy_nodes(nodes: Sequence[Node]) -> None:
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Let SIGALRM end the process where this takes longer than its limit."""
+    """End the process by SIGALRM if the block takes longer than its time limit."""
     handler = signal.signal(signal.SIGALRM, signal.SIG_DFL)
     remaining_s, interval_s = signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
     try:
