@@ -107,7 +107,7 @@ Answer = MotorSample | ForceSample | BodySample
 
 
 class AnswerFault(NamedTuple):
-    """Reason why an answer is not used: a kind of `topic_statistics.KINDS`, and an explanation."""
+    """Reason why an answer is not used: a kind of `counting.KINDS`, and an explanation."""
 
     kind: str
     reason: str

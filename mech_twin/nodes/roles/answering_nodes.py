@@ -60,7 +60,7 @@ FORECAST_BURST_S = 0.5  # owed: who was refused, changes a parameter and asks ag
 
 
 class MotorNode(FollowerNode):
-    """Shell around the motor role; see `RoleNode` for the arguments."""
+    """Node of the motor role; see `RoleNode` for the arguments."""
 
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
@@ -86,7 +86,7 @@ class MotorNode(FollowerNode):
         return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
-        """Return the drive at the linkage's step; a motor that comes back asks first what it was told to do."""
+        """Return the drive at the linkage's step; a restarted motor first asks for its last command."""
         if self.target is None and question.step > 0:
             self._rejoin.send(String(data="motor"))
             return None
@@ -94,7 +94,7 @@ class MotorNode(FollowerNode):
         return driven(self.machine, question, self.target)
 
     def send(self, answer: MotorSample) -> None:
-        """Publish a motor sample, with the command it is on its way to."""
+        """Publish a motor sample, with the command it is ramping to."""
         target = Row(TARGET, self.target if isinstance(self.target, float) else self._asked_target)
         self._out.send(HandedStep(answer, (target, self.signature), motor_messages.to_bytes))
 
@@ -114,7 +114,7 @@ class MotorNode(FollowerNode):
             self.statistics.count(REJOIN_MOTOR.name, "malformed", str(error))
 
     def tell_peer(self, peer: str) -> None:
-        """Tell a linkage that came back its last sample and its configuration."""
+        """Send a restarted linkage its last sample and its configuration."""
         if peer == "linkage":
             self._description_rejoins.send(String(data=self.description))
             self._linkage_rejoins.send(JointState() if self.last_message is None else self.last_message.raw)
@@ -137,7 +137,7 @@ class MotorNode(FollowerNode):
         self._obey(POSITION_COMMAND, hold)
 
     def _obey(self, topic: Topic, take: Callable[[], None]) -> None:
-        """Take a command; count one that is refused, with the reason."""
+        """Accept a command, or count a refused one with the reason."""
         try:
             take()
         except (MessageError, StudyError) as error:
@@ -157,7 +157,7 @@ class MotorNode(FollowerNode):
             self._asked_target = fraction
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Switch the supply on, if the machine turns then; the run waits while that is computed."""
+        """Switch the supply on if a forecast shows that the machine starts; the run waits for the forecast."""
         linkage, asked = self.last_question, self._asked_target
         refused = self._forecasts.refusal()
         if refused:
@@ -187,7 +187,7 @@ def _wrench(frame: str, place: int, sample: ForceSample) -> bytes:
 
 
 class ForceNode(FollowerNode):
-    """Shell around the force role; see `RoleNode` for the arguments."""
+    """Node of the force role; see `RoleNode` for the arguments."""
 
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
@@ -233,7 +233,7 @@ def _pressing_force(frame: str, sample: BodySample) -> bytes:
 
 
 class BodyNode(FollowerNode):
-    """Shell around the body role; see `RoleNode` for the arguments."""
+    """Node of the body role; see `RoleNode` for the arguments."""
 
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
@@ -256,7 +256,7 @@ class BodyNode(FollowerNode):
         return self.machine.body
 
     def residual_limits(self) -> dict[str, float]:
-        """Return the limits of what linkage and body may differ by."""
+        """Return the limits of the differences between linkage and body."""
         return dict(self.role.residual_limits)
 
     def decoded(self, message: StepMessage) -> ForceSample:
@@ -264,7 +264,7 @@ class BodyNode(FollowerNode):
         return force_messages.from_message(message, self.machine.coupling_step_s)
 
     def answer(self, question: ForceSample, previous: BodySample | None) -> BodySample | None:
-        """Return the body at the step of these forces; a body that comes back asks first where it was."""
+        """Return the body at the step of these forces; a restarted body first asks for its last sample."""
         given = any(load.kind == RESET and load.contact == GIVEN_STATE for load in question.loads)
         self._rejoining = given or (previous is None and question.step > 0)
         if self._rejoining:

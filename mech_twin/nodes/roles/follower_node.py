@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A role node that answers a step message with a step message: motor, force analysis and body.
 
-It adopts the configuration its questions name, and answers a step asked again with the same sample.
+It adopts the configuration named in its questions, and answers a repeated step with the same sample.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class StoredDescription(NamedTuple):
 
     @property
     def mark(self) -> ConfigurationMark:
-        """What the step messages computed with it say."""
+        """The configuration row of step messages computed with it."""
         return ConfigurationMark(self.content.revision, self.content.source)
 
 
@@ -43,7 +43,7 @@ class DescriptionStore:
         self._by_source: dict[float, StoredDescription] = {}
 
     def add(self, content: Description, text: str) -> None:
-        """Keep a description, unless its source has described a later revision."""
+        """Store a description, unless its source has published a later revision."""
         known = self._by_source.pop(content.source, None)
         offered = StoredDescription(content, text)
         newest = known if known is not None and known.content.revision > content.revision else offered
@@ -52,7 +52,7 @@ class DescriptionStore:
             del self._by_source[next(iter(self._by_source))]
 
     def find(self, wanted: ConfigurationMark) -> StoredDescription | None:
-        """Return the configuration a question names, or a later one of the same source; None if it is not there yet."""
+        """Return the configuration named in a question, or a later one of the same source; None if not yet received."""
         known = self._by_source.get(wanted.source)
         return known if known is not None and known.content.revision >= wanted.revision else None
 
@@ -64,14 +64,14 @@ Answer = TypeVar("Answer")
 
 
 class Exchange(NamedTuple, Generic[Question, Answer]):
-    """A question and its answer; the question is None where the answer came from a peer when the node rejoined."""
+    """A question and its answer; the question is None if the answer came from a peer after a restart."""
 
     question: Question | None
     answer: Answer
 
 
 class ExchangeMemory(Generic[Question, Answer]):
-    """The newest few steps, with what was asked and answered."""
+    """Questions and answers of the newest few steps."""
 
     def __init__(self) -> None:
         self._exchanges: dict[int, Exchange[Question, Answer]] = {}
@@ -83,11 +83,11 @@ class ExchangeMemory(Generic[Question, Answer]):
         return self._last
 
     def get(self, step: int) -> Exchange[Question, Answer] | None:
-        """Return what was exchanged at a step, if it is remembered."""
+        """Return the exchange at a step, if it is stored."""
         return self._exchanges.get(step)
 
     def remember(self, step: int, question: Question | None, answer: Answer) -> None:
-        """Keep an exchange, and forget old ones."""
+        """Store an exchange, and drop old ones."""
         self._exchanges[step] = Exchange(question, answer)
         if self._last == step - 1:
             self._exchanges.pop(step - REMEMBERED_STEPS, None)
@@ -97,7 +97,7 @@ class ExchangeMemory(Generic[Question, Answer]):
         self._last = max(self._exchanges) if self._last is None or step < self._last else step
 
     def return_to(self, step: int) -> None:
-        """Forget what came after this step: whoever asks now goes on from there, or begins a run of its own."""
+        """Drop the exchanges after this step: the run continues from there, or a new one starts."""
         if step not in self._exchanges and step - 1 not in self._exchanges and step <= (self.last_step or 0):
             self._exchanges.clear()
         for later in [known for known in self._exchanges if known > step]:
@@ -106,7 +106,7 @@ class ExchangeMemory(Generic[Question, Answer]):
 
 
 class FollowerNode(RoleNode):
-    """Answers each step once; a step asked again (a peer came back) is answered again with the same sample.
+    """Answers each step once; a repeated question (a peer was restarted) is answered with the same sample.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class FollowerNode(RoleNode):
 
     @property
     def last_question(self) -> Any:
-        """The newest sample answered; None before the first, and where it is known by its answer only."""
+        """The newest sample answered; None before the first, and if only its answer is known."""
         last = self.exchanges.last_step
         exchange = None if last is None else self.exchanges.get(last)
         return None if exchange is None else exchange.question
@@ -161,10 +161,10 @@ class FollowerNode(RoleNode):
         raise NotImplementedError
 
     def show(self, question: Any, answer: Any) -> None:
-        """Publish what a new answer means to people and other tools, each topic at its own rate."""
+        """Publish the topics derived from a new answer, for people and other tools, each at its own rate."""
 
     def tell_peer(self, peer: str) -> None:
-        """Tell a peer that came back where it was."""
+        """Send a restarted peer its last state."""
 
     # -- questions --------------------------------------------------------------------------------------------------
 
@@ -177,7 +177,7 @@ class FollowerNode(RoleNode):
             self._retry_timer.cancel()
 
     def _listen_when_heard(self) -> None:
-        """Subscribe; a linkage that sees the subscription may count on the answers being heard."""
+        """Subscribe once the answers' subscribers are matched: the linkage relies on receiving the answers."""
         if self.matched or time.monotonic() - self._born_s > self.options.discovery_limit_s:
             self._listening = True
             self.subscribe_steps(self._questions, self.decoded, self._on_question)
@@ -190,7 +190,7 @@ class FollowerNode(RoleNode):
             self._answer(question, message)
 
     def _is_followed(self, step: int, who: float) -> bool:
-        """Return whether this publisher is the one to answer; a new one is, once the one before has fallen silent."""
+        """Return whether this publisher is followed; a new one is once the one before has fallen silent."""
         now = time.monotonic()
         if who == self._lock.source:
             self._heard_s = now
@@ -205,7 +205,7 @@ class FollowerNode(RoleNode):
 
     @property
     def _silence_limit_s(self) -> float:
-        """After how long nothing heard means that who asks is gone; one that waits asks again sooner than that."""
+        """Silence (s) after which the asking linkage counts as gone; a waiting one repeats its question sooner."""
         return self.options.peer_timeout_s + ASK_AGAIN_S
 
     def _answer_later(self, question: Any, message: Step) -> None:
@@ -255,7 +255,7 @@ class FollowerNode(RoleNode):
     # -- peers ------------------------------------------------------------------------------------------------------
 
     def check_peers(self, now_s: float) -> None:
-        """Say so when nothing has been asked for longer than a peer may be silent."""
+        """Warn when there was no question for longer than a peer may be silent."""
         silent_s = now_s - self._heard_s
         if not self._lock.locked or silent_s <= self._silence_limit_s or self.diagnostics.state.startswith("waiting"):
             return
@@ -272,7 +272,7 @@ class FollowerNode(RoleNode):
         self.tell_peer(message.data)
 
     def _on_description(self, message: String) -> None:
-        """Keep a configuration; it is adopted when a question of the linkage that is followed names it."""
+        """Store a configuration; it is adopted when a question of the followed linkage names it."""
         try:
             described = description(message.data)
         except ValueError as error:
@@ -289,7 +289,7 @@ class FollowerNode(RoleNode):
             self._answer(*self._unanswered)
 
     def _is_configured(self, wanted: ConfigurationMark) -> bool:
-        """Adopt the configuration a question was computed with; return False while its description is not there."""
+        """Adopt the configuration a question was computed with; return False while its description is missing."""
         if wanted.revision == 0 or (wanted.source == self.described_by and wanted.revision <= self.revision):
             return True
         found = self._descriptions.find(wanted)

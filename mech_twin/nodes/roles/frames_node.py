@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The frames node: where every link and pin is, for TF, and what the machine looks like, for the robot description.
+"""The frames node: poses of all links and pins for TF, and the robot description of the machine.
 
-It listens to the joint states of a run, or of a replay, and is no part of the exchange of steps.
+It subscribes to the joint states of a run, or of a replay, and takes no part in the exchange of steps.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class FramesNode(TwinNode):
         self.listen(JOINT_STATES, self._on_joints, self._on_joints, qos=NEWEST)
 
     def _on_joints(self, heard: Handed | HeardBytes) -> None:
-        """Publish the frames at the stream's rate; time that goes back is another run, or a replay that jumped."""
+        """Publish the frames at the stream's rate; time going back means another run, or a jump of a replay."""
         raw = heard.raw
         now_ns = stamp_ns(type_name(JOINT_STATES), raw)
         if now_ns is None:
@@ -118,7 +118,7 @@ class FramesNode(TwinNode):
             )
 
     def _on_description(self, message: String) -> None:
-        """Take over the dimensions of the machine that runs."""
+        """Adopt the dimensions of the running machine."""
         try:
             described = description(message.data)
         except ValueError as error:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The linkage node: time authority of a run.  It steps when its peers have answered, and waits while one is missing.
 
-A step is due at once, or when the wall clock has come as far.  Live parameters change between two steps.
+A step is due at once, or at its time by the wall clock.  Live parameters change between two steps.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ CHANGE_BURST_S = 0.2  # 50 at once
 
 
 class LiveParameters:
-    """The configuration asked for, until the next step adopts it.
+    """The requested configuration, until the next step adopts it.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class LiveParameters:
         self._pending: Parameters | None = None
 
     def validated(self, in_force: Parameters, changes: Mapping[str, Any]) -> Parameters:
-        """Return the configuration with changes (dotted keys) laid over what is in force or already asked for.
+        """Return the present or already requested configuration with changes (dotted keys).
 
         Raises
         ------
@@ -65,11 +65,11 @@ class LiveParameters:
         return validated_tree(self._entry, merged_tree(base, tree_from_flat(flat)), "parameter change")
 
     def request(self, in_force: Parameters, changes: Mapping[str, Any]) -> None:
-        """Ask for a change; see `validated`."""
+        """Request a change; see `validated`."""
         self._pending = self.validated(in_force, changes)
 
     def take(self) -> Parameters | None:
-        """Return the configuration to adopt now, if one was asked for, and ask for none any more."""
+        """Return the requested configuration, if any, and clear the request."""
         pending, self._pending = self._pending, None
         return pending
 
@@ -79,7 +79,7 @@ def _nobody_waits() -> None:
 
 
 class LinkageNode(RoleNode):
-    """Shell around the linkage role; see `TwinNode` for the arguments."""
+    """Node of the linkage role; see `TwinNode` for the arguments."""
 
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
@@ -113,7 +113,7 @@ class LinkageNode(RoleNode):
         return dict(self.machine.linkage.residual_limits)
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return step, revision, lag, and how long the run has waited for peers."""
+        """Return step, revision, lag, and the total time of waiting for peers."""
         return {
             "step": "-" if self.sample is None else str(self.sample.step),
             "revision": str(self.revision),
@@ -126,7 +126,7 @@ class LinkageNode(RoleNode):
         }
 
     def report(self) -> None:
-        """Publish the diagnostics of the window that ends now, and say whether the run is behind the wall clock."""
+        """Publish the diagnostics of the window that ends now, and report a lag behind the wall clock."""
         state, line = self._lag.lines(self._pacer)
         if state:
             self.diagnostics.warn(state)
@@ -136,7 +136,7 @@ class LinkageNode(RoleNode):
         super().report()
 
     def close(self) -> None:
-        """Let go of the claim on the shared clock."""
+        """Release the claim on the shared clock."""
         self._out.shared_clock.close()
         super().close()
 
@@ -146,7 +146,7 @@ class LinkageNode(RoleNode):
     # -- the first step ---------------------------------------------------------------------------------------------
 
     def _attend(self) -> None:
-        """Begin when everybody listens; ask again while a peer is missing."""
+        """Start when all subscribers are matched; repeat the question while a peer is missing."""
         now = time.monotonic()
         if self.sample is None:
             self._begin_if_ready(now)
@@ -179,7 +179,7 @@ class LinkageNode(RoleNode):
     # -- stepping ---------------------------------------------------------------------------------------------------
 
     def tick(self) -> float:
-        """Take the next step if it is due; return how long nothing more will be."""
+        """Take the next step if it is due; return the time to the next task (s)."""
         self._stepping.settle(self._barrier.complete, self.done)
         if self.sample is None or self.done or self._stepping.held or not self._barrier.complete:
             return RETRY_S
@@ -238,7 +238,7 @@ class LinkageNode(RoleNode):
     # -- waiting ----------------------------------------------------------------------------------------------------
 
     def _ask_again(self, sample: LinkageSample, now: float) -> None:
-        """Publish the step again for who has not answered, and say so once a peer counts as gone."""
+        """Publish the step again for peers that have not answered, and warn once a peer counts as gone."""
         missing = self._barrier.missing()
         begins = self._wait.ask(now)
         if self._wait.waiting:
@@ -252,14 +252,14 @@ class LinkageNode(RoleNode):
         self._out.send_step(sample)
 
     def resumed(self) -> None:
-        """Go on from the wall clock as it is: the time this process was suspended is not caught up."""
+        """Continue from the present wall clock: the time of a suspension is not caught up."""
         self._pacer.resume()
         self._wait.resumed(time.monotonic())
 
     # -- configuration ----------------------------------------------------------------------------------------------
 
     def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Say whether a change of live parameters validates; it takes effect at the next step."""
+        """Return whether a change of live parameters is valid; it takes effect at the next step."""
         refused = "" if self._adopting else self._changes.refusal()
         if refused:
             return SetParametersResult(successful=False, reason=refused)
@@ -304,7 +304,7 @@ class LinkageNode(RoleNode):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """Take no step until told to go on; the time that passes meanwhile is not caught up."""
+        """Pause or continue the run; the time of a pause is not caught up."""
         response.success, response.message = True, self.pause(request.data)
         return response
 
@@ -315,7 +315,7 @@ class LinkageNode(RoleNode):
         return "not begun" if self.sample is None else f"step {self.sample.step}, {self.sample.time_s:.9g} s"
 
     def pause(self, held: bool) -> str:
-        """Hold the run, or let it go on; say which."""
+        """Pause or continue the run; return a line that says which."""
         self.paused = held
         self.diagnostics.state = "paused" if held else "running"
         self._stepping.settle(answered=True, ended=not held)
@@ -323,7 +323,7 @@ class LinkageNode(RoleNode):
         return "paused" if held else "goes on"
 
     def reset(self) -> RequestOutcome:
-        """Ask for the initial state, or that of ``run.reset_state``, at the next step."""
+        """Request the initial state, or that of ``run.reset_state``, at the next step."""
         text = self.get_parameter(f"{RUN_GROUP}.reset_state").value
         try:
             self._check_state(text)
@@ -348,6 +348,6 @@ class LinkageNode(RoleNode):
             return RequestOutcome("RESULT_INCORRECT_STATE", str(error))
 
     def _check_state(self, text: str | None) -> None:
-        """Refuse what is no state of this machine."""
+        """Raise for a text that is no state of this machine."""
         if text and self.sample is not None:
             stored_state(self.machine, text, StoredState(self.sample, self._rejoin.last_body), self.sample.step)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the linkage node hears, one answer a step from each peer that is followed, and what it publishes.
+"""Topics of the linkage node: one answer a step from each followed peer, and its publishers.
 
-A linkage that starts asks its peers on ``rejoin`` and ``rejoin/*`` where the run is; see
-``docs/decisions/0008-a-restarted-node-asks-its-peers.md``.  All tools of a domain follow one clock, which one machine
-tells; each has another in its namespace.
+A linkage that starts asks its peers on ``rejoin`` and ``rejoin/*`` for the state of the run; see
+``docs/decisions/0008-a-restarted-node-asks-its-peers.md``.  All tools of a domain follow one ``/clock``, published by
+one machine; each machine has another clock in its namespace.
 """
 
 from __future__ import annotations
@@ -70,21 +70,21 @@ NOBODY_LIMIT_S = 1.0
 
 
 class RejoinRequest:
-    """The question of a starting linkage, and what was answered.
+    """The question of a starting linkage, and the answers.
 
     Parameters
     ----------
     peer_limit_s : float
-        Longest wait for the answers where a peer that can give them is there.
+        Longest wait (s) for the answers if there is a peer that can give them.
 
     Attributes
     ----------
     open : bool
         Whether answers are still waited for.
     linkage : LinkageSample, optional
-        The sample to go on from, if somebody had one.
+        The sample to continue from, if a peer had one.
     description : Description, optional
-        The configuration that was in force, if somebody had one.
+        The configuration in force, if a peer had one.
     """
 
     def __init__(self, peer_limit_s: float) -> None:
@@ -97,26 +97,26 @@ class RejoinRequest:
         self._asked_s = -math.inf
 
     def due(self, now_s: float) -> bool:
-        """Return whether to ask now, for the first time or again."""
+        """Return whether to ask now, first or again."""
         if now_s - self._asked_s <= ASK_AGAIN_S:
             return False
         self._asked_s = now_s
         return True
 
     def settled(self, now_s: float, somebody_answers: bool) -> bool:
-        """Return whether everything is answered, or nobody will answer."""
+        """Return whether everything is answered, or no answer is to be expected."""
         self._begun_s = now_s if self._begun_s is None else self._begun_s
         limit_s = self._peer_limit_s if somebody_answers else NOBODY_LIMIT_S
         return self._answered == {"linkage", "description"} or now_s - self._begun_s > limit_s
 
     def answer_linkage(self, sample: LinkageSample | None) -> None:
-        """Take the last sample a peer has; None if it has none."""
+        """Store the last sample of a peer; None if it has none."""
         if self.open:
             self.linkage = sample
             self._answered.add("linkage")
 
     def answer_description(self, description: Description | None) -> None:
-        """Take the configuration a peer has; None if it has none."""
+        """Store the configuration of a peer; None if it has none."""
         if self.open:
             self.description = description
             self._answered.add("description")
@@ -127,7 +127,7 @@ class RejoinRequest:
 
 
 class LinkageRejoin:
-    """Asks the peers where the run is, and answers a motor or a body that asks.
+    """Asks the peers for the state of the run, and answers a restarted motor or body.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class LinkageRejoin:
         node.subscribe(REJOIN_DESCRIPTION, self._on_description)
 
     def settled(self, now_s: float) -> bool:
-        """Ask where the run is; return whether that is answered, or nobody will."""
+        """Ask for the state of the run; return whether that is answered, or no answer is to be expected."""
         if self.request.due(now_s):
             self._ask.send(String(data="linkage"))
         return self.request.settled(now_s, self._node.count_publishers(REJOIN_LINKAGE.name) > 0)
@@ -195,9 +195,9 @@ class LinkageInputs:
     node : RoleNode
         The linkage's node.
     rejoin : LinkageRejoin
-        Is handed the last sample of motor and body, to tell them when they come back.
+        Gets the last samples of motor and body, to answer them after a restart.
     wait : PeerWait
-        Says whether the run waits for a peer, whose place another publisher may then take.
+        Whether the run waits for a peer, which another publisher may then replace.
     step : callable
         Step that is to be answered; None before the first.
     on_answer : callable
@@ -257,7 +257,7 @@ class LinkageInputs:
             self._rejoin.last_body = self.barrier.body
 
     def _is_followed(self, peer: str, who: float) -> bool:
-        """Return whether this publisher is the peer: the first one heard, until the run waits for it."""
+        """Return whether this publisher is the followed peer: the first one, until the run waits for it."""
         lock = self._locks[peer]
         if lock.locked:
             vacant = self._wait.waiting and peer in self.barrier.missing()
@@ -270,15 +270,15 @@ LINKAGE = "/linkage"  # how the full name of a node of the twin that tells time 
 
 
 class SharedClock:
-    """``/clock``, published where nobody else does when the run begins, and given up if somebody does later.
+    """``/clock``, published if there is no other publisher at the start, and given up if one appears later.
 
-    On one host whoever claims it first has it.  Of two hosts whose runs begin at one instant both find nobody; then the
-    one whose node has the lesser name goes on.
+    On one host the first claim counts.  Two hosts whose runs start at one instant both see no publisher; then the node
+    with the lesser name continues.
 
     Parameters
     ----------
     node : TwinNode
-        The node that tells time.
+        The node that publishes the time.
     """
 
     def __init__(self, node: TwinNode) -> None:
@@ -288,12 +288,12 @@ class SharedClock:
 
     @property
     def topics(self) -> str:
-        """The clocks on which this run tells its time."""
+        """The clocks published by this run."""
         own, shared = self._node.resolve_topic_name(OWN_CLOCK.name), self._node.resolve_topic_name(CLOCK.name)
         return own if self._output is None else f"{own}, {shared}"
 
     def begin(self) -> None:
-        """Publish from now on where nobody else does; in a namespace that was asked for there is one clock only."""
+        """Start publishing unless another publisher exists; in a requested namespace there is one clock only."""
         shared = self._node.resolve_topic_name(CLOCK.name)
         if shared == self._node.resolve_topic_name(OWN_CLOCK.name):
             return
@@ -305,7 +305,7 @@ class SharedClock:
             self._output = self._node.output(CLOCK, recorded=False)
 
     def check(self) -> None:
-        """Give the clock up where somebody else publishes it and will not."""
+        """Give the clock up if another publisher has precedence."""
         others = set() if self._output is None else clock_publishers(self._node)
         own = self._node.get_fully_qualified_name()
         if self._output is not None and any(not other.endswith(LINKAGE) or other < own for other in others):
@@ -315,17 +315,17 @@ class SharedClock:
             self._leave(others)
 
     def send(self, raw: bytes) -> None:
-        """Publish a message of the clock, where this run does."""
+        """Publish a message of the clock, if this run publishes it."""
         if self._output is not None:
             self._output.send(raw)
 
     def close(self) -> None:
-        """Let go of the claim."""
+        """Release the claim."""
         if self._claim is not None:
             self._claim.close()
 
     def _leave(self, others: set[str]) -> None:
-        """Leave the clock to others, who may not be discovered yet where they hold it on this host."""
+        """Leave the clock to other publishers, which may hold it on this host without being discovered yet."""
         holder = self._claim.holder if self._claim else ""
         named = sorted(name for name in others if not name.endswith(UNKNOWN))
         found = f"{self._node.resolve_topic_name(CLOCK.name)} is published by {', '.join(named) or 'another node'}"
@@ -370,7 +370,7 @@ class LinkageOutputs:
         self._steps.send(HandedStep(sample, self._node.marks, linkage_messages.to_bytes))
 
     def send_views(self, sample: LinkageSample, body: BodySample | None) -> None:
-        """Publish what a step means to people and other tools, each at its own rate; once a step."""
+        """Publish the topics derived from a step, for people and other tools, each at its own rate."""
         for event in sample.events:
             self._impacts.send(impact.to_bytes(event))
         self._send_blows(sample.events)

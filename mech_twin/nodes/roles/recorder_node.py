@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recorder node: every topic of a machine, raw, to an MCAP recording.
 
-The time of a recording is that of the newest step of the run that is followed; what is missing, repeated or late on a
-topic is counted.
+The time of a recording is that of the newest step of the followed run; missing, repeated and late messages are counted
+for each topic.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ SAME_RUN_NS = 10 * NS_PER_S
 
 
 class RecordingClock:
-    """Log time of what is recorded."""
+    """Log time of the recording."""
 
     def __init__(self) -> None:
         self._now_ns: int | None = None
@@ -68,14 +68,14 @@ class RecordingClock:
         return 0 if self._now_ns is None else self._now_ns
 
     def lead(self, stamp_ns: int) -> bool:
-        """Go to the time of the linkage's step; return whether it is a time a run can have."""
+        """Set the time to that of the linkage's step (ns); return whether it is plausible."""
         plausible = 0 <= stamp_ns < LARGEST_NS
         if plausible:
             self._now_ns = stamp_ns
         return plausible
 
     def belongs(self, stamp_ns: int) -> bool:
-        """Return whether a stamp is near the time of the run; before the first step any plausible one is."""
+        """Return whether a stamp (ns) is near the time of the run; before the first step any plausible one is."""
         if self._now_ns is None:
             return 0 <= stamp_ns < LARGEST_NS
         return stamp_ns >= 0 and abs(stamp_ns - self._now_ns) <= SAME_RUN_NS
@@ -89,7 +89,7 @@ MIB = 1024.0 * 1024.0
 
 
 class StepInput:
-    """One topic of step messages: who is followed, which step was the last."""
+    """One topic of step messages: the followed publisher and the last step."""
 
     def __init__(self, silence_s: float) -> None:
         self.source = HeardSource(silence_s)
@@ -106,10 +106,10 @@ OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded where 
 
 
 class RecorderNode(TwinNode):
-    """Writes what it hears; the log time of a message is the simulated time at which it came.
+    """Records the messages received; the log time of a message is the simulated time of its arrival.
 
-    Time and gaps are those of the publishers that are followed, one per topic of step messages, and the linkage's lead.
-    The topics of the pins are found on the graph, so that nothing of the machine need be built.
+    Time and gaps are those of the followed publishers, one per topic of step messages; the linkage sets the time.
+    The topics of the pins are found on the ROS graph, so that the machine need not be built.
 
     Parameters
     ----------
@@ -162,9 +162,9 @@ class RecorderNode(TwinNode):
         return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
 
     def quiet_s(self) -> float:
-        """Return for how long nothing has come to be recorded; 0 while a topic lags, whose loss is being repaired.
+        """Return the time (s) since the last recorded message; 0 while a topic lags, whose loss is being repaired.
 
-        A topic whose publisher has not been heard lags too: a recorder may be matched before it hears.
+        A topic counts as lagging until its first message: a recorder may be matched before it receives.
         """
         if time.monotonic() < self._repaired_s:
             return 0.0
@@ -174,9 +174,9 @@ class RecorderNode(TwinNode):
         return 0.0 if lags else time.monotonic() - self._last_heard_s
 
     def flush(self) -> None:
-        """Publish what is held back, and listen anew: what waits was sent before the end.
+        """Publish held messages, and restart the measurement of silence to receive those sent before the end.
 
-        What came while this process was suspended found no room perhaps, and is sent again.
+        After a suspension of this process, time is allowed for messages that found no room and are sent again.
         """
         super().flush()
         now = self._last_heard_s = time.monotonic()
@@ -184,7 +184,7 @@ class RecorderNode(TwinNode):
             self._repaired_s = now + REPAIR_S
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return the state of the writer, with which step it begins, and what it dropped."""
+        """Return the state of the writer, its first step, and the dropped messages."""
         counters = self.writer.counters.values()
         first = self._steps[STEP_LINKAGE.name].sequence.first
         return {
@@ -197,9 +197,10 @@ class RecorderNode(TwinNode):
         }
 
     def report(self) -> None:
-        """Publish the diagnostics of the window that ends now, and name the step topics that several publish.
+        """Publish the diagnostics of the window that ends now, and name step topics with several publishers.
 
-        Who copies the source of the one that is followed is recorded apart, where the middleware numbers messages.
+        Messages that copy the source number of the followed publisher are recorded separately, if the middleware
+        numbers messages.
         """
         for topic, of_topic in self._steps.items():
             if of_topic.living > 1:
@@ -235,7 +236,7 @@ class RecorderNode(TwinNode):
             self.listen(heard, received, received, patient=True, qos=EVERY)
 
     def _record_found(self) -> None:
-        """Record the pins' topics that have appeared, and those of a node of frames."""
+        """Record new topics of pins, and those of a frames node."""
         kind = type_name(pin_wrench("any"))
         for name, types in self.get_topic_names_and_types():
             if name.startswith(self._wrench_prefix) and name not in self._recorded and kind in types:
@@ -278,7 +279,7 @@ class RecorderNode(TwinNode):
             self._record_copy(topic, f"{name}/{COPIED}", raw)
 
     def _record_copy(self, topic: Topic, name: str, raw: bytes) -> None:
-        """Keep apart what somebody else sent with the number of a node, so that nobody takes it for the node's."""
+        """Record a message with a copied source number on a separate topic, so that it is not taken for the node's."""
         self.statistics.count(topic.name, "unknown_source", "another publisher copied the number of a node")
         self.writer.add_topic(name, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
         self._write(name, raw, self._time.now_ns)
@@ -295,11 +296,11 @@ class RecorderNode(TwinNode):
             self._check_sequence(topic, name, of_topic.sequence, step)
 
     def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
-        """Return whether the run is this publisher's."""
+        """Return whether this publisher is the followed one."""
         return of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1) is not Admission.REFUSED
 
     def _time_of(self, topic: Topic, stamp: int) -> int:
-        """Return the log time of a step that is followed: its stamp, where it is a time of this run."""
+        """Return the log time (ns) of a step of the followed run: its stamp, if that is a time of this run."""
         if self._time.lead(stamp) if topic == STEP_LINKAGE else self._time.belongs(stamp):
             return stamp
         self._count_stamp(topic, stamp)
@@ -336,7 +337,7 @@ class RecorderNode(TwinNode):
         return response
 
     def _snapshot(self) -> str:
-        """Write the last seconds; return what was written."""
+        """Write the messages of the last seconds; return a line on the result."""
         assert self._recent is not None
         messages = self._recent.released()
         if not messages:
@@ -348,7 +349,7 @@ class RecorderNode(TwinNode):
         return f"{len(messages)} messages of the last {span:.3g} s written to {self.writer.directory}"
 
     def _heed_alarms(self, raw: bytes) -> None:
-        """Write the last seconds where a status of this machine becomes an error."""
+        """Write the messages of the last seconds when a status of this machine becomes an error."""
         try:
             statuses = decoded(raw, DiagnosticArray).status
         except DecodeError:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the four role nodes share: the machine, and the configuration the linkage publishes.
+"""Base of the four role nodes: the machine, and the configuration that the linkage publishes.
 
-A role of somebody's own may take the place of ours inside the process: a class, named ``module:Class`` or by entry
-point.  What it returns is written as a step message and read again: it meets the checks of a message from another
-node.  What they refuse, or an error of the class itself, ends the run in one line.
+A user's class may replace a role inside the process; it is named ``module:Class`` or by entry point.  Its results are
+encoded as step messages and decoded again, so they pass the checks of messages from another node.  A refused result,
+or an error of the class itself, ends the run with one line.
 """
 
 from __future__ import annotations
@@ -55,22 +55,22 @@ PLACES: Mapping[str, RolePlace] = {
 
 
 class UsersRoleError(ConfigurationError):
-    """A class that cannot take the place of a role."""
+    """A class that cannot replace a role."""
 
 
 class UsersRole:
-    """An object in the place of a role; what it does not say, the role that was there says.
+    """A user's object in place of a role; attributes it lacks are those of the original role.
 
     Parameters
     ----------
     name : str
-        How it was named.
+        Name of the class as given.
     place : Place
-        What it takes the place of.
+        The role it replaces.
     made : object
-        Of the user's class.
+        Instance of the user's class.
     own : object
-        The role that was there.
+        The original role.
     step_s : float
         Coupling step.
     """
@@ -110,7 +110,7 @@ class UsersRole:
 
 
 def with_users_roles(machine: Machine, options: RunOptions) -> Machine:
-    """Return a machine with the classes that the options name in the place of its roles.
+    """Return a machine with its roles replaced by the classes named in the options.
 
     Raises
     ------
@@ -159,11 +159,11 @@ RETRY_S = 0.02
 
 
 def _unobserved(sample: Sample) -> None:
-    """Take a sample nobody observes."""
+    """Discard a sample: there is no observer."""
 
 
 class RoleNode(TwinNode):
-    """A node that is a shell around one role of a machine; see `TwinNode` for the arguments."""
+    """Base of a node with one role of a machine; see `TwinNode` for the arguments."""
 
     def __init__(
         self, role: str, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
@@ -189,14 +189,14 @@ class RoleNode(TwinNode):
 
     @property
     def marks(self) -> tuple[Row, ...]:
-        """Rows this node adds to its step messages: the configuration they were computed with, and who it is."""
+        """Rows this node adds to its step messages: configuration of the computation, and source number."""
         if self._marked != (self.revision, self.described_by):
             self._marked = self.revision, self.described_by
             self._marks = Row(REVISION, *self._marked), self.signature
         return self._marks
 
     def peak_hold_output(self, topic: Topic, message: Callable[[Any], Any]) -> DecimatedPublisher:
-        """Return a new publisher of the greatest message of each window of steps; offer it magnitude and item."""
+        """Return a new publisher of the message of largest magnitude in each window; offer it magnitude and item."""
         return self.decimated_output(topic, PeakHoldWindow(self.stream_window), message)
 
     def joint_state_output(self, topic: Topic, message: Callable[[Any], bytes]) -> DecimatedPublisher:
@@ -204,7 +204,7 @@ class RoleNode(TwinNode):
         return self.decimated_output(topic, StreamWindow(self.stream_window), message, exclusive=True)
 
     def built(self, parameters: Parameters) -> Machine:
-        """Return the machine of these parameters, with a user's classes in the place of its roles."""
+        """Return the machine of these parameters, with roles replaced by the user's classes."""
         return with_users_roles(catalogue_entry(self.machine_name).build(parameters), self.options)
 
     def use(self, parameters: Parameters) -> None:
@@ -226,7 +226,7 @@ class RoleNode(TwinNode):
             self._adopting = False
 
     def judge_parameters(self, changes: list[Parameter]) -> SetParametersResult:
-        """Refuse a change made here: the linkage passes parameters on, so that all roles change at one step."""
+        """Refuse a change at this node: the linkage distributes parameters, so that all roles change at one step."""
         own = [change.name for change in changes if not is_of_ros(change.name)]
         if self._adopting or not own:
             return SetParametersResult(successful=True)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""When the next step is due, and who else asks for one: the wall clock, and services with the types of std_srvs.
+"""Timing of the steps by the wall clock, and services to pause, step and reset a run, with the types of std_srvs.
 
-Where the package simulation_interfaces is installed, the services are offered under its names and types too.
+If the package simulation_interfaces is installed, the services are offered under its names and types too.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ NOTICEABLE_S = 0.05
 class StepPacer:
     """Schedule of the steps.
 
-    On a machine that is too slow the run falls behind the wall clock.  It takes its steps without waiting until it has
-    caught up; a lag of more than 10 s is given up, and the schedule begins anew from the wall clock as it is.  So it
-    does within the first second, in which kernels and libraries are loaded that only a run under way asks for.
+    On a slow computer the run falls behind the wall clock, and steps without waiting until it has caught up.  A lag
+    of more than 10 s is given up, and the schedule restarts from the present wall clock.  The same holds within the
+    first second, in which kernels and libraries are loaded on first use.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class StepPacer:
         return max(0.0, self._zero_s + step * self._step_s - now)
 
     def passed(self, step: int) -> None:
-        """Take note that a step is taken now, and how late."""
+        """Register a step taken now, and its delay."""
         if not self.realtime or self._zero_s is None or self._begun_s is None:
             return
         now = self._clock()
@@ -77,13 +77,13 @@ class StepPacer:
             self.resume()
 
     def resume(self) -> None:
-        """Start anew from the wall clock as it is, after a wait."""
+        """Restart from the present wall clock after a wait."""
         self._zero_s = None
         self.lag_s = 0.0
 
 
 class LagNotice:
-    """What is said of a run that falls behind: at once, every ten seconds, and when that is over."""
+    """Log lines on a run that falls behind: at once, every ten seconds, and when it has caught up."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -91,7 +91,7 @@ class LagNotice:
         self._given_up_s = 0.0
 
     def lines(self, pacer: StepPacer) -> tuple[str, str]:
-        """Return what is so now, and what is to be said in the log; empty where nothing is."""
+        """Return the present state, and the line for the log; each empty if there is none."""
         now = self._clock()
         if pacer.given_up_s > self._given_up_s:
             given_up, self._given_up_s = pacer.given_up_s - self._given_up_s, pacer.given_up_s
@@ -109,14 +109,14 @@ class LagNotice:
 
 
 class Ration:
-    """A share of the time of the wall clock, with a burst: what is taken is paid back at that share.
+    """Rate limit for requests (token bucket): a share of wall time, with a burst.
 
     Parameters
     ----------
     share : float
-        Part of the time that requests may take.
+        Share of the time that requests may take.
     burst_s : float
-        Work that may be owed and one more request still be taken (s).
+        Time in debt (s) up to which a further request is still accepted.
     """
 
     def __init__(self, share: float, burst_s: float = 0.0) -> None:
@@ -125,14 +125,14 @@ class Ration:
         self._even_s = 0.0  # when what was taken is paid back
 
     def refusal(self) -> str:
-        """Return why one more request is refused; empty if it is not."""
+        """Return why a further request is refused; empty if it is accepted."""
         wait_s = self._even_s - time.monotonic() - self._ahead_s
         told_s = math.ceil(10.0 * wait_s) / 10.0  # who asks again then is not refused
         return f"asked too often: ask again in {told_s:.1f} s" if wait_s > 0.0 else ""
 
     @contextmanager
     def taking(self, least_s: float = 0.0) -> Iterator[None]:
-        """Count the time within as taken, or more where what it sets off elsewhere takes more."""
+        """Charge the duration of the block, at least ``least_s`` for the work it causes elsewhere."""
         begun = time.monotonic()
         try:
             yield
@@ -156,19 +156,19 @@ STATE_FEATURE = "state: get_state returns one, parameter run.reset_state with se
 
 
 class RequestOutcome(NamedTuple):
-    """What became of a request: the name of a result of simulation_interfaces, and a line."""
+    """Result of a request: the name of a result of simulation_interfaces, and a line."""
 
     result: str
     line: str
 
     @property
     def done(self) -> bool:
-        """Whether it was done."""
+        """Whether it succeeded."""
         return self.result == "RESULT_OK"
 
 
 class Stepped(Protocol):
-    """The linkage, as far as it is stepped from outside."""
+    """Interface of the linkage for stepping from outside."""
 
     paused: bool
 
@@ -177,11 +177,11 @@ class Stepped(Protocol):
         ...
 
     def pause(self, held: bool) -> str:
-        """Hold the run, or let it go on."""
+        """Pause or continue the run."""
         ...
 
     def reset(self) -> RequestOutcome:
-        """Ask for the initial state, or that of ``run.reset_state``, at the next step."""
+        """Request the initial state, or that of ``run.reset_state``, at the next step."""
         ...
 
     def stored(self) -> RequestOutcome:
@@ -190,16 +190,16 @@ class Stepped(Protocol):
 
 
 class SteppingServices:
-    """What the services of a run that is stepped from outside do; the linkage creates those of std_srvs.
+    """Services of a run that is stepped from outside; the linkage creates those of std_srvs.
 
     Parameters
     ----------
     node : Node
         The linkage's node.
     run : Stepped
-        The same, as what is stepped.
+        The same, as the interface for stepping.
     wake : callable
-        Called once steps are asked for.
+        Called when steps are requested.
     """
 
     def __init__(self, node: Node, run: Stepped, wake: Callable[[], object]) -> None:
@@ -211,22 +211,22 @@ class SteppingServices:
 
     @property
     def held(self) -> bool:
-        """Whether no step may be taken."""
+        """Whether the run is paused."""
         return self._run.paused and self._left == 0
 
     def stepped(self) -> None:
-        """Take note of a step."""
+        """Register a step."""
         self._left = max(0, self._left - 1)
 
     def settle(self, answered: bool, ended: bool = False) -> None:
-        """Answer who asked for steps, once the last of them is taken and its peers have answered it."""
+        """Answer a request for steps, once the last of them is taken and its peers have answered."""
         if self._taken is None or not (ended or (self._left == 0 and answered)):
             return
         done, self._left, taken, self._taken = self._left == 0, 0, self._taken, None
         taken(RequestOutcome("RESULT_OK" if done else "RESULT_OPERATION_FAILED", self._run.step_text()))
 
     def _take(self, steps: int, answered: Callable[[RequestOutcome], Any]) -> Any:
-        """Ask for steps; return the answer, or the future of one."""
+        """Request steps; return the answer, or a future of it."""
         if not self._run.paused:
             line = "the run is not paused: call pause with data: true first"
             return answered(RequestOutcome("RESULT_INCORRECT_STATE", line))
@@ -244,11 +244,11 @@ class SteppingServices:
         return self._take(self._node.get_parameter("run.step_count").value, partial(_told, response))
 
     def on_get_state(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Tell the state."""
+        """Return the state."""
         return _told(response, self._run.stored())
 
     def on_get_features(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Tell what there is of simulation_interfaces."""
+        """Return the supported features of simulation_interfaces."""
         lines = [*FEATURES, *([STATE_FEATURE] if self._run.stored().result != "RESULT_FEATURE_UNSUPPORTED" else [])]
         return _told(response, RequestOutcome("RESULT_OK", "\n".join(lines)))
 
@@ -304,7 +304,7 @@ class SteppingServices:
 
 
 def answer_later(service: Any) -> None:
-    """Let a service return a future of its answer: this executor sends what a callback returns, and awaits nothing."""
+    """Let a service callback return a future: the executor itself sends the result at once and awaits nothing."""
     send = service.send_response
 
     def send_when_done(response: Any, header: Any) -> None:

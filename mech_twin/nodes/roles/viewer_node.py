@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The viewer node: what the topics say, shown on the bench or kept for rerun; metrics about once a second.
+"""The viewer node: shows a run's topics on the bench or writes them for rerun; metrics about once a second.
 
-Its base, the observer, hears every step message, puts the frames together again, and gathers metrics and events.
+Its base, the observer, receives every step message, assembles the frames, and collects metrics and events.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ DECODERS: dict[str, Callable[..., Sample]] = {
 
 
 class ObserverNode(TwinNode):
-    """Observes a run from its topics, each from the one publisher that is followed; see `TwinNode` for the arguments.
+    """Observes a run from its topics, each from the followed publisher; see `TwinNode` for the arguments.
 
-    A linkage that takes the place of one that is gone, and counts its steps anew, is another run.
+    A linkage that replaces a lost one and restarts its step count is another run.
 
     Parameters
     ----------
     on_topics : bool
-        Whether to listen; if not, whoever has the frames calls `show`.
+        Whether to subscribe; if not, the owner of the frames calls `show`.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ObserverNode(TwinNode):
             )
 
     def show(self, frame: Frame) -> None:
-        """Take one whole frame into account."""
+        """Process one whole frame."""
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
         self.run_metrics.observe(frame)
@@ -112,7 +112,7 @@ class ObserverNode(TwinNode):
             self.show(frame)
 
     def _follow(self, linkage: Sample, admission: Admission) -> None:
-        """Take note of where the run is; one that goes on from further back than can be waited for is another."""
+        """Register the step of the run; a run that continues from too far back is another one."""
         if admission is Admission.NEWLY_FOLLOWED and linkage.step < self.newest_step - OPEN_STEPS:
             self._begin_anew()
         self.newest_step, self.newest_s = linkage.step, linkage.time_s
@@ -172,7 +172,7 @@ class ViewerNode(ObserverNode):
             self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)
 
     def close(self) -> None:
-        """Show the last metrics and let the scene go."""
+        """Show the last metrics and close the scene."""
         self.scene.metrics(self.run_metrics.running_numbers())
         self.scene.close()
 
