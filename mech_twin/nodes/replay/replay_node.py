@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The replay node: a recording published on its topics again, steered while it runs.
+"""The replay node: publishes a recording on its topics again, and can be paused and moved while it runs.
 
-Its publishers count, and give listeners the time to take what they must not miss.
+Its publishers count messages, and wait for listeners that must not miss any.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ class ReplayPublisher:
         self._publisher = self._made()
 
     def matched(self, listeners: int) -> bool:
-        """Whether everybody known to listen is connected, and at least so many."""
+        """Whether all known subscribers are matched, and at least ``listeners`` of them."""
         known = self._node.count_subscribers(self.topic.name)
         return bool(self._publisher.get_subscription_count() >= max(listeners, known))
 
     def send(self, raw: bytes) -> None:
-        """Publish; at half the history's depth wait for listeners, whose messages would be overwritten."""
+        """Publish; at half the history's depth wait for listeners, as unread messages would be overwritten."""
         try:
             self._publisher.publish(raw)
         except RuntimeError as error:  # what rmw raises, such as on a full keep-all history
@@ -76,11 +76,11 @@ class ReplayPublisher:
                 self._impatient_until_s = time.monotonic() + IMPATIENCE_S
 
     def arrived(self, limit_s: float) -> bool:
-        """Wait within a limit for what was published to arrive; return whether it has."""
+        """Wait for the published messages to arrive, at most ``limit_s``; return whether they have."""
         return bool(self._publisher.wait_for_all_acked(Duration(seconds=max(0.0, limit_s))))
 
     def forget(self) -> None:
-        """Drop what is held for late listeners."""
+        """Drop the messages latched for late subscribers."""
         self._node.destroy_publisher(self._publisher)
         self._publisher = self._made()
 
@@ -142,7 +142,7 @@ class ReplayNode(Node):
 
     @property
     def position_ns(self) -> int:
-        """Log time that has been reached: never beyond a message that is still to come."""
+        """Log time reached (ns), never beyond a message still to be published."""
         if not self._begun:
             return self._begin_ns
         due = min(self._place.position_ns(time.monotonic()), self._source.last_ns)
@@ -155,7 +155,7 @@ class ReplayNode(Node):
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still."""
+        """Whether it is paused."""
         return self._place.paused
 
     @property
@@ -166,7 +166,7 @@ class ReplayNode(Node):
     # -- going on ---------------------------------------------------------------------------------------------------
 
     def turn(self) -> float:
-        """Publish what is due, a limited number of messages; return how long nothing more is."""
+        """Publish due messages, a limited number; return the time to the next one (s)."""
         if not self._begun:
             if not self._listeners_are_there():
                 return 0.02
@@ -188,7 +188,7 @@ class ReplayNode(Node):
         return 0.0
 
     def finish(self, limit_s: float) -> None:
-        """Wait, within a limit, until what was published has arrived."""
+        """Wait until the published messages have arrived, at most ``limit_s``."""
         end = time.monotonic() + limit_s
         for output in self.outputs.values():
             output.arrived(end - time.monotonic())
@@ -223,7 +223,7 @@ class ReplayNode(Node):
     # -- jumps ------------------------------------------------------------------------------------------------------
 
     def _jump(self, to_ns: int, why: str) -> None:
-        """Go to a log time, saying so before anything is published there."""
+        """Jump to a log time (ns), announcing it before anything is published there."""
         if not self._begun:
             self._begin_ns = to_ns
             return
@@ -254,7 +254,7 @@ class ReplayNode(Node):
             self._clock_out.publish(Clock(clock=message.header.stamp))
 
     def _announce_if_back(self, message: BagMessage) -> None:
-        """Announce a recorded clock that goes back by itself."""
+        """Announce a recorded clock that runs backwards by itself."""
         stamp = stamp_ns(message.type_name, message.raw)
         if stamp is None:
             return
@@ -266,17 +266,17 @@ class ReplayNode(Node):
     # -- steering ---------------------------------------------------------------------------------------------------
 
     def pause(self) -> str:
-        """Stand still."""
+        """Pause."""
         self._place.pause(time.monotonic())
         return f"paused at {self.position_s:.6f} s"
 
     def resume(self) -> str:
-        """Go on."""
+        """Continue."""
         self._place.resume(time.monotonic())
         return f"going on at {self.position_s:.6f} s"
 
     def go_to_next_impact(self) -> tuple[bool, str]:
-        """Go to the next impact; return whether there is one, and a line that says so."""
+        """Jump to the next impact; return whether there is one, and a line on it."""
         found = self._source.next_impact_ns(self.position_ns)
         if found is None:
             return False, f"no impact after {self.position_s:.6f} s"
@@ -330,7 +330,7 @@ class ReplayNode(Node):
         self._send(text, DiagnosticStatus.WARN if back else DiagnosticStatus.OK)
 
     def report(self) -> None:
-        """Publish where it is and what was left out."""
+        """Publish the position and the omitted messages."""
         state = "paused" if self.paused else "replaying" if self._begun else "waiting for listeners"
         lost = self._source.malformed.total() + sum(output.refused for output in self.outputs.values())
         self._send(state, DiagnosticStatus.WARN if lost or self._source.unknown else DiagnosticStatus.OK)

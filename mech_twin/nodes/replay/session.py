@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A replay from beginning to end: the node spun, keys obeyed, progress told."""
+"""A replay from start to end: serves the node, executes keys, reports progress."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KEYS = "space: pause or go on, n: next impact, +/-: faster or slower, q: quit"
 
 
 class ReplayOutcome(NamedTuple):
-    """What a replay came to: messages by topic."""
+    """Result of a replay: messages by topic."""
 
     published: dict[str, int]
     malformed: dict[str, int]
@@ -50,11 +50,11 @@ def replayed(
     Parameters
     ----------
     source, options
-        What is replayed, and how.
+        The recording, and the options.
     progress : callable
-        Called with the node again and again.
+        Called with the node repeatedly.
     namespace : str, optional
-        Where the topics are published instead of their recorded namespace.
+        Namespace of the topics instead of the recorded one.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _spin(node: ReplayNode, stop: StopSignal, keys: TerminalKeys, progress: Call
 
 
 def obey(node: ReplayNode, key: str) -> None:
-    """Do what a key asks for; other keys do nothing."""
+    """Execute the command of a key; other keys do nothing."""
     if key == " ":
         node.get_logger().info(node.resume() if node.paused else node.pause())
     elif key == "n":

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is replayed of a bag: the messages that are sound, from any position, in memory that does not grow.
+"""Source of a replay: the valid messages of a bag, from any position, in constant memory.
 
-The position follows the wall clock: rate, pause, jumps.  Nothing here reads that clock itself.
+The position follows the wall clock, with rate, pause and jumps.  Nothing here reads that clock itself.
 """
 
 from __future__ import annotations
@@ -48,32 +48,32 @@ class ReplayClock:
         return self._anchor_ns + round((now_s - self._anchor_s) * self.rate * 1e9)
 
     def wait_s(self, log_time_ns: int, now_s: float) -> float:
-        """Return how long to wait until a log time is due; at most 0 if it is, without end while paused."""
+        """Return the time (s) until a log time is due; at most 0 if it is, infinite while paused."""
         if self.paused:
             return float("inf")
         return (log_time_ns - self._anchor_ns) * 1e-9 / self.rate + self._anchor_s - now_s
 
     def jump(self, position_ns: int, now_s: float) -> None:
-        """Go on from another position."""
+        """Continue from another position."""
         self._anchor_ns, self._anchor_s = position_ns, now_s
 
     def change_rate(self, rate: float, now_s: float) -> None:
-        """Go on at another rate from where the position is."""
+        """Continue at another rate from the present position."""
         self.jump(self.position_ns(now_s), now_s)
         self.rate = rate
 
     def pause(self, now_s: float) -> None:
-        """Stand still."""
+        """Pause."""
         self.jump(self.position_ns(now_s), now_s)
         self.paused = True
 
     def resume(self, now_s: float) -> None:
-        """Go on from where it stands."""
+        """Continue from the present position."""
         self.jump(self.position_ns(now_s), now_s)
         self.paused = False
 
     def give_way(self, log_time_ns: int, now_s: float) -> bool:
-        """Return whether a message is so late that the position was put back to it: slower, rather than a flood."""
+        """Set the position back to a message that is too late, to avoid a flood; return whether it is too late."""
         late = -self.wait_s(log_time_ns, now_s) > LARGEST_LAG_S
         if late:
             self.jump(log_time_ns, now_s)
@@ -84,7 +84,7 @@ LARGEST_LATCH = 100
 
 
 class SelectionError(BagError):
-    """What was asked for is not in the bag."""
+    """The requested topic or time is not in the bag."""
 
 
 class PlayedTopic(NamedTuple):
@@ -96,7 +96,7 @@ class PlayedTopic(NamedTuple):
 
     @property
     def latched(self) -> bool:
-        """Whether who comes late gets its last messages."""
+        """Whether late subscribers get its last messages."""
         return is_latched(self.qos)
 
 
@@ -159,14 +159,14 @@ class ReplaySource:
         return self._zero_ns + round(seconds * 1e9)
 
     def messages(self, from_ns: int) -> Iterator[BagMessage]:
-        """Yield the sound messages from a log time on; the latched ones of that very time are `latched_at` it."""
+        """Yield the valid messages from a log time on; latched ones of exactly that time are in `latched_at`."""
         for message in self._read(list(self.topics), from_ns, self.last_ns):
             played = self.topics[message.topic]
             if not (played.latched and message.log_time_ns <= from_ns) and self._sound(message):
                 yield message
 
     def latched_at(self, log_time_ns: int) -> dict[str, list[BagMessage]]:
-        """Return for each latched topic what a late listener would have got at a log time; none is an empty list."""
+        """Return for each latched topic the messages of a late subscriber at a log time; possibly an empty list."""
         latched = {name: played for name, played in self.topics.items() if played.latched}
         held: dict[str, deque[BagMessage]] = {
             name: deque(maxlen=min(played.qos.depth or 1, LARGEST_LATCH)) for name, played in latched.items()
@@ -190,7 +190,7 @@ class ReplaySource:
         return None
 
     def without_clock(self) -> None:
-        """Leave the recorded clock out: whoever replays tells the time."""
+        """Leave out the recorded clock: the replay publishes its own."""
         self.topics.pop(CLOCK.name, None)
 
     def _read(self, names: list[str], from_ns: int, to_ns: int) -> Iterator[BagMessage]:

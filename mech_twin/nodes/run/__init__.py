@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run from its start to its end: in one process or several, named, attended at a terminal, told what to do."""
+"""A run from start to end: in one process or several, its names, its terminal, commands to its nodes."""

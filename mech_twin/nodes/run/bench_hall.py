@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bench without a run of its own offers: the recordings of a folder, machines and pages to run.
+"""The bench without a run of its own: it offers the recordings of a folder, and machines and pages to run.
 
-It begins one command at a time, which shows itself on the bench: ``view``, ``compare``, ``run``.
+It starts one command at a time, which is shown on the bench: ``view``, ``compare``, ``run``.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ NOT_FOR_IT = "it holds no samples of a machine"
 
 
 class Hall:
-    """The recordings of a folder, and the command that is shown.
+    """The recordings of a folder, and the command being shown.
 
     Parameters
     ----------
     folder : Path
-        Where recordings are, and are made.
+        Folder of the recordings, new ones too.
     machines : sequence of str
-        What may be run.
+        Machines that may be run.
     place : str
-        Where a command finds the bench.
+        Address of the bench, for commands.
     clear : callable
-        Lets the bench forget what it showed.
+        Clears the bench.
     tell : callable
-        Tells the pages something.
+        Sends a message to the pages.
     offer : callable
         Lets the pages fetch a file once; returns its address.
     """
@@ -65,17 +65,17 @@ class Hall:
         self._watch: asyncio.Task[None] | None = None
 
     async def look(self) -> None:
-        """Tell the recordings, newest first, and what may be run."""
+        """Send the pages the recordings, newest first, and the machines that may be run."""
         recordings = await asyncio.to_thread(self._recordings)
         self._tell("hall", {"folder": self._folder.name, "recordings": recordings, "machines": self._machines})
 
     async def obey(self, message: Mapping[str, Any]) -> str:
-        """Carry an order out; return what is said of it.
+        """Execute an order; return a line on its result.
 
         Raises
         ------
         OrderError
-            It names nothing that is there, or it failed.
+            If it names nothing that exists, or it failed.
         """
         name, values = message["name"], message.get("values", {})
         if name == LIST:
@@ -97,7 +97,7 @@ class Hall:
         return await self._salvaged(first)
 
     async def close(self) -> None:
-        """End the command that is shown."""
+        """End the command being shown."""
         process, self._process = self._process, None
         if self._watch is not None:
             self._watch.cancel()
@@ -127,7 +127,7 @@ class Hall:
         return " ".join(words)
 
     async def _watched(self, process: asyncio.subprocess.Process, verb: str) -> None:
-        """Tell the pages when a command is over, and what it said if it failed."""
+        """Notify the pages when a command is over, with its output if it failed."""
         assert process.stderr is not None
         said: list[str] = []
         async for line in process.stderr:
@@ -154,7 +154,7 @@ class Hall:
 
     @staticmethod
     def _named(values: Mapping[str, Any], key: str, known: Sequence[str]) -> str:
-        """Return what a value names, which must be in the list: no path leads out of the folder."""
+        """Return the named entry of the list; other paths are refused, so none leads out of the folder."""
         if values.get(key) not in known:
             raise OrderError(f"{key} {values.get(key)!r}: expected one of the list ({len(known)})")
         return str(values[key])
@@ -179,7 +179,7 @@ class Hall:
 
 
 def _told(reader: RecordingReader) -> tuple[str, list[list[str]]]:
-    """Return the machine of a recording, and its settings that are not as installed."""
+    """Return the machine of a recording, and its settings that differ from the installed ones."""
     machine = recorded_machine(reader)
     return machine, recorded_settings(BagSamples(reader).descriptions())
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench as a process of its own: the page's server, a node that passes its orders on, and trials of other values.
+"""The bench as a process of its own: the page's server, a node that forwards its orders, and trials of other values.
 
-It is told on standard input what to serve, and says on standard output where: one line of JSON each way.  So does the
-process that rolls out what a run would do next with other values::
+It gets its configuration on standard input, and writes its address to standard output: one line of JSON each way.  The
+process that rolls out a run's near future with other values works in the same way::
 
     bench --- {"name", "tree", "frame"} ---> roll-out
           <-- {"kind": "ghost", ...} -------
@@ -50,16 +50,16 @@ class Trials:
         self.frame: dict[str, Any] | None = None
 
     def changed(self, key: str, value: Any) -> None:
-        """Take over a live parameter that has changed."""
+        """Adopt a changed live parameter."""
         self._configuration = merged_tree(self._configuration, tree_from_flat({key: value}))
 
     async def tried(self, values: Mapping[str, Any]) -> str:
-        """Return, for the page, curves and cards of the next moments with these values, or why there are none.
+        """Return curves and cards of the near future with these values, or why there are none.
 
         Raises
         ------
         OrderError
-            Nothing runs yet, or the roll-out has ended.
+            If nothing runs yet, or the roll-out process has ended.
         """
         if self.frame is None:
             raise OrderError("nothing runs yet")
@@ -89,7 +89,7 @@ class Trials:
         return answer.decode()
 
     async def close(self) -> None:
-        """Let the process go."""
+        """End the process."""
         if self._process is not None:
             if self._process.returncode is None:
                 self._process.kill()
@@ -97,7 +97,7 @@ class Trials:
 
 
 def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:
-    """Return what the page draws of the next moments of a machine from a frame on."""
+    """Return the curves and cards of a machine's near future from a frame on, for the page."""
     from mech_twin.engine.run import continued
     from mech_twin.engine.trajectory import frame_events
     from mech_twin.parameters.load import catalogue_entry, validated
@@ -127,7 +127,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
 
 
 def answer_trials() -> None:
-    """Roll out what each line of standard input asks for."""
+    """Roll out the request of each line of standard input."""
     from mech_twin.engine.errors import MotionError
 
     out, sys.stdout = sys.stdout, sys.stderr  # nothing else goes into the answers
@@ -149,21 +149,21 @@ SPEED, CHANGE, PAUSE, GO_ON, IDENTIFY = "speed", "change", "pause", "go-on", "id
 
 
 class _Asked(NamedTuple):
-    """An order, and where its answer goes."""
+    """An order, and the receiver of its answer."""
 
     message: Mapping[str, Any]
     answer: Callable[[str, bool], None]
 
 
 class Orders(threading.Thread):
-    """Carries out the orders of a bench, one after the other, by the services of the machine that runs.
+    """Executes the orders of a bench, one after the other, by the services of the running machine.
 
     Parameters
     ----------
     namespace : str
         Of the machine.
     changed : callable
-        Told of each live parameter that has changed, whoever changed it.
+        Called for each live parameter that has changed, whoever changed it.
     """
 
     def __init__(self, namespace: str, changed: Callable[[str, Any], None]) -> None:
@@ -173,15 +173,15 @@ class Orders(threading.Thread):
         self._is_over = False
 
     def ask(self, asked: _Asked) -> None:
-        """Put an order in line."""
+        """Queue an order."""
         self._asked.put(asked)
 
     def close(self) -> None:
-        """Take no further order, and end."""
+        """Accept no further order, and end."""
         self._is_over = True
 
     def run(self) -> None:
-        """Carry out what is asked for until closed."""
+        """Execute orders until closed."""
         from mech_twin.nodes.run.telling import Teller
 
         with Teller(self._namespace, SERVICE_S) as teller:
@@ -194,7 +194,7 @@ class Orders(threading.Thread):
 
 
 def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
-    """Return what the machine says of an order, and whether it is done."""
+    """Return the machine's answer to an order, and whether it succeeded."""
     from mech_twin.nodes.run.domain import UnansweredError
     from mech_twin.nodes.run.telling import ORDERS
 
@@ -217,7 +217,7 @@ def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def _identified(teller: Any, values: Mapping[str, Any]) -> str:
-    """Have the last so many seconds fitted."""
+    """Request a fit of the last seconds."""
     if "span_s" in values:
         teller.change({"span_s": float(values["span_s"])}, "identifier")
     return str(teller.order(IDENTIFY))
@@ -260,7 +260,7 @@ class BenchProcess:
         await self._let_go()
 
     async def _let_go(self) -> None:
-        """Pass no further orders on to the machine that ran."""
+        """Stop forwarding orders to the machine that ran."""
         trials, orders, self._trials, self._orders = self._trials, self._orders, None, None
         if trials is not None:
             await trials.close()
@@ -269,12 +269,12 @@ class BenchProcess:
             await asyncio.to_thread(orders.join, END_S)
 
     async def _clear(self) -> None:
-        """Forget the machine that ran, when the last of it has come in."""
+        """Clear the machine that ran, after its last message."""
         await self._let_go()
         await self.bench.begin_anew()
 
     def _know(self, machine: Mapping[str, Any]) -> None:
-        """Begin to pass orders on, if the machine takes any."""
+        """Start forwarding orders, if the machine accepts any."""
         if self._orders is None and machine.get("namespace"):
             self._orders = Orders(machine["namespace"], self._changed)
             self._orders.start()
@@ -321,7 +321,7 @@ def _say(line: Mapping[str, Any]) -> None:
 
 
 def main() -> None:
-    """Serve what standard input tells of until a signal, or until the process that began it ends."""
+    """Serve the machine given on standard input until a signal, or until the parent process ends."""
     told = json.loads(sys.stdin.readline())
     end_with_parent(told["parent"])
 

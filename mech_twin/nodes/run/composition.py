@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes of a machine, in one process on one executor or each in a process of its own, until the run is over."""
+"""Running all nodes of a machine, in one process on one executor or in a process each, until the run is over."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ DRAIN_LIMIT_S = 2.0
 
 
 class Outcome(NamedTuple):
-    """What a run came to: its metrics, and the messages sent and heard by the recorder, by full topic name."""
+    """Result of a run: its metrics, and the messages sent and recorded, by full topic name."""
 
     metrics: RunMetrics
     sent: dict[str, int]
@@ -64,7 +64,7 @@ def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOpt
 
 
 def guarded_topics(machine_name: str, namespace: str | None) -> list[str]:
-    """Return the full names of the topics of a run that nobody else may publish."""
+    """Return the full names of the topics of a run that exclude other publishers."""
     full = run_namespace(machine_name, namespace)
     return [f"{full}/{topic.name}" for topic in run_topics(catalogue_entry(machine_name).has_body)]
 
@@ -88,7 +88,7 @@ def run_in_process(
     place : str, optional
         Address of a viewer, or an ``.rrd`` file.
     namespace : str, optional
-        Where the nodes live; ``/MACHINE`` if absent.
+        Namespace of the nodes; ``/MACHINE`` if absent.
 
     Raises
     ------
@@ -135,9 +135,9 @@ def run_in_process(
 
 
 def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> tuple[RunMetrics, Callable[[], None]]:
-    """Return the metrics of the run, and what feeds them - and the viewer - with what the role nodes have computed.
+    """Return the metrics of the run, and a callable that feeds them and the viewer with the role nodes' samples.
 
-    It is called some steps at a time: done at each step between the roles, the same takes twice as long.
+    It is called for several steps at a time, which takes half as long as at each step.
     """
     linkage = roles[-1]
     machine = linkage.machine
@@ -167,7 +167,7 @@ def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> tuple[Run
 
 
 def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
-    """Serve the nodes until what was sent has been recorded, and nothing more comes."""
+    """Serve the nodes until all messages sent have been recorded, and no more arrive."""
     for node in nodes:
         node.done = True
         node.flush()
@@ -196,7 +196,7 @@ def _sent(nodes: Sequence[TwinNode]) -> dict[str, int]:
 
 
 def _without_frames(nodes: Sequence[TwinNode], counts: dict[str, int]) -> dict[str, int]:
-    """Return counts without what a recorder hears only from when it finds it on: the run does not wait for that."""
+    """Return counts without the frames node's topics, which a recorder finds later: the run does not wait for them."""
     found = {node.resolve_topic_name(topic.name) for node in nodes for topic in (FRAMES, ROBOT_DESCRIPTION)}
     return {name: number for name, number in counts.items() if name not in found}
 
@@ -251,7 +251,7 @@ def run_processes(
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
 
             def describe() -> None:
-                """Start the frames, once the run goes: before, others compile."""
+                """Start the frames node once the run has started: before, other processes compile."""
                 metrics = observer.run_metrics
                 if metrics.frames and not stop.asked:
                     look.cancel()
@@ -310,7 +310,7 @@ def _any_ended(processes: Processes) -> bool:
 
 
 def _stopped(processes: Processes) -> dict[str, int]:
-    """End all processes at once - those that listen do so until nothing more comes - and return their exit codes."""
+    """End all processes at once and return their exit codes; listening ones end when no more messages arrive."""
     for process in processes.values():
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)  # of SIGINT each would tell

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run attended at a terminal: a line that says how it goes, and keys that command it over the run's own services.
+"""Terminal of a run: a status line, and keys that control the run through its services.
 
 The line has time, speed, blows and their impulses, state, lag, size of the recording.
 """
@@ -90,14 +90,14 @@ MEGABYTE = 1e6
 
 
 class RunStatus:
-    """What is known of a run from the frames it has made.
+    """Status of a run from its frames.
 
     Parameters
     ----------
     metrics : RunMetrics
-        Gathers the run.
+        Metrics of the run.
     directory : Path, optional
-        Where it is recorded.
+        Directory of its recording.
     """
 
     def __init__(self, metrics: RunMetrics, directory: Path | None) -> None:
@@ -108,7 +108,7 @@ class RunStatus:
         self._zero_s: float | None = None
 
     def pause(self, paused: bool) -> None:
-        """Take note of a pause, or that the run goes on; its lag is counted anew."""
+        """Register a pause or its end; the lag is measured anew."""
         self.paused = paused
         self._zero_s = None
         self.notice = ""
@@ -145,7 +145,7 @@ class RunStatus:
         return "motor off" if self.motor_off else self._metrics.regime(frame.linkage.regime)
 
     def _lag_s(self, time_s: float, now_s: float) -> float:
-        """Return by how much the run is behind the wall clock, since the status was first asked for or a pause."""
+        """Return the lag (s) behind the wall clock since the first status or the last pause."""
         ahead = time_s - now_s
         if self._zero_s is None or ahead > self._zero_s:
             self._zero_s = ahead
@@ -177,7 +177,7 @@ LOG_FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"
 
 
 def keep_log_apart() -> None:
-    """Let each line of the log clear the status line that it would be glued to; before rclpy is initialised."""
+    """Make each line of the log clear the status line first; call before rclpy is initialised."""
     if sys.stdin.isatty() and sys.stderr.isatty():
         os.environ.setdefault(LOG_FORMAT, f"{CLEAR}[{{severity}}] [{{time}}] [{{name}}]: {{message}}")
 
@@ -186,7 +186,7 @@ def keep_log_apart() -> None:
 def attended(
     machine_name: str, metrics: RunMetrics, directory: Path | None, spinner: Spinner
 ) -> Iterator[Callable[[], bool]]:
-    """Provide what is called again and again during a run, and returns whether the user has quit.
+    """Provide a callable for a run's loop, which serves the terminal and returns whether the user has quit.
 
     Without a terminal on standard input nothing is shown and no node is added.
     """
@@ -214,9 +214,9 @@ class RunConsole:
     node : Node
         In the namespace of the run.
     keys : TerminalKeys
-        Where keys come from.
+        Source of the keys.
     status : RunStatus
-        What the line says.
+        Contents of the line.
     """
 
     def __init__(self, node: Node, keys: TerminalKeys, status: RunStatus) -> None:
@@ -229,7 +229,7 @@ class RunConsole:
         self._triggers = {name: node.create_client(Trigger, name) for name in ("start", "stop", "reset")}
 
     def turn(self) -> bool:
-        """Obey the keys pressed, show the line where it is due; return whether the user has quit."""
+        """Execute the keys pressed, show the line if it is due; return whether the user has quit."""
         now = time.monotonic()
         if now - self._looked_s >= LOOK_S:
             self._looked_s = now
@@ -243,7 +243,7 @@ class RunConsole:
         return self._quit
 
     def obey(self, key: str) -> None:
-        """Do what a key asks for; other keys do nothing."""
+        """Execute the command of a key; other keys do nothing."""
         if key == " ":
             self._call(self._pause, SetBool.Request(data=not self._status.paused), self._paused)
         elif key in "+=" or key in "-_":

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process's place in ROS: discovery stays on this machine unless the user says otherwise.
+"""ROS environment of the process: discovery range, namespace, logs; discovery is limited to this host by default.
 
-Importing this loads no ROS, which reads its environment once.  A run lives in ``/MACHINE`` unless it is told
-otherwise.  In a namespace of its own it also has a clock of its own, so that two runs of one machine share nothing but
+Importing this module loads no ROS, which reads its environment once.  The namespace of a run is ``/MACHINE`` by
+default.  In another namespace it also has a clock of its own, so that two runs of one machine share only
 ``/diagnostics``, whose entries carry full node names.
 
 A node's process ends when its launch does, even by SIGKILL (Linux).
@@ -23,15 +23,15 @@ from mech_twin.process.system_limits import SurroundingsError, check_address_spa
 
 
 class NodeEndedError(RuntimeError):
-    """A node's process ended by itself, with an error it has told itself."""
+    """A node's process ended by itself, with an error that it has already printed."""
 
 
 class NameInUseError(NodeEndedError):
-    """Somebody publishes already on the topics this process was to publish on."""
+    """There is already a publisher on the topics of this process."""
 
 
 class UnansweredError(RuntimeError):
-    """A node that was told something is not there, does not answer, or refuses."""
+    """A node that was sent a command is absent, does not answer, or refuses."""
 
 
 DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -44,7 +44,7 @@ SHARED_MEMORY_BYTES = 4 << 20  # each process of a run takes 0.6 MB
 
 
 def settle_domain(open_to_other_hosts: bool = False) -> str:
-    """Set what rclpy reads from the environment, where the user has not set it; call before importing rclpy.
+    """Set the environment variables of rclpy that the user has not set; call before importing rclpy.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def settle_domain(open_to_other_hosts: bool = False) -> str:
 
 
 def _home_takes_logs() -> bool:
-    """Return whether rclpy can log where it does unasked; with a directory there that is another user's it ends."""
+    """Return whether rclpy can write to its default log directory; it fails in one owned by another user."""
     if "HOME" not in os.environ:
         return False
     place = Path(os.environ.get("ROS_HOME") or Path(os.environ["HOME"]) / ".ros") / "log"
@@ -84,7 +84,7 @@ def _home_takes_logs() -> bool:
 
 
 def _check_log_directory() -> None:
-    """Raise where the directory for logs that the user has named cannot be made: rclpy would not start."""
+    """Raise if the log directory named by the user cannot be created: rclpy would not start."""
     named = os.environ.get(LOG_DIRECTORY)
     if not named:
         return
@@ -97,10 +97,10 @@ def _check_log_directory() -> None:
 
 
 def _check_shared_memory() -> None:
-    """Raise where shared memory is too full: whoever writes there beyond its end is ended by a bus error.
+    """Raise if shared memory is too full: a process that writes beyond its end is killed by a bus error.
 
-    The tracing that rclpy loads does so unasked, and so does Fast DDS, which with discovery on this machine alone uses
-    shared memory whatever it is told.  Where it cannot be written at all, both do without.
+    The tracing library of rclpy always writes there.  So does Fast DDS with discovery on this host only, whatever its
+    configuration.  If shared memory is not writable at all, both work without it.
     """
     free = _free_shared_memory()
     if free is not None and free < SHARED_MEMORY_BYTES:
@@ -138,7 +138,7 @@ def run_namespace(machine_name: str, namespace: str | None) -> str:
 
 
 def ros_arguments(machine_name: str, namespace: str | None) -> list[str]:
-    """Return the arguments of ROS that put the nodes of a run into its namespace; none where it is the default."""
+    """Return the ROS arguments for the namespace of a run; none for the default."""
     if namespace is None:
         return []
     from mech_twin.messages.topics import CLOCK  # a name is checked before surroundings are, and before rclpy is loaded
@@ -148,7 +148,7 @@ def ros_arguments(machine_name: str, namespace: str | None) -> list[str]:
 
 
 def replay_arguments(topics: Iterable[str], namespace: str | None) -> list[str]:
-    """Return the arguments of ROS that move recorded topics, the first level of their names replaced."""
+    """Return the ROS arguments that remap recorded topics by replacing the first level of their names."""
     if namespace is None:
         return []
     from mech_twin.messages.topics import CLOCK
@@ -163,9 +163,9 @@ PARENT = "MECH_TWIN_PARENT"
 
 
 def end_with_launch() -> None:
-    """End with the process that the variable ``MECH_TWIN_PARENT`` names, where it is this one's parent.
+    """End when the process in the variable ``MECH_TWIN_PARENT`` ends, if it is the parent of this one.
 
-    A launch that is ended by SIGTERM or SIGKILL does not end what it has launched.
+    A launch that is ended by SIGTERM or SIGKILL does not end its processes.
     """
     named = os.environ.get(PARENT, "")
     if not named.isdecimal():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each node as a program of its own: ``linkage_node --ros-args --params-file config/mb10_breaker.yaml``.
 
-Also what the launch files start: programs, parameters, names; nothing here needs the launch library.
+Also programs, parameters and names for the launch files; nothing here needs the launch library.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Program(NamedTuple):
 
 
 class LaunchRequest(NamedTuple):
-    """Arguments of a launch file, as text; empty where nothing is asked."""
+    """Arguments of a launch file, as text; empty if not given."""
 
     machine: str
     namespace: str = ""
@@ -101,12 +101,12 @@ def namespace(request: LaunchRequest) -> str:
 
 
 def remappings(request: LaunchRequest) -> list[tuple[str, str]]:
-    """Return the rules beside the namespace: who is told one has a clock of its own."""
+    """Return the remapping rules besides the namespace: in a given namespace the clock is separate."""
     return [(CLOCK.name, namespace(request) + CLOCK.name)] if request.namespace else []
 
 
 def parameter_files(request: LaunchRequest) -> list[str]:
-    """Return the parameter files, a later one laid over an earlier.
+    """Return the parameter files; a later one takes precedence.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def parameter_files(request: LaunchRequest) -> list[str]:
 
 
 def parameters(request: LaunchRequest) -> dict[str, str | float | bool]:
-    """Return the parameters laid over those of the files.
+    """Return the parameters that take precedence over those of the files.
 
     Raises
     ------
@@ -146,9 +146,9 @@ def parameters(request: LaunchRequest) -> dict[str, str | float | bool]:
 
 
 def ends_run(name: str, exit_code: int, respawn: bool) -> bool:
-    """Return whether the run is over because this node ended.
+    """Return whether the end of this node ends the run.
 
-    It is with the linkage's last step, with a refusal, and, unless ended nodes are started again, with any error.
+    The run ends with the linkage's last step, with a refusal, and, unless nodes are respawned, with any error.
     """
     if exit_code == 0:
         return name == LINKAGE
@@ -180,12 +180,12 @@ def several(machines: str, record: str = "", view: str = "") -> list[LaunchReque
 
 
 def _own_view(view: str, label: str) -> str:
-    """Return the view of one of several runs: files are apart, a viewer's address is shared."""
+    """Return the view of one of several runs: files are separate, a viewer's address is shared."""
     return f"{view.removesuffix('.rrd')}-{label}.rrd" if view.endswith(".rrd") else view
 
 
 def discovery(asked: str, environment: Mapping[str, str] = os.environ) -> tuple[str, str]:
-    """Return the discovery range in force and, where it is not the one asked for, a line that says so."""
+    """Return the discovery range in force, and a line if it is not the requested one."""
     users = environment.get(DISCOVERY)
     if users is None:
         return asked or THIS_HOST, ""
@@ -200,11 +200,11 @@ EXIT_CODE = 2
 
 @contextmanager
 def machine_of(node_name: str) -> Iterator[str]:
-    """Provide the machine a node of this name is told to be of: its parameter ``machine``, as rcl resolves it.
+    """Provide the machine of a node from its parameter ``machine``, as rcl resolves it.
 
-    A file may name the node with its namespace, which is the machine's name unless it was remapped: then the machine is
-    looked for under each name of the catalogue.  The node that was asked lives until the block ends: with the last node
-    of a process its middleware goes too, and to bring that up again takes time and meets the others' discovery twice.
+    A file may give the node's full name, whose namespace is the machine's name unless remapped.  Then each name of the
+    catalogue is tried.  The node created for this lives until the block ends: the middleware ends with the last node of
+    a process, and restarting it takes time and repeats discovery.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def _told(make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, o
 
 
 def _told_line(error: Exception) -> str | None:
-    """Return the line that tells of an error in what the program was given; None if the error is its own."""
+    """Return the message of a user error in the program's input; None for an internal error."""
     lack = lacking(error)
     if lack is not None:
         return lack
@@ -289,7 +289,7 @@ def _serve(make: Callable[[], TwinNode], ros: list[str], stop: StopSignal) -> No
 
 
 def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> TwinNode:
-    """Return the node, alone under its name if it must be; what is to be closed is put on the stack."""
+    """Return the node, after checking for other publishers if required; what must be closed is put on the stack."""
     settle_domain()
     import rclpy
     from rclpy._rclpy_pybind11 import RCLError

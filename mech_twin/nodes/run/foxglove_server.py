@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A running machine for Foxglove: its topics as they are, and, where allowed, its live parameters and services.
+"""Server of a running machine for Foxglove: its topics, and, if allowed, its live parameters and services.
 
-A topic is listened to only while a client looks at it.  The server asks for no token: see SECURITY.md.
+A topic is subscribed only while a client shows it.  The server requires no token: see SECURITY.md.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ SAID = {"type": "object", "properties": {"success": {"type": "boolean"}, "messag
 
 
 class _Task(NamedTuple):
-    """What a client asks for, done by the thread that owns the node."""
+    """Request of a client, executed by the thread that owns the node."""
 
     message: Mapping[str, Any]
     done: Future[tuple[Any, bool]]
 
 
 class _Listener(ServerListener):
-    """What clients do, put in line for the node."""
+    """Listener that queues the requests of clients for the node."""
 
     def __init__(self, server: FoxgloveServer) -> None:
         self._server = server
@@ -122,7 +122,7 @@ class FoxgloveServer:
         self.port = self._server.port
 
     def serve(self, is_over: Callable[[], bool], wait_s: float = 2.0) -> None:
-        """Relay topics, and do what clients ask for, until it is over."""
+        """Relay topics and execute requests of clients until ``is_over``."""
         with Teller(self.namespace, wait_s) as teller:
             teller.watch_parameters(self._changed)
             while not is_over():
@@ -134,7 +134,7 @@ class FoxgloveServer:
                     task.done.set_result(_done(teller, task.message))
 
     def ask(self, message: Mapping[str, Any]) -> tuple[Any, bool]:
-        """Have something done by the thread that serves; return what is said of it, and whether it is done."""
+        """Execute a request in the serving thread; return its message, and whether it succeeded."""
         task = _Task(message, Future())
         self._tasks.put(task)
         try:
@@ -143,11 +143,11 @@ class FoxgloveServer:
             return f"{message['name']}: no answer within {ANSWER_S:g} s", False
 
     def complain(self, text: str) -> None:
-        """Tell the clients of a refusal."""
+        """Report a refusal to the clients."""
         self._server.publish_status(text, foxglove.websocket.StatusLevel.Warning)
 
     def close(self) -> None:
-        """Let the clients go."""
+        """Disconnect the clients."""
         self._server.stop()
 
     def _is_due(self, is_over: Callable[[], bool], end_s: float) -> bool:
@@ -157,7 +157,7 @@ class FoxgloveServer:
         self._server.publish_parameter_values([Parameter(name, value=value)])
 
     def _look(self, teller: Teller) -> None:
-        """Offer the topics that there are, and listen to those that are looked at."""
+        """Advertise the existing topics, and subscribe to those that clients show."""
         node = teller.node
         for name, kinds in node.get_topic_names_and_types():
             if name not in self._channels and (name.startswith(f"{self.namespace}/") or name in GLOBAL):

@@ -39,15 +39,15 @@ LONGEST_CLAIM = 10_000
 
 
 def discovery_s() -> float:
-    """Return how long somebody may stay undiscovered who makes no claim on this host."""
+    """Return the longest time (s) in which a publisher without a claim on this host may stay undiscovered."""
     alone = os.environ.get(DISCOVERY) == THIS_HOST and not os.environ.get("ROS_STATIC_PEERS")
     return ON_THIS_HOST_S if alone and sys.platform == "linux" else DISCOVERY_S
 
 
 class NameGuard:
-    """Listens from the moment it is made until it has checked, and claims its topics until it is closed.
+    """Listens from its creation until it has checked, and claims its topics until it is closed.
 
-    What its process builds meanwhile is no time lost.
+    Its process can build nodes in the meantime.
 
     Parameters
     ----------
@@ -81,17 +81,17 @@ class NameGuard:
         ]
 
     def check(self, own_publishers: int = 0) -> None:
-        """Wait until nobody has been found for long enough; nodes of this process must not be served meanwhile.
+        """Wait until no other publisher is found within the discovery time; do not serve nodes of this process then.
 
         Parameters
         ----------
         own_publishers : int
-            How many publishers each topic has in this process by now.
+            Present number of publishers of each topic in this process.
 
         Raises
         ------
         NameInUseError
-            If somebody lives on one of the topics, or began earlier to.
+            If another publisher on one of the topics is alive, or claimed it earlier.
         """
         self._serve_until(self._born_s + discovery_s())
         if any(self._node.count_publishers(name) > own_publishers for name in self._topics):
@@ -101,7 +101,7 @@ class NameGuard:
         self._listen_no_more()
 
     def _listen_no_more(self) -> None:
-        """Keep the claim alone: an executor that nobody turns held up the first step of the run for 0.1 s."""
+        """Stop listening but keep the claim: an idle executor delayed the first step of the run by 0.1 s."""
         if not self._listening:
             return
         while self._listening:
@@ -130,7 +130,7 @@ class NameGuard:
                     self._heard = self._heard or _published(name)
 
     def _claimants(self) -> str:
-        """Return who publishes claims beside this guard: which of them a claim came from, the middleware keeps."""
+        """Return the other publishers of claims; the middleware does not tell which of them sent a claim."""
         found = self._node.get_publishers_info_by_topic(CLAIMS)
         names = {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
         others = sorted(names - {self._node.get_fully_qualified_name()})

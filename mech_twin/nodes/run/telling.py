@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person tells the nodes of a running machine: one service call, answered or refused in the node's words."""
+"""Commands of a person to the nodes of a running machine: one service call, with the node's answer or refusal."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ANSWER_S = 10.0  # a service that is there answers sooner, unless its node is st
 
 
 class Order(NamedTuple):
-    """What is told: the service below the machine's namespace, its type, and whether a name of a fault goes before."""
+    """A command: service below the machine's namespace, its type, and whether a fault's name is set before."""
 
     service: str
     kind: Any = Trigger
@@ -68,7 +68,7 @@ class _Line:
         Raises
         ------
         UnansweredError
-            Nobody offers it, or it does not answer.
+            If it is not offered, or does not answer.
         """
         name = f"{self.namespace}/{service}"
         if name not in self._clients:
@@ -82,7 +82,7 @@ class _Line:
         return answer.result()
 
     def wait_until(self, holds: Callable[[], bool]) -> bool:
-        """Wait for something as long as for a service; return whether it holds."""
+        """Wait for a condition as long as for a service; return whether it holds."""
         return self._until(holds, self._wait_s)
 
     def _until(self, holds: Any, limit_s: float) -> bool:
@@ -92,7 +92,7 @@ class _Line:
 
 
 class _TellingNode(Node):
-    """A node that is served often enough for what a person does."""
+    """A node that is served often enough for interactive use."""
 
     interrupt = staticmethod(lambda: None)
 
@@ -102,7 +102,7 @@ class _TellingNode(Node):
 
 
 class Teller:
-    """Orders and live parameters for the nodes of one machine; a context manager, in the thread that uses it.
+    """Commands and live parameters for the nodes of one machine; a context manager, in the thread that uses it.
 
     Parameters
     ----------
@@ -121,11 +121,11 @@ class Teller:
         self._speed = self.node.create_publisher(Float64, command, SPEED_COMMAND.qos)
 
     def order(self, order: str, fault: str | None = None) -> str:
-        """Give an order of `ORDERS`; return what the node says of it; raises as `tell` does."""
+        """Send a command of `ORDERS`; return the node's answer; raises as `tell` does."""
         return _ordered(self._line, order, fault)
 
     def change(self, values: Mapping[str, Any], node: str = "linkage") -> str:
-        """Change parameters of a node, all or none; return what they are now; raises as `tell` does."""
+        """Change parameters of a node, all or none; return their new values; raises as `tell` does."""
         return _changed(self._line, node, values)
 
     def values(self, node: str = "linkage") -> dict[str, Any]:
@@ -137,16 +137,16 @@ class Teller:
         return {name: list(value) if isinstance(value, array) else value for name, value in found if value is not None}
 
     def pause(self, wanted: bool) -> str:
-        """Let a run take no further step, or go on; raises as `tell` does."""
+        """Pause or continue a run; raises as `tell` does."""
         return str(self._line.ask(SetBool, "pause", SetBool.Request(data=wanted)).message)
 
     def set_speed(self, share: float) -> str:
-        """Ask for a share of the rated speed.
+        """Command a share of the rated speed.
 
         Raises
         ------
         UnansweredError
-            It is not between 0 and 1, or no motor listens.
+            If it is not between 0 and 1, or no motor subscribes.
         """
         if not 0.0 <= share <= 1.0:
             raise UnansweredError(f"speed {share:g}: expected 0 to 1 of the rated speed")
@@ -156,7 +156,7 @@ class Teller:
         return f"speed {share:.0%} of rated"
 
     def watch_parameters(self, changed: Callable[[str, Any], None], node: str = "linkage") -> None:
-        """Have each change of a node's parameters told, whoever made it."""
+        """Call ``changed`` for each change of a node's parameters, whoever made it."""
         name = f"{self._line.namespace}/{node}"
 
         def heard(event: ParameterEvent) -> None:
@@ -167,7 +167,7 @@ class Teller:
         self.node.create_subscription(ParameterEvent, "/parameter_events", heard, qos_profile_parameter_events)
 
     def serve_until(self, holds: Callable[[], bool]) -> None:
-        """Hear what comes until something holds."""
+        """Serve the node until a condition holds."""
         self._spinner.until(holds)
 
     def __enter__(self) -> Teller:
@@ -185,7 +185,7 @@ class Teller:
 def tell(
     namespace: str, order: str | None, values: Mapping[str, Any], fault: str | None = None, wait_s: float = 5.0
 ) -> str:
-    """Give an order to the nodes of a machine, or change live parameters of it; return what they answer.
+    """Send a command to the nodes of a machine, or change its live parameters; return their answer.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def tell(
     order : str or None
         A name of `ORDERS`; None to change parameters.
     values : mapping
-        Live parameters and their values, judged as a whole.
+        Live parameters and their values, validated as a whole.
     fault : str or None
         The fault that is acknowledged or shelved; None: all.
     wait_s : float
@@ -203,14 +203,14 @@ def tell(
     Raises
     ------
     UnansweredError
-        The nodes are not there, do not answer, or refuse.
+        If the nodes are absent, do not answer, or refuse.
     """
     with Teller(namespace, wait_s) as teller:
         return teller.change(values) if order is None else teller.order(order, fault)
 
 
 def _ordered(line: _Line, order: str, fault: str | None) -> str:
-    """Give an order; return what the node says of it."""
+    """Send a command; return the node's answer."""
     asked = ORDERS[order]
     if asked.of_a_fault:
         _changed(line, asked.service.split("/", maxsplit=1)[0], {"fault": fault or ""})
@@ -222,7 +222,7 @@ def _ordered(line: _Line, order: str, fault: str | None) -> str:
 
 
 def _changed(line: _Line, node: str, values: Mapping[str, Any]) -> str:
-    """Change parameters of a node, all or none; return what they are now."""
+    """Change parameters of a node, all or none; return their new values."""
     numbers = {
         name: float(value) if isinstance(value, int) and not isinstance(value, bool) else value
         for name, value in values.items()

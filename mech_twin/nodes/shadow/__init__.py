@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A real machine followed as it runs: its state estimated, judged, recorded, shown."""
+"""Shadow of a real machine as it runs: its state is estimated, monitored, recorded and shown."""

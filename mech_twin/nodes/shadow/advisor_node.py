@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The advisor node: offers a change that brings a number of the cycle nearer to what is wanted, and waits for a yes.
+"""The advisor node: offers a change that brings a metric of the cycle nearer to its target, and waits for acceptance.
 
-Its one way to a machine is the speed command, or a live parameter of the linkage.
+It can act on a machine only by the speed command, or by a live parameter of the linkage.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from mech_twin.studies.observer.lock_on import SeenSample
 
 
 class AdviceOutlet:
-    """Sends settings of one output; made only where something may go out.
+    """Sends settings of one output; created only if sending is allowed.
 
     Parameters
     ----------
     node : Node
-        Who sends.
+        The sending node.
     namespace : str
         The machine's.
     key : str
@@ -69,7 +69,7 @@ class AdviceOutlet:
         Raises
         ------
         ValueError
-            It is of another output than the one allowed.
+            If it is of another output than the one allowed.
         """
         if setting.key != self._key:
             raise ValueError(f"setting of {setting.key!r}: expected {self._key!r}")
@@ -89,7 +89,7 @@ class AdvisorNode(TwinNode):
     Parameters
     ----------
     wish : AdviceWish
-        What is wanted, and what may be changed for it.
+        The target, and the settings that may be changed.
     namespace : str
         The machine's.
     columns : sequence of str
@@ -132,24 +132,24 @@ class AdvisorNode(TwinNode):
         self.create_service(SetBool, "~/reject", self._reject)
 
     def observe(self, sample: SeenSample) -> None:
-        """Take a sample of the machine into account."""
+        """Update with a sample of the machine."""
         for channel, value in zip(sample.channels, sample.values, strict=True):
             for vector in self._feed.feed(self._columns[channel], [sample.time_s], [value]):
                 self._on_cycle(vector)
 
     def begin_anew(self) -> None:
-        """Take a trial back and forget what was measured: the machine has been started anew, its time is another."""
+        """Undo a trial and drop the measurements: the machine was restarted, and its time is another."""
         self._take(ended(self.state, self._now_s, "the machine's time has become another"))
         self._feed = self._feed.begun_anew()
         self._figures.clear()
         self._decided_s = float("-inf")
 
     def adopt(self, parameters: Parameters) -> None:
-        """Advise by a model with other parameters from now on."""
+        """Use a model with other parameters from now on."""
         self.model = advice_model(catalogue_entry(self.machine_name), parameters, self.wish, self._columns)
 
     def check_peers(self, now_s: float) -> None:
-        """Offer what has been found, and end a trial of which nothing is heard."""
+        """Offer new advice, and end a trial without measurements."""
         if self._thinking is not None and self._thinking.done():
             found, self._thinking = self._thinking.result(), None
             if found is not None:
@@ -160,7 +160,7 @@ class AdvisorNode(TwinNode):
         self.diagnostics.state = self.state.phase
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return the newest figure, and whether an accepted advice acts on the machine."""
+        """Return the newest metric, and whether an accepted advice acts on the machine."""
         newest = f"{self._figures[-1]:.6g}" if self._figures else "nan"
         return {
             self.wish.figure: newest,
@@ -169,7 +169,7 @@ class AdvisorNode(TwinNode):
         }
 
     def close(self) -> None:
-        """Take a trial back, and let go of the thread."""
+        """Undo a trial, and end the thread."""
         self._take(ended(self.state, self._now_s))
         self._thread.shutdown(wait=True, cancel_futures=True)
 
@@ -221,7 +221,7 @@ class AdvisorNode(TwinNode):
         return response
 
     def _take(self, step: AdviceStep) -> None:
-        """Put a decision into effect, and tell it."""
+        """Execute a decision, and publish it."""
         before, self.state = self.state, step.state
         decision = step.decision
         if decision is None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The identifier node: fits keys of the model to the machine's last minutes when asked, and offers what it found.
+"""The identifier node: on request it fits keys of the model to the machine's last minutes, and offers the result.
 
-The fit runs in a process of its own, at a lower priority, so that the shadow keeps up.
+The fit runs in a process of its own, at lower priority, so that the shadow keeps up.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class _RunningFit:
         sender.close()
 
     def heard(self) -> Iterator[str | Exception | RecentFit]:
-        """Yield what it has said since: lines on its progress, at last what it found or why it failed."""
+        """Yield new messages of the fit: progress lines, finally the result or the reason of its failure."""
         told: str | Exception | RecentFit = ""
         while isinstance(told, str) and self._end.poll():
             try:
@@ -59,13 +59,13 @@ class _RunningFit:
             yield told
 
     def end(self) -> None:
-        """End it."""
+        """End the fit."""
         self._process.terminate()
         self._process.join()
 
 
 def _fit(parent: int, question: IdentificationQuestion, run: FitRun, said: Connection) -> None:
-    """Fit, as a process that ends with its parent and takes the processor last."""
+    """Fit in a process of lowest priority, which ends with its parent."""
     end_with_parent(parent)
     os.nice(NICE)
     try:
@@ -77,7 +77,7 @@ def _fit(parent: int, question: IdentificationQuestion, run: FitRun, said: Conne
 class IdentifierNode(TwinNode):
     """Identifies keys on request; see `TwinNode` for the other arguments.
 
-    Its service ``identify`` fits the last ``span_s`` seconds, ``take_over`` gives the model what was found.
+    Its service ``identify`` fits the last ``span_s`` seconds, ``take_over`` applies the result to the model.
 
     Parameters
     ----------
@@ -118,11 +118,11 @@ class IdentifierNode(TwinNode):
         self.create_service(Trigger, "~/take_over", self._take_over)
 
     def observe(self, sample: SeenSample) -> None:
-        """Keep a sample of the machine."""
+        """Store a sample of the machine."""
         self.recent.add(sample)
 
     def check_peers(self, now_s: float) -> None:
-        """Hear what the fit says of itself."""
+        """Process the messages of the fit."""
         if self._fit is not None:
             for told in self._fit.heard():
                 self._take(told)
@@ -136,7 +136,7 @@ class IdentifierNode(TwinNode):
         }
 
     def close(self) -> None:
-        """End a fit that goes on."""
+        """End a running fit."""
         if self._fit is not None:
             self._fit.end()
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a shadow listens to: the topics of a map, or the twin's own, and the samples in their messages.
+"""Inputs of a shadow: the topics of a map, or the twin's own, and the samples in their messages.
 
-A machine's stamps may begin anywhere, jump where it is started anew, and stand still while it does.  A single stamp
-that does not go on from the others is somebody else's, or damaged: it leads no time.
+A machine's stamps may start anywhere, jump at a restart, and stand still meanwhile.  A single stamp that does not
+continue the others is damaged or from another publisher: it does not set the time.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ Item = TypeVar("Item")
 
 
 class Heard(NamedTuple):
-    """A stamp (ns), and when it came (s of the steady clock)."""
+    """A stamp (ns), and its time of arrival (s of the steady clock)."""
 
     stamp_ns: int
     at_s: float
 
     def goes_on_from(self, before: Heard) -> bool:
-        """Return whether it is at most as far ahead as time has passed, and hardly behind."""
+        """Return whether it is at most as far ahead as the time passed, and hardly behind."""
         passed_ns = PACE * max(self.at_s - before.at_s, 0.0) * SECOND_NS
         return -BEHIND_NS <= self.stamp_ns - before.stamp_ns <= AHEAD_NS + passed_ns
 
 
 class FollowedClock:
-    """The newest stamp of a machine.
+    """The newest accepted stamp of a machine.
 
-    A stamp is believed that goes on from the newest.  Another time is believed where several go on from each other
-    and none from the newest meanwhile; the first, too.
+    A stamp that continues the newest is accepted.  Another time, the first one too, is accepted when several stamps
+    continue each other and none continues the newest meanwhile.
 
     Attributes
     ----------
     now_ns : int or None
-        The newest; None while none is believed.
+        The newest; None while none is accepted.
     jumps : int
-        How often another time has been believed.
+        Number of jumps to another time.
     led_by : frozenset of int
-        The stamps by which the present time was believed.
+        The stamps by which the present time was accepted.
     """
 
     def __init__(self) -> None:
@@ -72,16 +72,16 @@ class FollowedClock:
 
     @property
     def now_ns(self) -> int | None:
-        """The newest stamp that is believed."""
+        """The newest accepted stamp."""
         return None if self._newest is None else self._newest.stamp_ns
 
     def at(self, at_s: float) -> int | None:
-        """Return the machine's time at an instant of the steady clock, if any is known."""
+        """Return the machine's time (ns) at an instant of the steady clock (s), None if unknown."""
         newest = self._newest
         return None if newest is None else newest.stamp_ns + round((at_s - newest.at_s) * SECOND_NS)
 
     def admit(self, stamp_ns: int, at_s: float) -> bool:
-        """Return whether a stamp that came at an instant of the steady clock is believed."""
+        """Return whether a stamp that arrived at an instant of the steady clock (s) is accepted."""
         heard = Heard(stamp_ns, at_s)
         if stamp_ns < 0:
             return False
@@ -103,7 +103,7 @@ class FollowedClock:
 
 
 class Admitted(NamedTuple, Generic[Item]):
-    """What came, the time that counts for it (ns), and whether its own stamp is believed."""
+    """A message, its effective time (ns), and whether its own stamp is accepted."""
 
     item: Item
     at_ns: int
@@ -111,14 +111,14 @@ class Admitted(NamedTuple, Generic[Item]):
 
 
 class StampGate(Generic[Item]):
-    """Holds what comes back until it is known what time it is, and gives it out in the order it came."""
+    """Holds messages until the machine's time is known, and releases them in the order of arrival."""
 
     def __init__(self) -> None:
         self.clock = FollowedClock()
         self.held: list[tuple[Item, int | None]] = []
 
     def take(self, item: Item, stamp_ns: int | None, at_s: float) -> list[Admitted[Item]]:
-        """Take something, and its stamp where it has one that leads; return what can be told by now."""
+        """Add a message, with its stamp if that may set the time; return the messages that can be released."""
         believed = stamp_ns is not None and self.clock.admit(stamp_ns, at_s)
         if self.clock.now_ns is not None:
             return [*self.released(), Admitted(item, self.clock.now_ns, believed)]
@@ -126,7 +126,7 @@ class StampGate(Generic[Item]):
         return self.released() if len(self.held) > MOST_HELD else []
 
     def released(self) -> list[Admitted[Item]]:
-        """Return what was held back; where no time is known it counts as come at 0."""
+        """Return the held messages; without a known time theirs is 0."""
         held, self.held = self.held, []
         led_by, found = self.clock.led_by, []
         at_ns = min(led_by, default=0)
@@ -149,9 +149,7 @@ COMMAND = "motor.command"
 
 
 class StampOrigin:
-    """The second that times are counted from: 0, or that of the first stamp where stamps are those of a wall clock.
-
-    The first is the first that is believed (`FollowedClock`).
+    """Origin of times (s): 0, or the first accepted stamp (`FollowedClock`) if stamps are of a wall clock.
 
     A float holds a wall clock's stamp to 0.2 us only; a recording is read with the same origin.
     """
@@ -189,7 +187,7 @@ class HeardValues(NamedTuple):
         return None if self.stamp is None else stamp_ns_of(self.stamp) - round(self.lag_s * SECOND_NS)
 
     def sample(self, origin: StampOrigin, else_ns: int) -> SeenSample:
-        """Return it at the machine's time since the origin; a message without a stamp is of the time given."""
+        """Return the sample at the machine's time since the origin; a message without a stamp has the time given."""
         stamp = Stamp(*divmod(else_ns, SECOND_NS)) if self.stamp is None else self.stamp
         return SeenSample(origin.seconds(stamp) - self.lag_s, self.channels, self.values)
 
@@ -200,7 +198,7 @@ def stamp_ns_of(stamp: Any) -> int:
 
 
 class FollowedField(NamedTuple):
-    """One number of the messages of a topic: the channel's place, and where it stands."""
+    """One number of the messages of a topic: index of its channel, and its field."""
 
     place: int
     channel: Channel
@@ -212,24 +210,24 @@ class FollowedField(NamedTuple):
 
     @property
     def of_stamp(self) -> bool:
-        """Whether it is the time of the message, which every type has that has a header."""
+        """Whether it is the stamp of the message, which every type with a header has."""
         return self.channel.source.field == STAMP
 
     @property
     def of_event(self) -> bool:
-        """Whether it tells of events, which the observer does not take."""
+        """Whether it belongs to events, which the observer does not use."""
         return is_event(self.channel.quantity)
 
 
 class FollowedTopic:
-    """A topic of the machine that is listened to, and the channels in its messages.
+    """A subscribed topic of the machine, and the channels in its messages.
 
     Parameters
     ----------
     name : str
         Full name.
     fields : sequence of FollowedField
-        What of its messages is used.
+        Fields of its messages that are used.
     """
 
     def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
@@ -244,12 +242,12 @@ class FollowedTopic:
 
     @property
     def has_stamps(self) -> bool:
-        """Whether its messages tell their time."""
+        """Whether its messages have a stamp."""
         return hasattr(self.topic.type, "header")
 
     @property
     def lag_s(self) -> float:
-        """Delay of what it tells."""
+        """Delay of its values (s)."""
         return float(self.fields[0].channel.lag_s)
 
     def values(self, raw: bytes) -> HeardValues | None:
@@ -258,7 +256,7 @@ class FollowedTopic:
         Raises
         ------
         CdrError
-            The bytes are no message of the type, or a value is not finite.
+            If the bytes are no message of the type, or a value is not finite.
         """
         joints = self.topic.type is JointState
         message: Any = received_message(raw) if joints else _converted(raw, self.topic.type)
@@ -273,13 +271,13 @@ class FollowedTopic:
 
 
 def events_last(given: MeasurementMap) -> MeasurementMap:
-    """Return the map with its channels of events behind those that the observer takes."""
+    """Return the map with its channels of events after those of the observer."""
     ordered = sorted(given.channels, key=lambda channel: is_event(channel.quantity))
     return given.model_copy(update={"channels": tuple(ordered)})
 
 
 def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
-    """Return the channels of a map as the observer takes them; those of events are not for it, but for the monitor.
+    """Return the channels of a map for the observer; those of events are used by the monitor only.
 
     Raises
     ------
@@ -303,7 +301,7 @@ def sensed_channels(given: MeasurementMap) -> list[SensedChannel]:
 
 
 def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic]:
-    """Return the topics of a map; names without a leading slash stand below the namespace.
+    """Return the topics of a map; names without a leading slash are below the namespace.
 
     Raises
     ------
@@ -321,7 +319,7 @@ def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic
 
 
 def own_map(machine: Machine) -> MeasurementMap:
-    """Return the map of a machine that publishes as the twin does: positions of the joints that are its coordinates."""
+    """Return the map of a machine that publishes like the twin: positions of its independent joints."""
     leading = [joint for joint in machine.linkage.joints if joint in machine.linkage.coordinates]
     if machine.body is not None:
         leading = [joint for joint in leading if joint not in machine.body.joints]

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor node: judges each cycle of the machine a shadow follows, and names what is wrong with it.
+"""The monitor node: evaluates each cycle of the machine that a shadow follows, and names its faults.
 
-Beside ``/diagnostics`` alerts go to an MQTT broker, and to a page that Prometheus scrapes.  An outlet that cannot be
-reached never stops what it tells of: MQTT goes on trying in a thread of its own, with the newest alert of each fault
-waiting.
+Besides ``/diagnostics`` alerts go to an MQTT broker, and to a page that Prometheus scrapes.  A failing outlet never
+stops the monitoring: MQTT retries in a thread of its own, with the newest alert of each fault waiting.
 """
 
 from __future__ import annotations
@@ -39,17 +38,17 @@ LONGEST_RETRY_S = 60
 
 
 class AlertOutlet(Protocol):
-    """Takes alerts."""
+    """Receiver of alerts."""
 
     def send(self, alerts: Sequence[Alert]) -> None:
-        """Tell the newest state of every fault."""
+        """Send the newest state of every fault."""
 
     def close(self) -> None:
-        """Tell what is left, and let go."""
+        """Send the remaining alerts, and disconnect."""
 
 
 def mqtt_topic(alert: Alert) -> str:
-    """Return the topic of a fault; a level holds none of the signs that MQTT gives a meaning."""
+    """Return the MQTT topic of a fault; no level contains special characters of MQTT."""
     level = re.sub(r"[+#/\s]+", "_", alert.name)
     return f"{ROOT}/{alert.machine}/faults/{level}"
 
@@ -60,7 +59,7 @@ def host_and_port(text: str, option: str, usual: int) -> tuple[str, int]:
     Raises
     ------
     ConfigurationError
-        The port is none.
+        If the port is invalid.
     """
     host, _, port = text.rpartition(":") if ":" in text else (text, "", str(usual))
     if not port.isdigit() or not 0 <= int(port) <= 65535:
@@ -69,7 +68,7 @@ def host_and_port(text: str, option: str, usual: int) -> tuple[str, int]:
 
 
 class MqttOutlet:
-    """Publishes each fault as a retained JSON message, and takes it away when the fault is cleared.
+    """Publishes each fault as a retained JSON message, and removes it when the fault is cleared.
 
     Parameters
     ----------
@@ -96,7 +95,7 @@ class MqttOutlet:
         self._client.loop_start()
 
     def send(self, alerts: Sequence[Alert]) -> None:
-        """Publish what has changed."""
+        """Publish the changed alerts."""
         for alert in alerts:
             topic = mqtt_topic(alert)
             payload = b"" if alert.state == "cleared" else json.dumps(alert._asdict()).encode()
@@ -105,7 +104,7 @@ class MqttOutlet:
                 self._client.publish(topic, payload, qos=1, retain=True)
 
     def close(self) -> None:
-        """Let go of the broker; what it holds of this machine stays, as its newest state."""
+        """Disconnect from the broker; the retained messages stay as the machine's newest state."""
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -140,15 +139,15 @@ class PrometheusOutlet:
 
     @property
     def port(self) -> int:
-        """Where it serves."""
+        """Port of the server."""
         return int(self._server.server_port)
 
     def send(self, alerts: Sequence[Alert]) -> None:
-        """Keep the alerts for the next scrape."""
+        """Store the alerts for the next scrape."""
         self._alerts = tuple(alert for alert in alerts if alert.state != "cleared")
 
     def collect(self) -> Iterator[Any]:
-        """Yield the metrics, as the client library asks for them."""
+        """Yield the metrics, as required by the client library."""
         from prometheus_client.core import GaugeMetricFamily
 
         alerts, labels = self._alerts, ("machine", "fault")
@@ -172,7 +171,7 @@ class PrometheusOutlet:
         yield states
 
     def close(self) -> None:
-        """Serve no longer."""
+        """Stop the server."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -184,7 +183,7 @@ LEVELS = {"active": DiagnosticStatus.WARN, "latched": DiagnosticStatus.WARN, "pe
 
 
 class MonitorNode(TwinNode):
-    """Judges cycles; see `TwinNode` for the other arguments.
+    """Evaluates cycles; see `TwinNode` for the other arguments.
 
     Its services act on the fault that its parameter ``fault`` names, on all of them where it is empty;
     ``shelve_s`` says for how long a fault is shelved.
@@ -196,7 +195,7 @@ class MonitorNode(TwinNode):
     columns : sequence of str
         Column of each channel of the samples.
     origin : StampOrigin
-        What times are counted from.
+        Origin of times.
 
     Raises
     ------
@@ -231,7 +230,7 @@ class MonitorNode(TwinNode):
         self.create_service(Trigger, "~/shelve", self._shelve)
 
     def observe(self, sample: SeenSample) -> None:
-        """Take a sample of the machine into account."""
+        """Update with a sample of the machine."""
         for found in self.live.take(sample):
             self._now_s, self.time_s = found.time_s, self._origin.clock_s(found.time_s)
             self.diagnostics.state = found.finding or found.verdict
@@ -247,18 +246,18 @@ class MonitorNode(TwinNode):
 
     @property
     def has_news(self) -> bool:
-        """Whether a fault is active that nobody has acknowledged."""
+        """Whether there is an active fault that is not acknowledged."""
         return has_news(self.live.monitor.lives.values())
 
     @property
     def known_changes(self) -> dict[str, Any]:
-        """Keys of the configuration as the fault that is acknowledged has changed them."""
+        """Keys of the configuration as changed by the acknowledged fault."""
         ask = catalogue_entry(self.machine_name).capabilities.faults
         faults = () if ask is None else ask(self.initial_parameters)
         return changes_by_faults(self.initial_parameters, faults, self.live.monitor, self.live.newest)
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return the newest cycle and its verdict."""
+        """Return the newest cycle and its evaluation."""
         found = self.live.newest
         return {} if found is None else {"cycle": str(found.number), "verdict": found.verdict}
 
@@ -274,7 +273,7 @@ class MonitorNode(TwinNode):
         self._standard.send(encoded(StepMessage(header, found.names, tuple(found.standard.tolist()), zeros, zeros)))
 
     def _tell_changes(self, found: Findings) -> None:
-        """Publish at once what has changed, and call for the black box where a fault becomes active."""
+        """Publish changes at once, and trigger the black box when a fault becomes active."""
         states: dict[str, str] = {life.name: life.state for life in found.faults}
         if states != self._states:
             self._send_faults(found)
@@ -307,7 +306,7 @@ class MonitorNode(TwinNode):
             outlet.send(alerts)
 
     def destroy_node(self) -> None:
-        """Let go of the outlets too."""
+        """Close the outlets and destroy the node."""
         for outlet in self.outlets:
             outlet.close()
         super().destroy_node()
@@ -315,7 +314,7 @@ class MonitorNode(TwinNode):
     # -- services ---------------------------------------------------------------------------------------------------
 
     def _named(self) -> list[str]:
-        """Return the faults that a service acts on."""
+        """Return the faults on which a service acts."""
         told: Parameter = self.get_parameter(FAULT)
         lives = self.live.monitor.lives
         return [name for name in lives if told.value in ("", name)]
@@ -344,7 +343,7 @@ class MonitorNode(TwinNode):
 
 
 def _judged(asked: list[Parameter]) -> SetParametersResult:
-    """Return whether the parameters may be so; that a fault does not exist is said by the service that acts on it."""
+    """Return whether the parameters are valid; an unknown fault is reported by the service that acts on it."""
     for parameter in asked:
         if parameter.name == SHELVE_S and not 0.0 < float(parameter.value) <= LONGEST_SHELVE_S:
             given = f"{SHELVE_S} = {parameter.value:g} s"

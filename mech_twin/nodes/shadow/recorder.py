@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records what a shadow hears and what it says: all of it in one bag, or what surrounds a fault (the black box)."""
+"""Recorders of a shadow's inputs and outputs: all in one bag, or the seconds around a fault (the black box)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ BEFORE_S, AFTER_S = 10.0, 5.0
 
 
 class UntimedMessage(NamedTuple):
-    """A message as bytes: full topic name, and the machine's time in it, None where it tells none."""
+    """A message as bytes: full topic name, and the machine's time in it, None if it has none."""
 
     topic: str
     raw: bytes
@@ -45,22 +45,22 @@ class LoggedMessage(NamedTuple):
 
 
 class ShadowTopics(NamedTuple):
-    """What the shadow says, and what it hears."""
+    """Topics that the shadow publishes, and those it subscribes to."""
 
     own: tuple[Topic, ...]
     followed: tuple[FollowedTopic, ...]
 
 
 class ShadowListener(TwinNode):
-    """Hears the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
+    """Subscribes to the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
 
-    The log time of a message is its stamp where that is believed (`FollowedClock`) and not earlier than the newest one,
-    else the newest.  A stamp that is not believed is counted; until one is, messages are held back.
+    The log time of a message is its stamp if that is accepted (`FollowedClock`) and not earlier than the newest one,
+    else the newest.  Rejected stamps are counted; until one is accepted, messages are held.
 
     Parameters
     ----------
     topics : ShadowTopics
-        What is heard here.
+        Topics to subscribe to.
     """
 
     def __init__(
@@ -84,15 +84,15 @@ class ShadowListener(TwinNode):
         self.every(TICK_S, self.tick_writer)
 
     def take(self, message: LoggedMessage) -> None:
-        """Keep a message."""
+        """Store a message."""
         raise NotImplementedError
 
     def tick_writer(self) -> None:
-        """Do what is due ten times a second."""
+        """Run the periodic tasks, ten times a second."""
         raise NotImplementedError
 
     def adopt(self, parameters: Parameters) -> None:
-        """Describe the model by other parameters, in the bags opened from now on."""
+        """Use other parameters as description in the bags opened from now on."""
         self.described = description_text(self.machine_name, parameters)
 
     def opened(self, directory: Path) -> BagWriter:
@@ -111,7 +111,7 @@ class ShadowListener(TwinNode):
         return (self.admission.clock.now_ns or 0) / SECOND_NS
 
     def release(self) -> None:
-        """Keep what is held back, at the end of a shadow that knew no time."""
+        """Store the held messages, at the end of a shadow without a known time."""
         for found in self.admission.released():
             self._keep(found)
 
@@ -125,7 +125,7 @@ class ShadowListener(TwinNode):
                 self.statistics.count(found.item.topic, "unknown_source", reason)
 
     def _led_ns(self, full: str, kind: str, raw: bytes, now_s: float) -> int | None:
-        """Return the machine's time in a message; of a machine that tells no time at all the steady clock's."""
+        """Return the machine's time (ns) in a message; for a machine without stamps that of the steady clock."""
         if full not in self._lags_ns:
             return None
         stamp = stamp_ns(kind, raw) if self._has_stamps else round(now_s * SECOND_NS)
@@ -140,7 +140,7 @@ class ShadowListener(TwinNode):
 
 
 class ShadowRecorder(ShadowListener):
-    """Writes all of it to one bag.
+    """Writes all messages to one bag.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class ShadowRecorder(ShadowListener):
         self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
     def tick_writer(self) -> None:
-        """Let the writer put what is due on the disk, and say how it is."""
+        """Let the writer write due data to the disk, and report its state."""
         self.time_s = self.newest_s
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
@@ -178,15 +178,14 @@ class ShadowRecorder(ShadowListener):
 
 
 class BlackBox(ShadowListener):
-    """Keeps the last 10 s, and writes them and the next 5 s to a bag of their own when a fault becomes active.
+    """Stores the last 10 s, and writes them and the next 5 s to a separate bag when a fault becomes active.
 
     A fault within those 5 s prolongs the bag.
 
     Parameters
     ----------
     directory : Path
-        Folder of the bags; each is named for its fault and its stamp, and numbered where a bag of an earlier run has
-        that name.
+        Folder of the bags; each is named after its fault and stamp, with a number if the name exists already.
     """
 
     def __init__(
@@ -202,7 +201,7 @@ class BlackBox(ShadowListener):
         self.diagnostics.state = "no fault yet"
 
     def trigger(self, fault: str, time_s: float) -> None:
-        """Write what surrounds a fault that became active at a stamp."""
+        """Write the seconds around a fault that became active at a time (s)."""
         self._until_ns = round((time_s + AFTER_S) * SECOND_NS)
         if self._writer is not None:
             return
@@ -222,7 +221,7 @@ class BlackBox(ShadowListener):
                 self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
     def take(self, message: LoggedMessage) -> None:
-        """Keep a message, and write it while a fault is near."""
+        """Store a message, and write it near a fault."""
         self._kept.append(message)
         while not 0 <= message.at_ns - self._kept[0].at_ns <= round(BEFORE_S * SECOND_NS):
             self._kept.popleft()
@@ -234,13 +233,13 @@ class BlackBox(ShadowListener):
             self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
     def tick_writer(self) -> None:
-        """Let the writer put what is due on the disk."""
+        """Let the writer write due data to the disk."""
         self.time_s = self.newest_s
         if self._writer is not None:
             self._writer.tick()
 
     def close(self) -> None:
-        """Finish the bag that is being written."""
+        """Finish the present bag."""
         if self._writer is not None:
             self._writer.close()
             self._writer = None
@@ -248,6 +247,6 @@ class BlackBox(ShadowListener):
 
 
 def _unused(place: Path) -> Path:
-    """Return the first of a name, and the name with a number, that nothing has."""
+    """Return a path that does not exist: the given one, or that with a number."""
     numbered = (place.with_name(f"{place.name}-{number}") for number in count(2))
     return next(each for each in chain([place], numbered) if not (each.exists() or each.is_symlink()))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A shadow from beginning to end: the name checked, the node spun until a signal or its time is over."""
+"""A shadow from start to end: checks its name, serves its nodes until a signal or the end of its time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from mech_twin.studies.observer.lock_on import SeenSample
 
 
 class ShadowOutcome(NamedTuple):
-    """What a shadow came to: last diagnostic values, messages sent by topic, bags of the black box, those not made."""
+    """Result of a shadow: last diagnostic values, messages sent by topic, bags of the black box, failed bags."""
 
     values: dict[str, str]
     sent: dict[str, int]
@@ -42,14 +42,14 @@ class ShadowOutcome(NamedTuple):
 
 
 class FreeKeys(NamedTuple):
-    """Keys that may be identified, and least and largest value of some of them."""
+    """Keys that may be identified, and bounds of some of them."""
 
     keys: tuple[str, ...]
     bounds: dict[str, tuple[float, float]]
 
 
 class Company(NamedTuple):
-    """What runs beside a shadow: recording, monitor, black box, advisor, view, outlets of alerts, keys to identify."""
+    """Options of the nodes beside a shadow: recording, monitor, black box, advisor, view, alert outlets, free keys."""
 
     record: Path | None = None
     monitor: MonitorSetup | None = None
@@ -95,13 +95,13 @@ def follow(
     Parameters
     ----------
     machine_name, setup, parameters
-        The model, and whom it follows.
+        The model, and the setup of the shadow.
     company : Company
-        What runs beside it.
+        Options of the nodes beside it.
     duration_s : float
         Time (s) after which it ends by itself; 0: never.
     ready : callable
-        Told the node when it listens.
+        Called with the node when it has subscribed.
     own_name : str, optional
         Name below which it publishes, such as a page's own; the machine's if absent.
 
@@ -175,7 +175,7 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
 
 
 def taken_over(nodes: Sequence[TwinNode], parameters: Parameters) -> None:
-    """Let the nodes of a shadow go on with a model of other parameters; the monitor's reference stays what it is."""
+    """Switch the nodes of a shadow to a model with other parameters; the monitor's reference is unchanged."""
     for each in nodes:
         each.adopt(parameters)
 
@@ -203,7 +203,7 @@ def identifier_beside(machine_name: str, node: ShadowNode, parameters: Parameter
 def advisor_beside(
     machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
 ) -> AdvisorNode:
-    """Return the advisor of a shadow, fed with its samples, and told of the faults of a monitor beside it."""
+    """Return the advisor of a shadow, fed with its samples and the faults of a monitor beside it."""
     advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, parameters)
     before = node.on_sample
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shadow node: follows a machine's topics with the observer, and publishes what it says of the machine.
+"""The shadow node: follows a machine's topics with the state observer, and publishes the estimates.
 
-It listens to the machine and publishes below ``twin``; it is no part of the machine's exchange of steps and never
-publishes on a name of the machine.  It says states, residuals and virtual sensors, each with its standard deviation.
+It subscribes to the machine and publishes below ``twin``.  It takes no part in the machine's exchange of steps, never
+publishes on a topic of the machine.  It publishes states, residuals and virtual sensors with their standard deviations.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ Output = Callable[[Topic], CountingPublisher]
 
 
 class JointTable(NamedTuple):
-    """Joints of a machine, each once, and the places of position, velocity and effort in a row."""
+    """Joints of a machine, each once, and the indices of position, velocity and effort in a row."""
 
     names: tuple[str, ...]
     position: tuple[int, ...]
@@ -73,7 +73,7 @@ class JointTable(NamedTuple):
 
 
 class VirtualSensor(NamedTuple):
-    """One virtual sensor: its publisher and that of its sigma, and the places of force x, force y and moment."""
+    """One virtual sensor: its publisher and that of its sigma, and the indices of force x, force y and moment."""
 
     value: CountingPublisher
     sigma: CountingPublisher
@@ -84,7 +84,7 @@ class VirtualSensor(NamedTuple):
 
 
 def joint_table(columns: Mapping[str, int]) -> JointTable:
-    """Return the joints of a machine; a body's own come before the linkage's copy of them."""
+    """Return the joints of a machine; for joints of a body its own values are used, not the linkage's copy."""
     found: dict[str, str] = {}
     for role in ("body", "linkage", "motor"):
         for column in columns:
@@ -101,15 +101,15 @@ class ShadowOutputs:
     Parameters
     ----------
     output : callable
-        Makes a counted publisher.
+        Returns a counted publisher.
     machine : Machine
         The model.
     columns : mapping
-        Places of a row by column.
+        Indices in a row by column.
     namespace : str
-        Frames of the wrenches stand below it.
+        Prefix of the frames of the wrenches.
     stamp : callable
-        Stamp of a time.
+        Returns the stamp of a time.
     """
 
     def __init__(
@@ -141,12 +141,12 @@ class ShadowOutputs:
         self._virtual.append(VirtualSensor(output(topic), output(sigma_of(topic)), frame, *places))
 
     def send_joints(self, time_s: float, row: Array, sigma: Array) -> None:
-        """Publish the joints, those that are not measured too; what cannot be told is NaN."""
+        """Publish the joints, unmeasured ones too; unknown values are NaN."""
         self._estimated.send(encoded(self._joint_message(time_s, row)))
         self._sigma.send(encoded(self._joint_message(time_s, sigma)))
 
     def send_residuals(self, estimate: FrameEstimate, channels: tuple[SensedChannel, ...]) -> None:
-        """Publish measured less predicted of the channels of a sample; fields that are not measured are NaN."""
+        """Publish measured minus predicted values of a sample's channels; unmeasured fields are NaN."""
         rows: dict[str, dict[str, float]] = {}
         for place, value in zip(estimate.channels, estimate.innovations, strict=True):
             parts = joint_column(channels[place].column)
@@ -198,7 +198,7 @@ LATENCIES = 1000  # of the newest samples that the median is of
 
 
 class ShadowSetup(NamedTuple):
-    """Whom a shadow follows: namespace, map (None: the twin's own topics), and the observer's options."""
+    """Setup of a shadow: namespace of the machine, map (None: the twin's own topics), options of the observer."""
 
     namespace: str
     given: MeasurementMap | None = None
@@ -207,7 +207,7 @@ class ShadowSetup(NamedTuple):
 
 
 class HeardMessage(NamedTuple):
-    """What a message of the machine says, its topic, and when it came (s of the steady clock)."""
+    """Contents of a message of the machine, its topic, and time of arrival (s of the steady clock)."""
 
     followed: FollowedTopic
     heard: HeardValues
@@ -220,7 +220,7 @@ class ShadowNode(TwinNode):
     Parameters
     ----------
     setup : ShadowSetup
-        Whom it follows.
+        The machine to follow.
     """
 
     def __init__(
@@ -267,7 +267,7 @@ class ShadowNode(TwinNode):
         self.subscribe(command, self._on_command)
 
     def adopt(self, parameters: Parameters) -> None:
-        """Follow the machine by a model with other parameters from now on; it is searched anew."""
+        """Switch to a model with other parameters; the search for the machine's state restarts."""
         entry, before = catalogue_entry(self.machine_name), self.observer
         options, deviations = self.setup.options, self.setup.deviations
         self.observer = PhaseLockedObserver(entry.build(parameters), entry.build, self._sensed, options, deviations)
@@ -300,7 +300,7 @@ class ShadowNode(TwinNode):
         self.statistics.count(message.followed.topic.name, "unknown_source", reason)
 
     def _take(self, message: HeardMessage) -> None:
-        """Take what is believed into account."""
+        """Process an accepted message."""
         followed, arrived_s = message.followed, message.arrived_s
         at_ns = self.admission.clock.at(arrived_s)
         if self._jumps != self.admission.clock.jumps:
@@ -347,7 +347,7 @@ class ShadowNode(TwinNode):
     # -- silence and diagnostics ------------------------------------------------------------------------------------
 
     def check_peers(self, now_s: float) -> None:
-        """Hold the estimates, their sigma growing, while nothing comes."""
+        """Publish the last estimate with growing sigma while no messages arrive."""
         silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
         if silent_s <= self.options.peer_timeout_s:
             self.diagnostics.state = self.observer.state.value
@@ -364,7 +364,7 @@ class ShadowNode(TwinNode):
             self._outputs.send_virtual(self.estimate.time_s, self.estimate.row, sigma)
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return level, state, what was lost, and the latency from a sample to its estimate."""
+        """Return level, state, lost messages, and the latency from a sample to its estimate."""
         values = {"level": self.level, "observer": self.observer.state.value}
         values |= {f"samples {reason}": str(number) for reason, number in self.observer.counts.items()}
         if self._latencies_s:

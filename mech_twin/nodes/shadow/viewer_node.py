@@ -42,7 +42,7 @@ Placed = TypeVar("Placed", LinkageSample, BodySample)
 
 
 class ShadowState(NamedTuple):
-    """What the line above the picture tells: observer, level, time (s), residual (in sigma), faults if monitored."""
+    """Contents of the status line: observer, level, time (s), residual (in sigma), faults if monitored."""
 
     observer: str
     level: str
@@ -52,20 +52,20 @@ class ShadowState(NamedTuple):
 
 
 class ShadowViewerNode(TwinNode):
-    """Shows what a shadow says; see `TwinNode` for the other arguments.
+    """Shows a shadow's results; see `TwinNode` for the other arguments.
 
-    It is handed the samples and estimates in this process and listens to no topic.
+    It gets samples and estimates within the process and subscribes to no topic.
 
     Parameters
     ----------
     place : str
         A bench (``bench:SOCKET``), or the file to write for rerun.
     shadow : ShadowNode
-        Whose estimates are shown.
+        Source of the estimates.
     monitor : MonitorNode, optional
-        Whose faults are shown.
+        Source of the faults.
     advisor : AdvisorNode, optional
-        Whose advice is shown.
+        Source of the advice.
     """
 
     def __init__(
@@ -109,12 +109,12 @@ class ShadowViewerNode(TwinNode):
             self._show(self._picture(model, measured))
 
     def close(self) -> None:
-        """Show the last state and let the scene go."""
+        """Show the last state and close the scene."""
         self._show(self._picture())
         self.scene.close()
 
     def _tick(self) -> None:
-        """Show a state that has changed where no estimate comes to show it with."""
+        """Show a changed state while no estimates arrive."""
         fit = None if self.identifier is None else shown_fit(self.identifier)
         is_new = fit != self._shown_fit or self._banner() != self._shown
         if self._shadow.diagnostics.state != "locked" and is_new and self.scene.is_due():
@@ -165,7 +165,7 @@ def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
 
 
 def shown_fit(identifier: IdentifierNode) -> ShownFit:
-    """Return what there is to say of an identification."""
+    """Return the rows of an identification."""
     found = identifier.found
     keys = () if found is None else found.keys
     rows = tuple(
@@ -195,7 +195,7 @@ def _size(best: Candidate | None) -> str:
 
 
 def advice_rows(advice: Recommendation, *, dry_run: bool) -> tuple[tuple[str, str], ...]:
-    """Return what an advice asks for and rests on, by name."""
+    """Return the contents of an advice and its evidence, by name."""
     return (
         ("set", advice.key),
         ("from, to", f"{advice.value:.4g} to {advice.proposed:.4g} (of {advice.low:.4g} to {advice.high:.4g})"),
@@ -235,7 +235,7 @@ def _fault_words(faults: Sequence[FaultLife] | None) -> list[str]:
 
 
 def channel_title(column: str, sliding: frozenset[str]) -> str:
-    """Return what a channel is called over its plots, with its unit; of the joints some slide."""
+    """Return the title of a channel's plot, with unit; ``sliding`` are the joints measured in m."""
     parts = joint_column(column)
     name = f"{titled(parts.joint)} {parts.field}" if parts is not None else titled(column.partition(".")[2] or column)
     return f"{name}, {shown_unit(unit_in(column, sliding))}"
@@ -256,9 +256,9 @@ def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSa
 def drawings(
     machine: Machine, frame: Frame, channels: Sequence[SensedChannel], sample: SeenSample
 ) -> tuple[tuple[Shape, ...], tuple[Shape, ...]]:
-    """Return the mechanism as estimated, and as measured: with the measured joints in the place of the estimated ones.
+    """Return drawings of the mechanism as estimated, and with the measured joints in place of the estimated ones.
 
-    Nothing is drawn as measured where no position is measured.
+    The second is empty if no position is measured.
     """
     model = machine.draw(frame.linkage, frame.body)
     positions = {
