@@ -7,8 +7,8 @@ r"""Life of an advice, as a pure state machine: offered, accepted, on trial, kep
                        |                  \--gain did not come, fault, silence, stop--> idle (reverted)
                        \--reject, expiry, fault--> idle
 
-Nothing is sent without an acceptance; what is sent lies in the declared range, is at most a share of it away from the
-value in force, and at least a time after the change before.  Every transition is a decision with its reason.
+Nothing is sent without acceptance.  A value sent lies in the declared range, differs from the value in force by at most
+a share of it, and comes at least a minimum time after the last change.  Every transition is a decision with its reason.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ class AdviceRules(NamedTuple):
     Attributes
     ----------
     is_dry_run : bool
-        Nothing goes out, even when accepted.
+        Nothing is sent, even after acceptance.
     interval_s : float
         Least time between two changes.
     settling_cycles, trial_cycles : int
-        Cycles after a change that are not judged, and that are.
+        Cycles after a change that are skipped, and that are evaluated.
     promised_share : float
-        Share of the promised gain that must come.
+        Share of the promised gain that must be reached.
     silence_s : float
         Time without a cycle after which a trial is ended.
     """
@@ -131,7 +131,7 @@ class AdviceStep(NamedTuple):
 
 
 def offered(state: AdviceState, advice: Recommendation, time_s: float) -> AdviceStep:
-    """Return the state with an advice; one that is on trial, or offered already, is left alone.
+    """Return the state with an advice; one already offered or on trial is kept instead.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def offered(state: AdviceState, advice: Recommendation, time_s: float) -> Advice
 
 
 def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules) -> AdviceStep:
-    """Return the state after somebody has said yes; ``miss`` is how far the figure is from what is wanted."""
+    """Return the state after acceptance; ``miss`` is the distance of the figure from its target."""
     advice = state.advice
     if state.phase != "offered" or advice is None:
         return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
@@ -164,7 +164,7 @@ def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules)
 
 
 def rejected(state: AdviceState, time_s: float) -> AdviceStep:
-    """Return the state after somebody has said no; a trial is taken back."""
+    """Return the state after rejection; a trial is reverted."""
     if state.phase == "trial":
         return _reverted(state, time_s, "rejected")
     if state.phase == "offered":
@@ -175,7 +175,7 @@ def rejected(state: AdviceState, time_s: float) -> AdviceStep:
 def after_machine_cycle(
     state: AdviceState, miss: float, time_s: float, has_fault: bool, rules: AdviceRules
 ) -> AdviceStep:
-    """Return the state after a cycle whose figure was this far from what is wanted."""
+    """Return the state after a cycle with a distance ``miss`` of the figure from its target."""
     state = state._replace(newest_s=time_s)
     if has_fault and state.phase != "idle":
         if state.phase == "trial":
@@ -201,14 +201,14 @@ def _after_trial_cycle(state: AdviceState, advice: Recommendation, miss: float, 
 
 
 def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep:
-    """Return the state at a time: a trial of which nothing is heard is taken back."""
+    """Return the state at a time: a trial without measurements for too long is reverted."""
     if state.phase == "trial" and time_s - state.newest_s > rules.silence_s:
         return _reverted(state, time_s, f"no cycle for {rules.silence_s:g} s")
     return AdviceStep(state)
 
 
 def ended(state: AdviceState, time_s: float, reason: str = "the advisor ends") -> AdviceStep:
-    """Return the state when the advisor or the machine's run ends: a trial is taken back."""
+    """Return the state when the advisor or the machine's run ends: a trial is reverted."""
     return _reverted(state, time_s, reason) if state.phase == "trial" else AdviceStep(_idle(state))
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which value of one output brings a number of the cycle nearest to what is wanted: asked of the model, by roll-outs.
+"""Value of an output that brings a metric of the cycle nearest to its target, found by roll-outs of the model.
 
-The model's number is scaled to what is measured now, ``F(new) = F_measured F_model(new)/F_model(now)``: an error of the
-model's size does not matter, only one of its slope.  The interval is that of the uncertain parameters, each changed by
-its standard deviation, and of the measured mean.
+The model's metric is scaled to the measured one, ``F(new) = F_measured F_model(new)/F_model(now)``: only an error of
+the model's relative slope matters.  The interval is due to the uncertain parameters, each changed by its standard
+deviation, and to the measured mean.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ TWO_SIDED = 1.96
 
 
 class AdviceOutput(Parameters):
-    """What the advisor may change, and the range it stays in."""
+    """Output that the advisor may change, and its allowed range."""
 
     key: str = choice("motor/speed_command, or a live parameter of the machine")
     low: float = quantity("1", "least value")
@@ -48,7 +48,7 @@ class AdviceOutput(Parameters):
 
 
 class AdviceWish(Parameters):
-    """What an advisor is for: a number of the cycle, what it should be, and what may be changed for it.
+    """Task of an advisor: a metric of the cycle, its target, and the outputs that may be changed.
 
     The limits of `AdviceRules` are its other keys.
     """
@@ -77,7 +77,7 @@ class AdviceWish(Parameters):
 
 @dataclass(frozen=True)
 class AdviceModel:
-    """The model that is asked.
+    """The model used for advice.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ def number_keys(parameters: Parameters, prefix: str = "") -> list[str]:
 
 
 def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_s: float) -> Recommendation | None:
-    """Return the advice for a machine at this value of the output; None where no change is worth it.
+    """Return the advice for a machine at this value of the output; None if no change gains enough.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ Each reflection coefficient comes from the neighbours that a run has, and only f
 
     k = 2 sum f_t b_(t-1) / sum (f_t^2 + b_(t-1)^2),    f, b: what the order before leaves, forwards and backwards
 
-so that short runs are not taken for series that go on with zeros, and |k| < 1: every order is stable.
+so that short runs are not implicitly padded with zeros, and |k| < 1: every order is stable.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class BurgOrder:
 def burg_orders(runs: Sequence[Array], largest: int) -> Iterator[BurgOrder]:
     """Yield the autoregressions of orders 0 to ``largest`` of runs (n, d) of d series without mean.
 
-    A run gives what it can: of order p, one that is longer than p.  A series that is zero has coefficients of zero.
+    For order p only runs longer than p are used.  A series of zeros has zero coefficients.
     """
     d = runs[0].shape[1]
     coefficients, correlations, left = np.zeros((0, d)), np.ones((1, d)), np.ones(d)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energy flow of a machine over its last cycle: the work of each element, from the books that its linkage keeps.
+"""Energy flow of a machine over its last cycle: the work of each element, from the work integrals of its linkage.
 
-Works are positive where an element gives energy to the machine.  With what the machine holds they balance.
+Works are positive if an element gives energy to the machine.  Their sum equals the change of stored energy.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ LEAST_SAMPLES = 8  # of a cycle
 
 
 class EnergyFlow(NamedTuple):
-    """A cycle: its times (s), phase (0 to 1), what each element has given since its begin (J), and what is held (J).
+    """A cycle: times (s), phase (0 to 1), work of each element since its start (J), and stored energy (J).
 
-    ``turns`` is whether the phase is that of a turn, else that of the time.
+    ``turns``: the phase is that of a turn, else of time.
     """
 
     times_s: Array
@@ -41,18 +41,18 @@ class EnergyFlow(NamedTuple):
 
     @property
     def miss_j(self) -> float:
-        """Energy by which the books miss what is held, at the end of the cycle; nan where nothing tells what is."""
+        """Error of the energy balance at the end of the cycle (J); nan if the stored energy is unknown."""
         given = sum(float(work[-1]) for work in self.works_j.values())
         return float("nan") if self.held_j is None else float(self.held_j[-1]) - given
 
 
 class EnergyBooks:
-    """Takes the books of a run.
+    """Collects the work integrals of a run.
 
     Raises
     ------
     StudyError
-        The machine keeps none that go on from the start.
+        If the machine has no work integrals from the start on.
     """
 
     def __init__(self, entry: Entry, machine: Machine) -> None:
@@ -66,7 +66,7 @@ class EnergyBooks:
         self._rows: list[tuple[float, ...]] = []
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         linkage, memory = frame.linkage, frame.linkage.memory.as_dict()
         angle = np.nan if self._joint is None else linkage.joint(self._joint).position
         held = memory[HELD] if self._holds else np.nan
@@ -131,7 +131,7 @@ def _turning_joint(entry: Entry, machine: Machine) -> str | None:
 
 
 def drawn_flow(title: str, flow: EnergyFlow) -> Figure:
-    """Return the diagram: what each element has given along the cycle, and its sum over it."""
+    """Return the diagram: work of each element over the cycle, and its total."""
     with house_style():
         order = sorted(flow.works_j, key=lambda name: -flow.works_j[name][-1])
         figure, (along, whole) = sheet(1, 2, width=9.6, height=max(3.6, 1.6 + 0.26 * len(order)))

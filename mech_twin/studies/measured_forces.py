@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mechanism in a measured motion: every joint, and the forces that the motion needs (inverse dynamics)."""
+"""Inverse dynamics of a measured motion: every joint, and the forces for the motion."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def guided_samples(
 
 @dataclass
 class Compared:
-    """A measured channel against the model in the same motion."""
+    """A measured channel and the model's value in the same motion."""
 
     name: str
     samples: int

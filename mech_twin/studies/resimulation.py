@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recorded run computed again, and its forces again from its motion, to see whether they come out the same.
+"""Recomputation of a recorded run, and of its forces from its motion, to check that the results are the same.
 
 The roles are pure maps between samples, so the recorded configuration, commands and resets determine every sample.
 """
@@ -21,7 +21,7 @@ MachineAt = Callable[[int], Machine]
 
 @dataclass
 class Verdict:
-    """What a comparison came to.
+    """Result of a comparison.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
 
 
 def _next(machine: Machine, before: Frame | None, known: StepSamples, verdict: Verdict) -> Frame | None:
-    """Return the frame computed for a step; None if the recording does not say what is needed to go on."""
+    """Return the frame computed for a step; None if the recording lacks data to continue."""
     if known.motor is None:
         return None
     target = known.motor.command if known.motor.asked is None else known.motor.asked
@@ -141,7 +141,7 @@ def _linkage(machine: Machine, before: Frame | None, known: StepSamples, verdict
 
 
 def _pairs(known: StepSamples, frame: Frame) -> Iterator[tuple[str, Sample, Sample]]:
-    """Yield what was recorded beside what was computed; a state taken up as recorded proves nothing."""
+    """Yield pairs of recorded and computed samples; a state taken from the recording is left out."""
     for role in ("linkage", "motor", "forces", "body"):
         recorded, computed = getattr(known, role), getattr(frame, role)
         if recorded is not None and computed is not None and recorded is not computed:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Search of any machine by its runs: keys within bounds, and which of its numbers is made small under which limits.
+"""Optimisation of any machine by its runs: keys within bounds, a minimised number, limits of other numbers.
 
-A scan of a Sobol sequence finds where the limits are kept; linear approximations (COBYLA) go on from its best points.
-The same seed gives the same answer, whatever the number of cores.
+A scan of a Sobol sequence finds the feasible region; COBYLA (linear approximations) refines its best points.
+The same seed gives the same result on any number of cores.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ BROKEN = 1e3  # violation of a point at which the machine is refused, or has not
 
 
 class JudgedPoint(NamedTuple):
-    """A point of the unit cube: its objective, made small, and its margins over their scales, negative where broken."""
+    """A point of the unit cube: its minimised objective, and its scaled margins (negative: violated)."""
 
     place: Place
     objective: float
@@ -56,7 +56,7 @@ class JudgedPoint(NamedTuple):
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What orders points: how far the limits are broken, then the objective."""
+        """Sort key of points: violation of the limits, then the objective."""
         return sum(max(-margin, 0.0) for margin in self.margins), self.objective
 
 
@@ -71,11 +71,11 @@ class RunSearch:
     bounds : dict
         Least and largest value of each key.
     objective : str
-        Number that is made small; ``-`` before it: large.
+        Number that is minimised; with ``-`` before it maximised.
     limits : dict
         Least and largest value of numbers.
     scales : dict
-        Size of each number that counts, in the machine as it is.
+        Magnitude of each objective and limited number in the machine as configured.
     """
 
     asked: Question
@@ -95,7 +95,7 @@ class RunSearch:
         return {key: low + share * (high - low) for (key, (low, high)), share in pairs}
 
     def margins(self, numbers: Mapping[str, float]) -> dict[str, float]:
-        """Return how far each limit is kept, in the unit of its number; negative: it is broken."""
+        """Return the margin of each limit in the unit of its number; negative: violated."""
         found: dict[str, float] = {}
         for name, (low, high) in self.limits.items():
             value = numbers.get(name, math.nan)
@@ -104,7 +104,7 @@ class RunSearch:
         return found
 
     def judged(self, place: Sequence[float]) -> JudgedPoint:
-        """Return what a point is worth."""
+        """Return the evaluation of a point."""
         point = tuple(float(np.clip(share, 0.0, 1.0)) for share in place)
         try:
             numbers = summary(self.asked, self.changes(point))
@@ -133,7 +133,7 @@ def run_search(
     Raises
     ------
     StudyError
-        A key, a number or a bound is none.
+        If a key, a number or a bound is invalid.
     """
     if not bounds:
         raise StudyError("a search by runs needs at least one key and its bounds: --bound KEY=LOW:HIGH")
@@ -161,7 +161,7 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     Raises
     ------
     StudyError
-        No design keeps every limit; the nearest one is told.
+        If no design keeps every limit; the message has the nearest one.
     """
     keys, workers = len(asked.bounds), cores or available_cores()
     power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
@@ -188,7 +188,7 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
 
 
 def _checked(asked: RunSearch, found: Parameters) -> InShorterSteps | None:
-    """Return objective and margins of a design in a run in shorter steps, where there is one."""
+    """Return objective and margins of a design from a run with shorter steps, if possible."""
     machine = catalogue_entry(asked.asked.machine).build(found)
     known = dict(machine.report())
     names = {asked.name, *asked.limits} - known.keys()
@@ -202,7 +202,7 @@ def _checked(asked: RunSearch, found: Parameters) -> InShorterSteps | None:
 
 
 def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:
-    """Return the best point that linear approximations find from a start."""
+    """Return the best point found by COBYLA from a start."""
     known: dict[Place, JudgedPoint] = {}
 
     def at(place: Any) -> JudgedPoint:

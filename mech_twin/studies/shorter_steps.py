@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run once more in shorter steps, beside the first: which digits of a number do not depend on the step.
+"""Step-size check: a second run with shorter steps shows which digits of a number do not depend on the step.
 
-Peaks are taken at samples, and roles exchange theirs at steps, so that numbers of a run depend on its step.  The second
-run takes sqrt 5 times as many: its step is below half, and its samples fall between those of the first, wherever a
-peak lies.
+Peaks are taken at samples, and roles exchange samples at steps, so the numbers of a run depend on its step.  The second
+run has sqrt 5 times as many steps: less than half as long, and its samples fall between those of the first.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ FEWEST_DIGITS = 2  # fewer say less than both numbers
 
 
 def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
-    """Return the machine with a shorter coupling step that divides the run; None where it has none so short."""
+    """Return the machine with a shorter coupling step that divides the run; None if so short a step is not allowed."""
     try:
         parameters = varied(machine.parameters, {"coupling.step_s": shorter_step_s(machine, duration_s)})
     except ValidationError:
@@ -38,7 +37,7 @@ def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
 
 
 class RunInShorterSteps:
-    """A run that goes along with one in longer steps.
+    """A run parallel to one with longer steps.
 
     Parameters
     ----------
@@ -52,7 +51,7 @@ class RunInShorterSteps:
     Attributes
     ----------
     failure : str
-        Why this run ended before the other; empty while it goes on.
+        Why this run ended before the other; empty otherwise.
     """
 
     def __init__(self, machine: Machine, duration_s: float, changes: Sequence[LiveChange] = ()) -> None:
@@ -64,11 +63,11 @@ class RunInShorterSteps:
         self._time_s = -math.inf
 
     def follow(self, other: Frame) -> None:
-        """Take the frames up to one of the other run into account; an error ends this run and not the other."""
+        """Update with the frames up to one of the other run; an error ends only this run."""
         self._observe_until(other.linkage.time_s)
 
     def finish(self) -> None:
-        """Take all frames into account."""
+        """Update with all remaining frames."""
         self._observe_until(math.inf)
 
     def _observe_until(self, time_s: float) -> None:
@@ -106,10 +105,10 @@ def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -
 
 
 def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
-    """Return a number in the digits that shorter steps leave as they are; both numbers where those are few.
+    """Return a number with the digits that shorter steps leave unchanged; both numbers if those are few.
 
-    Half of the last digit told is worth at least the error, taken to fall in proportion to the step.  What does not
-    depend on the run is not among the numbers in shorter steps, and told as it is.
+    Half a unit of the last digit is at least the error, assumed proportional to the step.  A number that does not
+    depend on the run is not among those of shorter steps, and is given in full.
 
     Examples
     --------

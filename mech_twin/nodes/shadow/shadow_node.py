@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The shadow node: follows a machine's topics with the state observer, and publishes the estimates.
 
-It subscribes to the machine and publishes below ``twin``.  It takes no part in the machine's exchange of steps, never
-publishes on a topic of the machine.  It publishes states, residuals and virtual sensors with their standard deviations.
+It subscribes to the machine's topics and publishes below ``twin``, never on the machine's topics.  It takes no part in
+the exchange of steps.  It publishes states, residuals and virtual sensors with their standard deviations.
 """
 
 from __future__ import annotations

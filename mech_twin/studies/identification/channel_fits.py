@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a fit stands beside its channels: residuals, what was found of each sensor, and errors of the model."""
+"""Quality of a fit for each channel: residuals, sensor parameters found, and errors of the model."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class ChannelFit:
 
 
 def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
-    """Return which channel is off by more than its sensor's noise, and by how much; None where the noise explains all.
+    """Return the channel whose residual exceeds its sensor's noise, and by how much; None if noise explains all.
 
-    The residual counts over the noise that the sensor is known or seen to have, and not by chance (Ljung and Box).
-    A sensor may hide some of its noise from differences; where starts have not ``agreed``, a missed valley is likelier.
+    The residual is compared with the known or estimated noise, and must be correlated (Ljung and Box).
+    A sensor may hide some of its noise from differences; if starts have not ``agreed``, a wrong minimum is likelier.
     """
     problem = fitted.problem
     for place, found in _scored(fitted):
@@ -60,7 +60,7 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
 
 
 def noise_misfit(fitted: Fitted) -> float:
-    """Return the residuals of all channels over their sensors' noise, in the rms; some 1 where the model is right."""
+    """Return the RMS of all channels' residuals over their sensors' noise; about 1 for a correct model."""
     shares = [found.rms / channel_noise(fitted.problem, place)[0] for place, found in _scored(fitted)]
     return float(np.sqrt(np.mean(np.minimum(shares, FARTHEST) ** 2))) if shares else fitted.cost
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the sensors of a machine would show of a roll-out, at their own instants.
+"""Prediction of sensor readings from a roll-out, at the sensors' own instants.
 
 Between coupling steps a position follows the cubic through positions and speeds, everything else a straight line; in a
 step with an event both follow the straight line.  A column that jumps at events is not to be compared beside one:
@@ -97,9 +97,9 @@ class ColumnCurves:
         return np.asarray(np.minimum(np.abs(to_next), np.abs(since)) <= guard_s)
 
     def of_events(self, kind: str, field: str) -> Array:
-        """Return what the events of one kind show, in time order: one of `EVENT_FIELDS`, or a number of a gauge.
+        """Return values of the events of one kind in time order: one of `EVENT_FIELDS`, or a number of a gauge.
 
-        nan of an event that the gauge does not tell of.
+        It is nan for an event that the gauge does not measure.
         """
         if (kind, field) not in self._of_events:
             events = self.rollout.event_numbers
@@ -136,7 +136,7 @@ def predicted(
     zero: float | None = None,
     gain: float | None = None,
 ) -> Array:
-    """Return what a channel shows of the roll-out at its stamps, in its own unit.
+    """Return the readings of a channel for the roll-out at its stamps, in its own unit.
 
     Parameters
     ----------

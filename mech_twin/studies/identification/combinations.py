@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Combinations of keys that channels see, though none of the keys alone: products of powers, or sums of multiples."""
+"""Identifiable combinations of keys that are not identifiable alone: products of powers, or sums of multiples."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDER = 1.1  # times: simple fractions may make an interval that much wider
 
 @dataclass(frozen=True)
 class Combination:
-    """A product of powers of keys, or a sum of their multiples, that the channels see, though none of them alone.
+    """An identifiable product of powers of keys, or sum of their multiples; none of them is identifiable alone.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Family:
-    """What fits as well where keys that are fixed are moved.
+    """Equally good fits with other values of the keys held fixed.
 
     Attributes
     ----------
@@ -80,10 +80,9 @@ class Family:
 def combinations(
     families: Sequence[Family], names: Sequence[str], units: Sequence[str], half_widths: Array
 ) -> list[Combination]:
-    """Return what is seen of each fitted key together with those fixed, the surest first.
+    """Return the identifiable combinations of each fitted key with fixed ones, the surest first.
 
-    The weights are those under which the combination changes least within its family; what it still changes by is
-    added to its interval.
+    The weights minimise the change of the combination within its family; the remaining change is added to its interval.
 
     Parameters
     ----------

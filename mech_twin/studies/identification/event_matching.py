@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which event of the model is which measured one: the nearest of each other, and not far off."""
+"""Matching of measured events to the model's: mutual nearest neighbours within a maximum distance."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SERIES = 0.1  # of the usual spacing: events that follow sooner belong to a seri
 
 
 def first_of_series(times_s: Array) -> npt.NDArray[np.bool_]:
-    """Return which events begin a series, shape (n,): chatter counts by its beginning, not by its bounces."""
+    """Return which events start a series, shape (n,): of a series of bounces only the first counts."""
     if len(times_s) < 3:
         return np.ones(len(times_s), dtype=np.bool_)
     return np.diff(times_s, prepend=-np.inf) > SERIES * usual_spacing(times_s)
@@ -27,9 +27,9 @@ def usual_spacing(times_s: Array) -> float:
 
 
 def matched(measured_s: Array, model_s: Array) -> npt.NDArray[np.int64]:
-    """Return the place of the model's event of each measured one, -1 where there is none, shape (measured,).
+    """Return the index of the model's event of each measured one, -1 for none, shape (measured,).
 
-    Each is the nearest of the other, so that the order is kept, and no farther off than `SHARE` of the spacing.
+    They are mutual nearest neighbours, which keeps the order, within `SHARE` of the usual spacing.
     """
     if not len(measured_s) or not len(model_s):
         return np.full(len(measured_s), -1, dtype=np.int64)

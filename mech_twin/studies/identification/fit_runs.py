@@ -184,10 +184,10 @@ def fit_channel(channel: Channel, times_s: Array, values: Array, quantum: float)
 
 
 def seen_noise(values: Array) -> float:
-    """Return the standard deviation of the noise in a series, from what differences of it leave of the motion.
+    """Return the standard deviation of the noise in a series, estimated from its differences.
 
-    Second differences still hold the curvature of a fast motion; higher ones hold less of it, and more of the noise.
-    White noise makes differences of order k larger by the root of (2k over k); the least of several orders counts.
+    Second differences still contain the curvature of a fast motion; higher ones less of it, and more of the noise.
+    White noise enlarges differences of order k by the root of (2k over k); the least of several orders counts.
     """
     found = []
     for order in DIFFERENCES:

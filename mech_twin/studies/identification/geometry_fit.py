@@ -205,7 +205,7 @@ def fit_percent(problem_fit: GeometryFit, run: int, channel: int) -> float:
 
 
 def unseen(fit: GeometryFit, keys: int) -> Array:
-    """Return, for each key, the share of it in directions that the channels do not see (0 to 1)."""
+    """Return the share of each key in unobservable directions (0 to 1)."""
     size = np.linalg.norm(fit.jacobian, axis=0)
     scaled = fit.jacobian / np.where(size > 0.0, size, 1.0)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
@@ -215,7 +215,7 @@ def unseen(fit: GeometryFit, keys: int) -> Array:
 
 
 def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
-    """Return the standard errors of the keys by least squares, with as many samples as their correlation leaves."""
+    """Return the standard errors of the keys by least squares, for the effective number of correlated samples."""
     residuals = [part for parts in fit.residuals for part in parts]
     count = sum(len(part) for part in residuals)
     total = sum(float(part @ part) for part in residuals)

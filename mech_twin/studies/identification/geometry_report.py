@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit of lengths comes to: verdict and interval for each key, and a score on a run that it never saw."""
+"""Result of a fit of lengths: verdict and interval for each key, and a score on a run held out."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class FittedAssembly:
-    """How the mechanism is put together, and turns, as the positions show it.
+    """Assembly mode and sense of rotation of the mechanism, as found from the positions.
 
     Attributes
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How well a configuration predicts what it was not fitted to: fit of each channel, events, whiteness of the rest."""
+"""Validation of a configuration on data held out: fit of each channel, events, whiteness of the residuals."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NO_BOUNDS = np.zeros((2, 0))
 
 @dataclass(frozen=True)
 class ChannelScore:
-    """One channel beside the model.
+    """Score of one channel.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class ChannelScore:
 
 @dataclass(frozen=True)
 class Score:
-    """A configuration beside runs.
+    """Score of a configuration on runs.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def scored(
 def beside(
     name: str, parameters: Parameters, runs: Sequence[FitRun], longest_begin_s: float
 ) -> tuple[FitProblem, Array]:
-    """Return a configuration as it is beside runs, with the zeros, gains, lags and beginnings that fit best."""
+    """Return an unchanged configuration compared with runs, with best-fitting zeros, gains, lags and start times."""
     keyed = KeyedConfiguration(name, parameters, ())
     unknowns = unknowns_of(keyed, NO_BOUNDS, runs, longest_begin_s)
     problem = FitProblem(ModelRuns(keyed, runs, longest_begin_s), unknowns)

@@ -110,7 +110,7 @@ def identified(
     share: float = 0.0,
     progress: Progress = quiet,
 ) -> Identification:
-    """Fit keys of a configuration to runs and return what may be said of them.
+    """Fit keys of a configuration to runs and return estimates with verdicts.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[Fit
 def _best_fit(
     question: IdentificationQuestion, keys: Sequence[str], runs: Sequence[FitRun], progress: Progress
 ) -> tuple[Fitted, Search]:
-    """Return the best fit of some of the keys, and what the search for it has seen."""
+    """Return the best fit of some of the keys, and the statistics of the search."""
     problem = problem_of(question, KeyedConfiguration(question.machine, question.base, tuple(keys)), runs)
     fits = None
     if question.scheduler is not None:
@@ -216,7 +216,7 @@ def _best_fit(
 def _fit_of_fewer(
     question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress
 ) -> Fitted:
-    """Return the fit of other keys than those of a fit, from a place that fits as well.
+    """Return the fit of other keys than those of a given fit, from an equally good start.
 
     The keys that are no longer estimated are fixed as configured.
     """
@@ -229,7 +229,7 @@ def _fit_of_fewer(
 
 
 def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict], fitted: Fitted) -> Parameters:
-    """Return the configuration found: keys of which nothing is known stay as they were."""
+    """Return the configuration found: unidentified keys are unchanged."""
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
     keyed = KeyedConfiguration(question.machine, question.base, tuple(values))
     return keyed.parameters(list(values.values())) if values else question.base

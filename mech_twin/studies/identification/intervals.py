@@ -98,7 +98,7 @@ def linearised(fitted: Fitted) -> Linearised:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What is known of the unknowns of a fit.
+    """Uncertainty of the unknowns of a fit.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Uncertainty:
 
 
 def uncertainty(found: Linearised) -> Uncertainty:
-    """Return the standard errors of all unknowns: the widest of several, each with Student's t of its own freedom."""
+    """Return the standard errors of all unknowns: the largest of several, each with Student's t of its own freedom."""
     inverse = inverse_information(found.jacobian)
     freedom = max(len(found.residuals) - found.jacobian.shape[1], 1)
     variance = float(found.residuals @ found.residuals) / freedom
@@ -151,7 +151,7 @@ def uncertainty(found: Linearised) -> Uncertainty:
 
 
 def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:
-    """Return the standard errors where residuals have a memory, with Student's t of the samples that this leaves."""
+    """Return the standard errors for correlated residuals, with Student's t of the effective number of samples."""
     noise = remembered_noise(found.jacobian, found.residuals, found.channels)
     freedom = max(noise.samples - found.jacobian.shape[1], 1.0)
     middle = noise.middle * noise.samples / freedom
@@ -160,12 +160,12 @@ def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:
 
 
 def last_step(found: Linearised) -> Array:
-    """Return the step of Gauss and Newton that a fit has not taken, over the scales, shape (unknowns,)."""
+    """Return the next Gauss-Newton step from the end of a fit, over the scales, shape (unknowns,)."""
     return -inverse_information(found.jacobian) @ (found.jacobian.T @ found.residuals)
 
 
 def moved_by_fixed(found: Linearised, fixed: Array) -> Array:
-    """Return how far the unknowns move if keys that were fixed are off by half of themselves, shape (unknowns,).
+    """Return the shift of the unknowns if fixed keys are off by half their value, shape (unknowns,).
 
     Parameters
     ----------
@@ -179,13 +179,13 @@ def moved_by_fixed(found: Linearised, fixed: Array) -> Array:
 
 
 def inverse_information(jacobian: Array) -> Array:
-    """Return the inverse of J'J of scaled columns; directions that nothing sees are left out, shape (n, n)."""
+    """Return the pseudo-inverse of J'J with scaled columns, without unobservable directions, shape (n, n)."""
     root = _root_of_inverse(jacobian)
     return np.asarray(root @ root.T)
 
 
 def _root_of_inverse(jacobian: Array) -> Array:
-    """Return R with R'J'J R = 1 and R R' = (J'J)^-1, without directions that nothing sees, shape (n, seen)."""
+    """Return a square root R R' of that pseudo-inverse, with R'J'J R = 1, shape (n, observable)."""
     size = np.linalg.norm(jacobian, axis=0)
     size = np.where(size > 0.0, size, 1.0)
     triangle = np.linalg.qr(jacobian / size, mode="r")  # the same singular values, of few rows
@@ -195,14 +195,14 @@ def _root_of_inverse(jacobian: Array) -> Array:
 
 
 def _scores(found: Linearised, labels: npt.NDArray[np.int64]) -> Array:
-    """Return J'r of each group, shape (groups, unknowns); together they are zero where the fit ended."""
+    """Return the score J'r of each group, shape (groups, unknowns); their sum is zero at the minimum."""
     rows = found.jacobian * found.residuals[:, None]
     groups = np.unique(labels[labels >= 0])
     return np.array([rows[labels == group].sum(axis=0) for group in groups])
 
 
 def _jackknife(found: Linearised, labels: npt.NDArray[np.int64], most_leverage: float) -> Array:
-    """Return the standard errors by leaving out one group at a time, one step of Newton each.
+    """Return the jackknife standard errors: one group left out at a time, one Newton step each.
 
     A direction on which a group has more than this leverage h stays where the group is left out: the rest would move it
     by h / (1 - h) times its error.

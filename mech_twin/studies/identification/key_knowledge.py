@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a fit knows of all free keys: derivatives where it ended, intervals, and the evidence for a verdict on each."""
+"""Evidence on all free keys of a fit: derivatives at its end, intervals, and a verdict on each key."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class AroundFit:
 
     @property
     def bends(self) -> bool:
-        """Whether derivatives tell nothing of where the keys lead: a small error of one has become large."""
+        """Whether derivatives do not predict the effect of the keys, as a small error of one is strongly amplified."""
         problem = self.fitted.problem
         return self.seen.contradicted or problem.curvature(self.fitted.x, self.fitted.comparison) > BENDING
 
@@ -65,7 +65,7 @@ class AroundFit:
 
 
 def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
-    """Return how the channels see the keys before anything is fitted."""
+    """Return the sensitivity of the channels to the keys before fitting."""
     floors = noise_floors(problem.runs)
     sigmas = np.maximum(floors, spreads(problem, x, problem.comparison(x, floors)))
     return _sensitivity(Fitted(problem, x, problem.comparison(x, sigmas), 0.0))[0]
@@ -78,14 +78,14 @@ def _sensitivity(fitted: Fitted) -> tuple[Sensitivity, Linearised]:
 
 
 def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
-    """Return the start of other unknowns, with what a fit found of them."""
+    """Return the start of other unknowns, with the values that a fit found."""
     found = {(u.kind, u.name, u.runs): fitted.x[i] * u.scale for i, u in enumerate(fitted.problem.unknowns.all)}
     pairs = zip(unknowns.all, unknowns.start, strict=True)
     return np.array([found.get((u.kind, u.name, u.runs), start * u.scale) / u.scale for u, start in pairs])
 
 
 def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
-    """Return derivatives by all free keys where the fit of some of them ended."""
+    """Return derivatives by all free keys at the end of a fit of some of them."""
     base = fitted.problem.model.keyed.parameters(fitted.key_values)
     keyed = KeyedConfiguration(question.machine, base, question.keys)
     whole = problem_of(question, keyed, fitted.problem.runs)
@@ -95,10 +95,10 @@ def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
 
 
 def predictable(question: IdentificationQuestion, around: AroundFit, progress: Progress = quiet) -> AroundFit:
-    """Return the fit of the longest first share of the runs over which derivatives tell where the keys lead.
+    """Return the fit of the longest first share of the runs over which derivatives predict the effect of the keys.
 
-    A motion that forgets nothing of its beginning makes a small error of a key large.  The later part of a run then has
-    a valley narrower than any difference, and derivatives there say nothing of a key's interval.
+    An undamped or chaotic motion amplifies a small error of a key.  The minimum for the later part of a run is then
+    narrower than any difference step, and derivatives there give no interval of a key.
     """
     problem, here = around.fitted.problem, around
     for share in PREDICTABLE if around.bends else ():
@@ -128,7 +128,7 @@ def with_others_as_configured(question: IdentificationQuestion, around: AroundFi
 def settled(
     question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress = quiet
 ) -> tuple[AroundFit, Uncertainty]:
-    """Return the fit where it truly ends, and what is known there of its unknowns.
+    """Return the converged fit, and the uncertainty of its unknowns.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def _profiles(
 
 
 def _left_over(fitted: Fitted, own: Linearised) -> Array:
-    """Return the step that a fit has not taken; what stands at a bound takes none."""
+    """Return the remaining Gauss-Newton step of a fit; unknowns at a bound take none."""
     low, high = fitted.problem.unknowns.bounds()
     inside = np.flatnonzero((fitted.x > low) & (fitted.x < high))
     found = np.zeros(len(fitted.x))
@@ -187,7 +187,7 @@ def _widened(
     left_over: Array,
     profiles: Sequence[KeyProfile],
 ) -> Uncertainty:
-    """Return intervals that hold what keys fixed, steps left over and profiles add to them."""
+    """Return intervals widened by the effects of fixed keys, remaining steps and profiles."""
     ends = np.full(known.half_widths.shape, np.nan)
     for each in profiles:
         ends[:, each.place] = each.lower, each.upper
@@ -253,7 +253,7 @@ def verdicts_of(
     search: Search,
     progress: Progress = quiet,
 ) -> tuple[list[KeyVerdict], list[Combination]]:
-    """Return the verdict on each free key, and what is seen of keys that are not seen alone."""
+    """Return the verdict on each free key, and the identifiable combinations of the others."""
     count, seen = len(question.keys), around.seen
     scales = around.whole.unknowns.scales[:count]
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)

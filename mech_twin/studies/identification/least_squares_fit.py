@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fit: robust least squares in stages, from the first part of the runs to the whole of them.
 
-A motion that goes on for long runs out of step where the keys are wrong, and the residual has many valleys then.  Its
-first part has one; its answer starts the next, longer part.  Standard deviations follow the residuals between rounds.
+With wrong keys a long motion runs out of phase, and the residual has many local minima.  Its first part has only one;
+the result starts the fit of the next, longer part.  Standard deviations are updated from the residuals between rounds.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Fitted:
-    """Where a fit ended.
+    """End of a fit.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
 def stage_part(problem: FitProblem, share: float, x: Array) -> FitProblem:
     """Return the problem on the first share of each run, the whole at 1; its roll-outs are as much shorter.
 
-    What so short a part does not tell of a key must not carry it away: each has a prior about where it is.
+    Each key has a prior about its present value, so that a part too short to determine it does not move it far.
     """
     if share == 1.0:
         return problem
@@ -137,7 +137,7 @@ def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> 
 
 
 class _Followed:
-    """Residuals, and derivatives that each step brings on as long as they foretell what the rows change by."""
+    """Residuals, and derivatives updated after each step (Broyden) while they predict the changes of the rows."""
 
     def __init__(self, problem: FitProblem, comparison: Weighting) -> None:
         self._problem, self._comparison, self._tried = problem, comparison, 0
@@ -163,9 +163,9 @@ class _Followed:
 
 
 def brought_on(jacobian: Array, moved: Array, changed: Array) -> Array:
-    """Return derivatives that foretell what the rows changed by over a step, changed as little as possible (Broyden).
+    """Return the Broyden update of the derivatives after a step.
 
-    Changes are measured over the size of each column, so that no unknown is favoured by its scale.
+    Changes are relative to the size of each column, so that no unknown is favoured by its scale.
     """
     sizes = np.linalg.norm(jacobian, axis=0)
     step = moved * sizes**2
@@ -259,7 +259,7 @@ def with_begins(problem: FitProblem, x: Array) -> Array:
 
 
 def _begin_costs(run: FitRun, curves: ColumnCurves, begins_s: Array) -> Array:
-    """Return how far the run is off the model's for each beginning, over the size of its channels."""
+    """Return the misfit of the run for each start time in the model's run, over the size of its channels."""
     cost = np.zeros(len(begins_s))
     for channel in run.channels:
         if channel.of_events:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Noise with a memory: what an autoregression of each channel's residuals says of the errors of a fit.
+"""Coloured noise: standard errors of a fit from an autoregression of each channel's residuals.
 
-A sensor's own filter, or an unmodelled motion, makes neighbouring residuals alike.  Where a run is short, blocks of it
-are too short to show that; an autoregression needs few numbers.  It is Burg's (BurgSpectrum1967), its order
-the one of least Bayesian information criterion (SchwarzDimension1978); one of first order is corrected for what a short
-series hides of its memory, (1 + 3 a)/n (KendallBias1954).  It gives the middle of the sandwich::
+A sensor's own filter, or an unmodelled motion, correlates neighbouring residuals.  In a short run blocks are too short
+to show that; an autoregression needs few numbers.  It is Burg's (BurgSpectrum1967), its order that of the least
+Bayesian information criterion (SchwarzDimension1978).  First order is corrected for the bias of a short series,
+(1 + 3 a)/n (KendallBias1954).  It gives the middle of the sandwich::
 
     C = H^-1 (sum over channels of s^2 J' R J) H^-1,    H = J' J
 
@@ -75,7 +75,7 @@ def autoregression(residuals: Array) -> Autoregression:
 
 
 def _corrected(found: Autoregression, count: int) -> Autoregression:
-    """Return one of first order without the part that is lost, in the mean, from this many samples."""
+    """Return a first-order autoregression corrected for its mean bias with this many samples."""
     near = float(found.coefficients[0])
     if near <= 0.0:
         return found
@@ -92,7 +92,7 @@ class RememberedNoise:
 
 
 def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> RememberedNoise:
-    """Return what channels with a memory say of a fit.
+    """Return the middle of the sandwich for channels with correlated residuals.
 
     Parameters
     ----------

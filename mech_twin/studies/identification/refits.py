@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What fits with some unknowns held elsewhere and the others fitted anew: how far keys go, and how others follow.
+"""Profile likelihood: fits with some unknowns held at other values and the others fitted anew.
 
 A profile moves one key until the cost has risen by ``t^2`` times the variance of the residuals (Raue et al. 2009,
-doi:10.1093/bioinformatics/btp358).  It is made of keys of which derivatives do not tell the interval: the misfit at its
-ends is no parabola.  A family moves keys that stay as configured, since others repeat their effect, by up to half of
-themselves; where the misfit rises by more than derivatives predict, the runs speak against the move.
+doi:10.1093/bioinformatics/btp358).  It is computed for keys whose misfit is no parabola up to the ends of the interval.
+A family moves keys held fixed because others have the same effect, by up to half their value.  If the misfit rises by
+more than derivatives predict, the runs contradict the move.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class Refits:
             yield np.asarray(np.clip(x, *self.bounds))
 
     def _descended(self, x: Array, follows: Mask, jacobian: Array) -> tuple[Array, float, Array]:
-        """Return where steps of these derivatives lead while the cost falls, what the last one won, and they anew."""
+        """Return the point reached by steps while the cost falls, the last reduction, and updated derivatives."""
         rows, won = self._rows(x), np.inf
         for _ in range(STEPS):
             weights, moved, own = _weights(rows), x.copy(), jacobian[:, follows]
@@ -227,7 +227,7 @@ def _end(refits: Refits, place: int, sign: float) -> float:
 
 
 def family(refits: Refits, fixed: Sequence[int], follows: Mask, bounds: Array) -> Array | None:
-    """Return what fits as well where fixed keys are moved, singly and together.
+    """Return equally good fits for other values of fixed keys, moved singly and together.
 
     Parameters
     ----------

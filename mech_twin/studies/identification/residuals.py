@@ -47,8 +47,8 @@ class Weighting:
 def contradicting(first: Array, other: Array) -> Mask:
     """Return the rows in which derivatives of two step lengths contradict each other, shape (rows,).
 
-    Keys without an effect have no say.  None are where that is so in many rows: then no derivative can be trusted, and
-    to leave rows out would hide it.
+    Keys without an effect are ignored.  If there are many such rows none are returned: then no derivative is reliable,
+    and leaving rows out would hide that.
     """
     off, sizes = np.abs(first - other), np.linalg.norm(first, axis=0)
     usual = np.where(sizes >= LEAST_EFFECT, sizes, np.inf) / np.sqrt(max(len(first), 1))
@@ -58,7 +58,7 @@ def contradicting(first: Array, other: Array) -> Mask:
 
 
 def romberg(longest: Array, middle: Array, shortest: Array) -> tuple[Array, Array]:
-    """Return central differences over three steps, each `STEPS` times the next, as those over none; of two likewise."""
+    """Return the Romberg extrapolation to step 0 of central differences over three (or two) steps, ratio `STEPS`."""
     coarse, fine = (b + (b - a) / (STEPS**2 - 1.0) for a, b in ((longest, middle), (middle, shortest)))
     return fine + (fine - coarse) / (STEPS**4 - 1.0), coarse
 
@@ -157,7 +157,7 @@ class FitProblem:
     def _event_values(
         self, x: Array, run: int, channel: FitChannel, curves: ColumnCurves, at_s: Array
     ) -> tuple[Array, Array]:
-        """Return what the matched event of the model shows, and its time; an unmatched one is off by the limit."""
+        """Return the value and time of the matched event of the model; an unmatched one is off by the limit."""
         every = curves.of_events(channel.kind, "time")
         begins = first_of_series(every)
         times, values = every[begins], curves.of_events(channel.kind, channel.field)[begins]

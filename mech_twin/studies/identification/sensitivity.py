@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the channels see the keys together: directions without effect, and the keys that are estimated.
+"""Identifiability of the keys: unobservable directions, and the keys to estimate.
 
-Derivatives by the logarithm of each key, cleared of what zeros, gains, lags and beginnings explain as well, are split
-by singular values.  A direction whose effect is a small share of what its keys do singly may be an error of the
-model alone, so it counts as not seen.
+Derivatives by the logarithm of each key, projected off the effects of zeros, gains, lags and start times, are analysed
+by singular values.  A direction whose effect is small against those of its single keys may be a model error, so
+it counts as unobservable.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ UNSURE = 0.3  # of an effect: where two step lengths differ by more, it is of th
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How the channels see the keys.
+    """Sensitivity of the channels to the keys.
 
     Attributes
     ----------
@@ -75,10 +75,10 @@ class Sensitivity:
         return [sorted(group) for group in groups]
 
     def estimated(self, among: Sequence[int]) -> list[int]:
-        """Return which of these keys to estimate so that no direction is unseen; the rest stay fixed.
+        """Return which of these keys to estimate so that every direction is observable; the rest are fixed.
 
-        Of keys that repeat each other's effect the one with the largest effect stays: one that hardly acts would have
-        to go to a bound to make up for an error of the others.
+        Of keys with the same effect the one with the largest effect is kept: one with a small effect would have to go
+        to a bound to compensate an error of the others.
         """
         kept: list[int] = []
         rest = {i: self.jacobian[:, i] for i in among if self.effects[i] >= self.least_effects[i]}
@@ -96,7 +96,7 @@ class Sensitivity:
 
 
 def sensitivity(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Array) -> Sensitivity:
-    """Return how the channels see the keys.
+    """Return the sensitivity of the channels to the keys.
 
     Parameters
     ----------

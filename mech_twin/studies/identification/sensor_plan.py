@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which keys given sensors would find, and what would help most: the information matrix of simulated runs.
+"""Experiment design: keys that given sensors would identify, and the most useful additions, from simulated runs.
 
 The rows of the derivatives are those that a fit would have: sensors at their rates, over their own noise.  A further
 sensor adds rows, a manoeuvre replaces the run.
@@ -84,7 +84,7 @@ def sensor_plan(
     *,
     helps: bool = True,
 ) -> SensorPlan:
-    """Return what these sensors would find in a run of the machine.
+    """Return which keys these sensors would identify in a run of the machine.
 
     Parameters
     ----------

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The search before a fit ends: stage by stage, with further starts wherever the sensors' noise refutes the best.
+"""Global search for the fit: stage by stage, with further starts if the best residual exceeds the sensors' noise.
 
-The first part of a run has few valleys, and it shows most keys.  Where the fit of a stage leaves more than the noise of
-the sensors, it stands in a wrong valley.  Then points of a Sobol sequence, over the box of the keys and about what was
-found, are scored by roll-outs as long as the stage.  The best of them are fitted as well, and the next, longer stage
-goes on from the best few.
+The first part of a run has few local minima, and determines most keys.  If the residual of a stage exceeds the noise of
+the sensors, the fit is in a wrong minimum.  Then points of a Sobol sequence, over the box of the keys and near the
+result, are scored by roll-outs as long as the stage.  The best of them are fitted as well, and the next, longer stage
+continues from the best few.
 
-A motion that forgets nothing of its beginning makes a small error of a key large: the later part of a run has a valley
-narrower than any difference.  Where the motion bends within the step of one, a longer stage tells nothing more.
+An undamped or chaotic motion amplifies a small error of a key: for the later part of a run the minimum is narrower than
+any difference step.  A longer stage then adds no information.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ FAR = 3.0  # of the size of a channel: a sample that is farther off counts no mo
 
 @dataclass(frozen=True)
 class Search:
-    """What a search over several starts has seen.
+    """Statistics of a search over several starts.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def searched(
     progress: Progress = quiet,
     further_fits: Callable[[list[Array], float], list[Fitted]] | None = None,
 ) -> tuple[Fitted, Search]:
-    """Return the best fit, and what the search for it has seen.
+    """Return the best fit, and the statistics of the search.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def _ends(
 
 
 def _bends(best: Fitted) -> bool:
-    """Return whether a fit has found the motion, and a small error of the keys has become large at its end."""
+    """Return whether a fit has found the motion, but amplifies small errors of the keys strongly at its end."""
     return refutation(best) is None and best.problem.curvature(best.x, best.comparison) > BENDING
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be said of each key after a fit, and why."""
+"""Verdict on each key after a fit, with its reason."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NEAR_BOUND = 1e-6
 
 @dataclass(frozen=True)
 class KeyVerdict:
-    """A key with its interval and what may be said of it."""
+    """A key with its interval and verdict."""
 
     key: str
     before: float
@@ -51,9 +51,9 @@ class KeyEvidence:
 
 
 def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
-    """Return verdict and reason of every key of a fit that the noise refutes; None where the noise explains all.
+    """Return verdict and reason of all keys if the residual exceeds the noise; None if the noise explains it.
 
-    Where most starts ended in the best valley, the model lacks something; else the search may have missed it.
+    If most starts ended in the best minimum, the model lacks something; else the search may have missed the minimum.
     """
     if off is None:
         return None
@@ -101,7 +101,7 @@ def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas
 
 
 def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tuple[str, str]:
-    """Return whether the interval is narrow enough to speak of a number."""
+    """Return the verdict by the width of the interval."""
     if not np.isfinite(half):
         return NOT_EXCITED, "the likelihood profile is flat on both sides"
     if half > WIDEST * abs(estimate):
