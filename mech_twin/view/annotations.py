@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a figure writes into the drawing of a mechanism: pin reactions as arrows, their values, scales, blows.
+"""Annotations of a mechanism's drawing: pin reactions as arrows, their values, scale bars, blows.
 
 ::
 
@@ -46,7 +46,7 @@ class Annotations:
     tree : FrameTree
         Where pins and contacts lie.
     energy : callable
-        Gives the energy of an impact (J).
+        Returns the energy of an impact (J).
     """
 
     def __init__(self, tree: FrameTree, energy: Callable[[Event], float]) -> None:
@@ -57,7 +57,7 @@ class Annotations:
         self._blow: BlowMark | None = None
 
     def add(self, linkage: LinkageSample, forces: ForceSample | None) -> None:
-        """Take a step into account."""
+        """Update with a step."""
         self._recent.append((linkage, forces))
         for wrench in () if forces is None else forces.wrenches:
             size_n = math.hypot(wrench.force_x_n, wrench.force_y_n)
@@ -65,7 +65,7 @@ class Annotations:
                 self._largest_n = size_n
 
     def strike(self, event: Event) -> None:
-        """Take an event into account: of the blows of the last moments the hardest one is shown."""
+        """Update with an event: the hardest of the latest blows is shown."""
         energy_j = self._energy(event)
         if energy_j <= 0.0 or event.contact not in self._tree.frames:
             return

@@ -35,7 +35,7 @@ class Card(NamedTuple):
     unit : str
         SI, or ``sigma``.
     most : float or None
-        What the machine is rated for; None where nothing tells it.
+        Rated value of the machine; None if unknown.
     """
 
     name: str
@@ -47,14 +47,14 @@ class Card(NamedTuple):
 
 
 class Banner:
-    """What is going on, in one line, from the samples of the last moments.
+    """Status line of a run, from the latest samples.
 
     Parameters
     ----------
     tree : FrameTree, optional
         Tells whether the leading joint turns or slides; without it its speed has no unit and is left out.
     energy : callable
-        Gives the energy of an impact (J).
+        Returns the energy of an impact (J).
     """
 
     def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:
@@ -78,7 +78,7 @@ class Banner:
         forces: ForceSample | None,
         body: BodySample | None = None,
     ) -> None:
-        """Take a step into account."""
+        """Update with a step."""
         if motor is not None:
             self._command = motor.command
         if linkage is not None:
@@ -92,7 +92,7 @@ class Banner:
             _forget(self._body, body.time_s)
 
     def strike(self, event: Event) -> None:
-        """Take an event into account."""
+        """Update with an event."""
         energy_j = self._energy(event)
         if energy_j > 0.0:
             self._blows.append((event.time_s, energy_j))
@@ -111,7 +111,7 @@ class Banner:
         return "  ·  ".join([*parts, f"**ALARM: {alarm}**" if alarm else "no alarm"])
 
     def state(self) -> str:
-        """Return what the machine does, in a word or two."""
+        """Return the state of the machine in one or two words."""
         linkage = self._linkage
         if linkage is None:
             return "waiting for the first step"
@@ -127,12 +127,12 @@ class Banner:
         return None if math.isnan(self._command) else self._command
 
     def alarm(self) -> str:
-        """Return what is wrong; empty if nothing is."""
+        """Return the alarm text; empty if there is none."""
         linkage = self._linkage
         return self._broken or ("the machine is stalled" if linkage is not None and self._stalled(linkage) else "")
 
     def cards(self) -> list[Card]:
-        """Return name and value of what matters now: speed, rate, last blow, pressing force, contact share, power."""
+        """Return the headline numbers: speed, rate, last blow, pressing force, contact share, power."""
         linkage = self._linkage
         return [] if linkage is None else [*self._speed(linkage), *self._work(linkage)]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Time series of the samples: what belongs together (one quantity of all joints, one component of all pins)."""
+"""Time series of the samples, in groups (one quantity of all joints, one component of all pins)."""
 
 from __future__ import annotations
 

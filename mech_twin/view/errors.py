@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the view cannot do; apart from the scene, so that it can be named where rerun is not installed."""
+"""Errors of the view, in a module of their own that does not need rerun."""
 
 from __future__ import annotations
 

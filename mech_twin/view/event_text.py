@@ -10,7 +10,7 @@ ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest but for rounding
 
 
 def is_told(event: Event) -> bool:
-    """Return whether an event goes into the log: a change of state, or an impact that is more than a touch."""
+    """Return whether an event is logged: a change of state, or an impact above a minimum speed."""
     speed = max(abs(event.pre_velocity_m_per_s), abs(event.post_velocity_m_per_s))
     return event.impulse_ns == 0.0 or speed >= LEAST_SPEED_M_PER_S
 

@@ -26,13 +26,13 @@ class Bounds(NamedTuple):
 
 
 class DrawnExtent:
-    """What has been drawn so far covers."""
+    """Range covered by all drawings so far."""
 
     def __init__(self) -> None:
         self._extent: Bounds | None = None
 
     def widen(self, shapes: Sequence[Shape]) -> None:
-        """Let the visible range cover these shapes."""
+        """Extend the visible range to these shapes."""
         points = [point for shape in shapes for point in shape.points_m]
         if points:
             self._widen(np.array(points))

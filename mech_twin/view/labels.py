@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the names of links and forces are written: beside their lines, and not over each other.
+"""Placement of the names of links and forces: beside their lines, without overlap.
 
 The viewer writes in pixels, centred below a point; a figure of a given width (m) is taken to fill a usual panel.
 """
@@ -53,7 +53,7 @@ def written_beside(shape: Shape, width_m: float) -> Shape:
 
 
 def texts_of(shapes: Sequence[Shape], notes: Sequence[Shape], width_m: float) -> list[Shape]:
-    """Return the texts of a drawing that are written at no point of it.
+    """Return the texts of a drawing that have no fixed position.
 
     Those of the notes - letters of the pins, values, scales - have their places first; names make room for them and for
     each other.
@@ -81,7 +81,7 @@ def apart(texts: Sequence[Shape], fixed: Sequence[Shape], width_m: float) -> lis
 
 
 def _freest(box: _Box, taken: Sequence[_Box], line_m: float) -> _Box:
-    """Return the first place that covers nothing, which is mostly the wanted one, else the one that covers least."""
+    """Return the first place without overlap, usually the wanted one, else the one with the least overlap."""
     least, best = np.inf, box
     for side in SIDES:
         for shift in SHIFTS:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a bench's page is told, as a recording for rerun's own viewer: drawing, curves, regimes, events, headline."""
+"""The contents of a bench's page as a recording for rerun's viewer: drawing, curves, regimes, events, headline."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class RerunPictures:
             self._stream.log(path, series_lines(names, FIRST_COLOUR.get(path, 0)), static=True)
 
     def taken(self, pictures: Sequence[Mapping[str, Any]]) -> bytes:
-        """Add pictures, in the order they came; return what the viewer has to read next."""
+        """Add pictures in the order of arrival; return the next bytes for the viewer."""
         curves: dict[str, list[list[str]]] = {}
         for picture in pictures:
             for path, packed in picture["curves"].items():

@@ -95,9 +95,9 @@ class RerunScene:
         return self._shown
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
-        """Show also what needs the machine's frames: pin reactions, blows, units of joints; before the first step.
+        """Add what needs the machine's frames: pin reactions, blows, units of joints; call before the first step.
 
-        ``blow_energy`` gives the energy of an impact (J); without it that is what the mechanism loses by it.
+        ``blow_energy`` returns the energy of an impact (J); by default the energy lost by the mechanism.
         """
         energy = lost_energy if blow_energy is None else blow_energy
         self._sliding = sliding_joints(tree)
@@ -161,7 +161,7 @@ class RerunScene:
         self._events.append((self._time_s, text, level))
 
     def close(self) -> None:
-        """Write the remaining data, and let the file go; idempotent.
+        """Write the remaining data, and close the file; idempotent.
 
         Raises
         ------
@@ -232,9 +232,9 @@ class RerunScene:
         self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
 
     def visible_bounds(self) -> Bounds | None:
-        """Return what of the machine's plane the page shows, or will show where the drawing has just left it.
+        """Return the visible range of the machine's plane, or the next one if the drawing has just left it.
 
-        Scale bars and reactions stand at its edges: at those of all that was drawn they would be cut.
+        Scale bars and reactions are placed at its edges; at the edges of the whole drawn range they would be cut off.
         """
         shown = None if self._shown is None else self._shown.bounds
         return shown if shown is not None and self._mechanism.within(shown) else self._mechanism.bounds()
@@ -281,11 +281,11 @@ class ImpactMarks:
 
     @property
     def kinds(self) -> frozenset[str]:
-        """What there are marks of: ``impulse``, ``speed``."""
+        """Kinds of the marks: ``impulse``, ``speed``."""
         return frozenset(path.split("/")[1] for path in self._contacts)
 
     def add(self, event: Event) -> None:
-        """Take an event; one without an impulse leaves no mark."""
+        """Add the mark of an event; one without an impulse has none."""
         if event.impulse_ns == 0.0:
             return
         self._mark(f"{IMPACTS}/impulse/{event.contact}", event.contact, event.time_s, event.impulse_ns)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much goes to a viewer, and how often.
+"""Rate and decimation of the data sent to a viewer.
 
-A live view gets thirty pictures a second, and curves of which each window keeps its extremes: the full data is in the
+A live view gets thirty pictures a second, and curves reduced to the extremes of each window; the full data is in the
 recording.
 """
 

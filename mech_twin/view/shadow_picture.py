@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a shadow shows with one picture."""
+"""Contents of one picture of a shadow."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ChannelRows(NamedTuple):
 
 
 def channel_rows(channel: ShownChannel, kept: deque[tuple[float, ChannelReading]], window: int) -> list[ChannelRows]:
-    """Return what a channel has for its two plots, and forget it; extremes alone of each window of samples."""
+    """Return and clear the rows of a channel's two plots, reduced to the extremes of each window."""
     if not kept:
         return []
     time_s = np.array([at_s for at_s, _ in kept])
@@ -127,7 +127,7 @@ class ShownFit(NamedTuple):
 
 
 class ShadowPicture(NamedTuple):
-    """What goes out with one picture beside the curves: drawings of model and measurement, and what is known of them.
+    """Contents of one picture besides the curves: drawings of model and measurement, and the state of the shadow.
 
     ``banner`` is all of it in one line; ``cards`` are headline numbers, ``advice`` name and value of what is
     recommended and waits for an answer (empty: nothing); ``fit`` is an identification, where one can be asked for.
@@ -144,7 +144,7 @@ class ShadowPicture(NamedTuple):
 
 
 def as_measured(shapes: Sequence[Shape]) -> list[Shape]:
-    """Return the lines of a drawing thinner, in the colour of what is measured, with no names."""
+    """Return the lines of a drawing thinner, in the colour of measurements, without names."""
     return [
         shape._replace(name=f"measured_{shape.name}", colour=MEASURED_COLOUR, width_m=0.3 * shape.width_m, text="")
         for shape in shapes

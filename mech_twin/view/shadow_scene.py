@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a shadow sees, in rerun: measured and model over each other, residuals with their band, a line of state.
+"""A shadow in rerun: measured and model curves overlaid, residuals with their band, a status line.
 
 ::
 
@@ -77,7 +77,7 @@ class ShadowScene:
             self._stream.log(each.residual, series_lines(BANDED, colours=BAND_COLOURS), static=True)
 
     def take(self, time_s: float, readings: Mapping[str, ChannelReading]) -> None:
-        """Keep the channels of a sample for the next picture."""
+        """Store the channels of a sample for the next picture."""
         self._time_s = max(self._time_s, time_s)
         for column, reading in readings.items():
             kept = self._pending[column]
@@ -99,7 +99,7 @@ class ShadowScene:
         self._lay_out()
 
     def close(self) -> None:
-        """Write what is left, and let the file go; idempotent."""
+        """Write the remaining data, and close the file; idempotent."""
         if not self._is_closed:
             self._is_closed = True
             self._send_curves()

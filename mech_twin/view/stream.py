@@ -36,7 +36,7 @@ def opened_stream(application_id: str, rrd_path: str | Path) -> rr.RecordingStre
 
 
 def set_time(stream: rr.RecordingStream, time_s: float, step: int | None = None) -> None:
-    """Set the time (s), and the step, of what is logged next."""
+    """Set the time (s) and the step of the data logged next."""
     stream.reset_time()
     stream.set_time(SIM_TIME, duration=np.timedelta64(round(time_s * 1e9), "ns"))
     if step is not None:
@@ -44,7 +44,7 @@ def set_time(stream: rr.RecordingStream, time_s: float, step: int | None = None)
 
 
 def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
-    """Write what is left, and let the file go.
+    """Write the remaining data, and close the file.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What leaves the machine about its faults: one alert a fault, the same for every outlet."""
+"""Alerts on faults for other systems: one for each fault, the same for every outlet."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mech_twin.studies.monitoring.findings import Findings
 
 
 class Alert(NamedTuple):
-    """A fault as people who are not at the terminal see it.
+    """A fault as reported to other systems.
 
     Attributes
     ----------
@@ -25,9 +25,9 @@ class Alert(NamedTuple):
     unit : str
         Of the size.
     acknowledged : bool
-        Whether somebody has said yes to it.
+        Whether it is acknowledged.
     alarm : bool
-        Whether somebody is to come: active or latched, neither acknowledged nor shelved.
+        Whether attention is required: active or latched, neither acknowledged nor shelved.
     """
 
     machine: str

@@ -34,7 +34,7 @@ RIDGE = 1e-6  # of the unit correlation
 
 @dataclass(frozen=True)
 class Baseline:
-    """What the features of a healthy machine are; it does not learn on.
+    """Statistics of the features of a healthy machine; they are frozen.
 
     Attributes
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a cycle begins: the instant an angle crosses its boundary, or a signal rises through its level."""
+"""Start of a cycle: the instant an angle crosses its boundary, or a signal rises through its level."""
 
 from __future__ import annotations
 

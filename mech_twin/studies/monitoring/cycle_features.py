@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From samples to the numbers of each cycle, sample by sample: the same code live, on a recording and on a roll-out.
+"""Features of each cycle from a stream of samples: the same code live, on a recording and on a roll-out.
 
 Feed what comes, channel by channel, in chunks of any length and in any interleaving::
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a sensor set would find, before it is bought: effects, delays, and which faults it can tell apart.
+"""Evaluation of a planned sensor set: effects of faults, detection delays, and isolability of faults.
 
 An effect r (d,) of a fault counts by w = sqrt(r' D S^-1 D r) standard deviations in every cycle, D = 1 - sum of a_i.
 Two faults i and j look alike by the share of i's effect that j can explain at its best size::
@@ -34,7 +34,7 @@ INVISIBLE = 0.05  # standard deviations a cycle: less is not seen in thousands o
 
 
 class FaultDesign(NamedTuple):
-    """What the sensors make of one fault.
+    """Detectability of one fault with the sensors.
 
     Attributes
     ----------

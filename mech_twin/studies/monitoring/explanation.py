@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Why a change is, or is not, called a fault: each feature as it was, as it is, and as the fault would make it."""
+"""Evidence for and against a fault: each feature as it was, as it is, and as the fault would change it."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class FeatureChange(NamedTuple):
 
 
 class Explanation(NamedTuple):
-    """What speaks for and against a fault in one alarm.
+    """Evidence for and against a fault in one alarm.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Explanation(NamedTuple):
 
 
 def known_fault(setup: MonitorSetup, fault: str) -> Signature:
-    """Return what a fault does.
+    """Return the signature of a fault.
 
     Raises
     ------

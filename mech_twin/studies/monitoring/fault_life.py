@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Life of a fault on the panel, as a pure state machine: what it was, what is seen now, what it is.
+r"""Life of a fault on the panel, as a pure state machine: next state from the present one and the newest cycle.
 
 ::
 
@@ -8,7 +8,7 @@ r"""Life of a fault on the panel, as a pure state machine: what it was, what is 
        |<---not seen-----+                                       |<--------- seen again --------+
        |<--------------------------- acknowledged ----------------------------------------------+
 
-A latched fault has gone, but nobody has said yes to it.  A shelved one goes on living unannounced until its time.
+A latched fault is gone but not acknowledged.  A shelved one changes its state without announcements until its time.
 The states are those of an alarm in ISA-18.2 (normal, unacknowledged, acknowledged, returned unacknowledged, shelved).
 """
 
@@ -41,7 +41,7 @@ class FaultLife(NamedTuple):
     cycles : int
         Consecutive cycles that speak for the next state.
     is_acknowledged : bool
-        Whether somebody has said yes to it since it became active.
+        Whether it was acknowledged since it became active.
     shelved_until_s : float
         Stamp until which it is not announced.
     """
@@ -89,7 +89,7 @@ def _after_latched(life: FaultLife, seen: bool, time_s: float, rules: LifeRules)
 
 
 def acknowledged(life: FaultLife, time_s: float) -> FaultLife:
-    """Return the fault after somebody has said yes to it: a latched one is cleared, an active one stays active."""
+    """Return the fault after acknowledgement: a latched one is cleared, an active one stays active."""
     if life.state == "latched":
         return _moved(life, "cleared", time_s)
     return life._replace(is_acknowledged=True) if life.state == "active" else life

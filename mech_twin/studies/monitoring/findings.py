@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a cycle's judgement tells: events in the life of faults, and the finding with its candidates."""
+"""Result of a cycle's evaluation: events in the life of faults, and the finding with its candidates."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class FaultEvent(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What the monitor says after a cycle.
+    """Result of the monitor after a cycle.
 
     Attributes
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Machines of one kind, each against itself and its sisters.
+"""Fleet of machines of one kind, each compared with its own past and with its sisters.
 
 Against itself a machine is judged by its own baseline.  Against its sisters by the change of its features since then,
 in standard deviations of one cycle::
@@ -39,7 +39,7 @@ ORDER: tuple[Verdict, ...] = ("confirmed", "apart", "unconfirmed", "")  # the mo
 
 
 class FleetMember(NamedTuple):
-    """A machine judged against itself.
+    """A machine compared with its own baseline.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Sister(NamedTuple):
 
     @property
     def is_suspect(self) -> bool:
-        """Whether somebody should look at it."""
+        """Whether it should be inspected."""
         return self.verdict in ("confirmed", "apart") or (bool(self.member.finding) and not isfinite(self.apart))
 
 

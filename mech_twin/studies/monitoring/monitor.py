@@ -53,7 +53,7 @@ NAMING_CYCLES = 80  # after the alarm, in which a name may still change; then it
 
 @dataclass(frozen=True)
 class MonitorSetup:
-    """What a monitor needs, frozen: which machine, its healthy reference, thresholds, and what each fault does."""
+    """Frozen data of a monitor: machine, healthy reference, thresholds, and signatures of the faults."""
 
     machine: str
     baseline: Baseline
@@ -92,7 +92,7 @@ class _Episode:
 
 @dataclass
 class Monitor:
-    """Judge cycle by cycle; all memory is in this object, and two fed alike say alike."""
+    """Evaluate cycle by cycle; all state is in this object, and the result depends only on the features fed."""
 
     setup: MonitorSetup
     lives: dict[str, FaultLife] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class Monitor:
         self._off = np.zeros(len(baseline.names))
 
     def observe(self, vector: FeatureVector) -> Findings:
-        """Take the features of the next cycle; return what follows."""
+        """Evaluate the features of the next cycle; return the findings."""
         self._events.clear()
         found = self._observed(vector)
         return found._replace(events=tuple(self._events))
@@ -145,7 +145,7 @@ class Monitor:
         return self._judged(vector, innovation)
 
     def acknowledge(self, name: str, time_s: float) -> None:
-        """Say yes to a fault.
+        """Acknowledge a fault.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class Monitor:
         return found._replace(faults=self._living(), missing=missing)
 
     def _with_wrong_sensor(self, vector: FeatureVector, wrong: tuple[SensorFinding, ...]) -> Findings:
-        """Say what is wrong with the sensors; nothing is said of the machine, and what was about to be said is not."""
+        """Report sensor faults; the machine is not evaluated, and pending names are withdrawn."""
         self._number = vector.number
         self._history.clear()
         self._episode = None
@@ -299,7 +299,7 @@ class Monitor:
         return announce
 
     def _withdraw(self, finding: str, time_s: float) -> None:
-        """Clear what the same alarm was called before: a better name is no second fault."""
+        """Clear the earlier name of the same alarm: a better name is no second fault."""
         episode = self._episode
         if episode is None or not finding:
             return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which fault explains a change of the features: each is a normal distribution of that change, the likeliest is named.
+"""Fault isolation: each fault is a normal distribution of a change of the features; the likeliest is named.
 
 A change delta, with the covariance C by which it is known, is the mean of n cycles.  A fault of size s changes the
 features by r(s), a line between sizes that were rolled out, and leaves open::
@@ -42,7 +42,7 @@ USED_CYCLES = 60  # of a roll-out, whose mean is its response
 
 @dataclass(frozen=True)
 class Signature:
-    """What a fault does to the features.
+    """Signature: effect of a fault on the features.
 
     Attributes
     ----------

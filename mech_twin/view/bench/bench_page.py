@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page that the bench serves: what is in line for it, and how fast it draws."""
+"""A page served by the bench: its queue of messages, and its drawing rate."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class BenchPage:
         self.is_trying = False
 
     def tell(self, message: Mapping[str, Any] | str) -> None:
-        """Put a message in line."""
+        """Queue a message."""
         self.outbox.append(message if isinstance(message, str) else json.dumps(message))
         self.wake.set()
 
     async def pump(self) -> None:
-        """Send what is in line, pictures only as fast as the page draws them."""
+        """Send the queued messages, pictures only as fast as the page draws them."""
         while True:
             await self.wake.wait()
             self.wake.clear()

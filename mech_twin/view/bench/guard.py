@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Who may ask a server on this machine what: the rules of hosts, origins, sizes and times.
+"""Access rules of a server on this machine: hosts, origins, sizes and times.
 
 ::
 
@@ -37,7 +37,7 @@ HEADERS = {
 
 
 def silent_logger() -> logging.Logger:
-    """Return a logger that says nothing: what strangers send is no news for the terminal of a run."""
+    """Return a logger without output: foreign requests are not shown at the terminal of a run."""
     logger = logging.Logger("mech_twin.bench.strangers", logging.CRITICAL + 1)
     logger.addHandler(logging.NullHandler())
     return logger
@@ -46,7 +46,7 @@ def silent_logger() -> logging.Logger:
 def is_own_host(host: str, port: int, *, others: bool) -> bool:
     """Return whether a Host header names this server.
 
-    A name that somebody else can point here is refused, an address cannot be pointed anywhere.
+    A DNS name that could be rebound to this host is refused; an address cannot be rebound.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def is_own_host(host: str, port: int, *, others: bool) -> bool:
     port : int
         Port of this server.
     others : bool
-        Whether other hosts may come: then any address and the name of this machine are right.
+        Whether other hosts are allowed: then any address and the name of this machine are valid.
     """
     name, _, told = host.rpartition(":")
     if told != str(port):
@@ -80,7 +80,7 @@ def content_policy(host: str) -> str:
 async def sent_file(
     request: web.Request, file: Path, kind: str, headers: Mapping[str, str], limit_s: float
 ) -> web.StreamResponse:
-    """Send a file while its connection counts as busy: what aiohttp sends after the handler, the watch would cut."""
+    """Send a file while its connection counts as busy: the watch would cut one that aiohttp sends after the handler."""
     answer = web.StreamResponse(headers={**HEADERS, **headers})
     answer.content_type, answer.content_length = kind, file.stat().st_size
     await answer.prepare(request)
@@ -108,7 +108,7 @@ class Guard:
 
     @property
     def middleware(self) -> Middleware:
-        """What every request goes through."""
+        """Check every request."""
 
         @web.middleware
         async def guarded(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -127,7 +127,7 @@ class Guard:
         return guarded
 
     async def watch(self, server: web.Server) -> None:
-        """Close the connections that are silent too long, and the oldest silent ones of too many, for ever."""
+        """Close connections that are silent too long, and the oldest silent ones if too many; never returns."""
         while True:
             now = time.monotonic()
             idle = [each for each in server.connections if each not in self._busy]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which regime each part of a machine is in, over time: a lane a part, and what of it a picture has to tell."""
+"""Regimes of a machine's parts over time: one lane for each part, and its changes for each picture."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Lanes:
         self._changes: dict[str, list[list[Any]]] = {}
 
     def add(self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None) -> None:
-        """Take a step into account."""
+        """Update with a step."""
         for time_s, lane, word in self._words(motor, linkage, body):
             if self._begin_s is None:
                 self._begin_s = time_s
@@ -47,7 +47,7 @@ class Lanes:
             del changes[:-MOST_CHANGES]
 
     def taken(self) -> list[list[Any]]:
-        """Return for each lane its name, since when, the word at that time, and the changes after it; forget them."""
+        """Return and clear for each lane its name, start time (s), regime at that time, and later changes."""
         begin_s = self._begin_s
         if begin_s is None:
             return []

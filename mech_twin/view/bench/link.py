@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""From a run to its bench: messages over a socket in a folder that only this user can enter.
+"""Connection of a run to its bench: messages over a socket in a folder that only this user can enter.
 
 Each message is its length (4 bytes, big-endian), a byte that says whether it is a picture, and JSON::
 
@@ -27,7 +27,7 @@ FEED = "feed"  # name of the socket in the folder
 
 
 class BenchLink:
-    """A connection to a bench; what it cannot take is dropped, never waited for, unless asked to wait.
+    """A connection to a bench; messages it cannot accept are dropped without waiting, unless a wait is given.
 
     Parameters
     ----------
@@ -51,15 +51,15 @@ class BenchLink:
         self._socket.setblocking(False)
 
     def tell(self, kind: str, content: Mapping[str, Any]) -> bool:
-        """Send a message: a state, a list of parameters; return whether it was taken."""
+        """Send a message: a state, a list of parameters; return whether it was accepted."""
         return self._send(MESSAGE, {"kind": kind, **content}, 1.0)
 
     def show(self, picture: Mapping[str, Any]) -> bool:
-        """Send a picture; return whether it was taken."""
+        """Send a picture; return whether it was accepted."""
         return self._send(PICTURE, picture, self._wait_s)
 
     def close(self) -> None:
-        """Send what is begun, and let go."""
+        """Finish the current message, and close the connection."""
         with self._lock:
             self._flush(1.0)
             self._socket.close()
@@ -101,7 +101,7 @@ class OverlayLink(BenchLink):
     """A connection for the second of two runs in one view: its pictures are laid over those of the first."""
 
     def tell(self, kind: str, content: Mapping[str, Any]) -> bool:
-        """Leave a message to the first run; return that it was taken."""
+        """Drop a message, which the first run sends; return True."""
         return True
 
     def show(self, picture: Mapping[str, Any]) -> bool:

@@ -63,7 +63,7 @@ def packed(values: npt.NDArray[np.float64], kind: str) -> str:
 
 
 def packed_layout(panels: Sequence[Panel], names: Mapping[str, tuple[str, ...]]) -> dict[str, Any]:
-    """Return which plots there are, and the names of the curves."""
+    """Return the plots and the names of their curves."""
     shown = [
         {"title": panel.title, "curves": [{"path": path, "names": names[path]} for path in panel.paths]}
         for panel in panels
@@ -77,7 +77,7 @@ def packed_bounds(bounds: Bounds | None) -> list[float] | None:
 
 
 def metric_rows(numbers: Mapping[str, float]) -> list[list[str]]:
-    """Return name, value (four digits) and unit of the numbers of a run: of each first word the shortest name first."""
+    """Return name, value (four digits) and unit of a run's numbers, sorted: shortest name of each first word first."""
     first = [min((name for name in numbers if word in name), key=len, default="") for word in FIRST_WORDS]
     rows = []
     for name in dict.fromkeys((*filter(None, first), *numbers)):
@@ -97,14 +97,14 @@ class Pictures:
         self._kept: deque[bytes] = deque()
 
     def add(self, picture: bytes) -> None:
-        """Keep a picture."""
+        """Store a picture."""
         self._kept.append(picture)
         self._bytes += len(picture)
         while self._bytes > self.most_bytes and len(self._kept) > 1:
             self._bytes -= len(self._kept.popleft())
 
     def clear(self) -> None:
-        """Forget all of them."""
+        """Remove all pictures."""
         self._kept.clear()
         self._bytes = 0
 

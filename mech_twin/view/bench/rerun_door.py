@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rerun's own viewer of the run that a bench shows: its files, and the run as a recording, over a connection a page.
+"""rerun's viewer for the run on a bench: serves its files, and the run as a recording over a connection for each page.
 
-The viewer is taken from the wheel when a page first asks for it; a page of it needs the token as every other.
+The viewer's files are extracted from the wheel on first request; its page needs the token like every other.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ class _Viewer:
 
 
 class RerunDoor:
-    """Gives out the viewer and the run.
+    """Serves the viewer and the run.
 
     Parameters
     ----------
     folder : Path
         Of this user alone: the viewer's files go there.
     told : mapping
-        What the pages are told, as text by kind.
+        Messages for the pages, as text by kind.
     history : Pictures
         Of the run so far.
     has_token : callable
@@ -63,13 +63,13 @@ class RerunDoor:
         self._fetching = asyncio.Lock()
 
     def show(self, picture: bytes) -> None:
-        """Take a picture of the run."""
+        """Add a picture of the run."""
         for viewer in self._viewers:
             viewer.pending.add(picture)
             viewer.wake.set()
 
     def begin_anew(self) -> None:
-        """Forget the run so far: another begins, or other curves."""
+        """Clear the run so far: another starts, or other curves."""
         for viewer in self._viewers:
             viewer.pending.clear()
             for picture in self._history:
@@ -91,7 +91,7 @@ class RerunDoor:
         return await sent_file(request, file, KINDS[file.suffix], {}, SLOW_S)
 
     async def serve_run(self, socket: web.WebSocketResponse) -> None:
-        """Send the run so far, and then what comes of it, until the page is gone."""
+        """Send the run so far and its continuation, until the page disconnects."""
         if not await self._has_token(socket):
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
         elif len(self._viewers) >= MOST_VIEWERS:

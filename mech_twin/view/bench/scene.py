@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a run shows on the bench: at each picture drawing, state, cards and curves of one instant."""
+"""A run on the bench: each picture has drawing, state, cards and curves of one instant."""
 
 from __future__ import annotations
 
@@ -152,13 +152,13 @@ class BenchScene:
         self._zero_s: float | None = None
 
     def watch(self, machine: Machine) -> None:
-        """Show also regimes, and residuals against their limits; before the first step."""
+        """Add regimes, and residuals with their limits; call before the first step."""
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
         self._rated_power_w, self._body_regimes = rated_power_w(machine), body_regimes(machine)
         self._show_of_machine()
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
-        """Show also what needs the machine's frames; before the first step."""
+        """Add what needs the machine's frames; call before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
         self._roles.sliding = sliding_joints(tree)
         self._banner = Banner(tree, energy)
@@ -189,7 +189,7 @@ class BenchScene:
             self._invariants.observe(Frame(linkage, motor, forces, body))
 
     def state(self, frame: Frame) -> None:
-        """Tell the whole state of the run, from which the bench can go on by itself: now and then."""
+        """Send the whole state of the run from time to time; the bench can roll out from it."""
         now = time.monotonic()
         behind_s = self._behind_s(frame.linkage.time_s, now)
         if now - self._told_at >= STATE_S:
@@ -204,7 +204,7 @@ class BenchScene:
         return time.monotonic() - self._sent_at >= self._sending.picture_s
 
     def drawing(self, drawing: Drawing) -> None:
-        """Send a picture: this drawing, and what is known of the run up to it."""
+        """Send a picture: this drawing, and the data of the run up to it."""
         before = time.monotonic()
         curves = self._roles.taken(self._sending)
         self._lay_out(curves)
@@ -246,7 +246,7 @@ class BenchScene:
         self._link.tell("metrics", {"rows": metric_rows(metrics)})
 
     def close(self) -> None:
-        """Tell the residuals of the whole run, and let the bench go."""
+        """Send the residuals of the whole run, and close the connection."""
         self._tell_health(None)
         self._link.close()
 
@@ -262,7 +262,7 @@ class BenchScene:
         self._banner.rated_power_w, self._banner.body_regimes = self._rated_power_w, self._body_regimes
 
     def _behind_s(self, time_s: float, now_s: float) -> float:
-        """Return by how much the run has fallen behind the wall clock since it last went without a halt."""
+        """Return the lag (s) behind the wall clock since the last pause or wait."""
         ahead_s = time_s - now_s
         halted = now_s - self._stepped_at > HALTED_S
         self._stepped_at = now_s
@@ -271,7 +271,7 @@ class BenchScene:
         return self._zero_s - ahead_s
 
     def _tell_health(self, behind_s: float | None) -> None:
-        """Tell the worst residuals so far beside their limits, the one that is nearest to its limit first."""
+        """Send the largest residuals so far with their limits, the one nearest to its limit first."""
         if self._invariants is None:
             return
         found = sorted(self._invariants.residuals().items(), key=lambda each: -each[1].worst / max(each[1].limit, TINY))
@@ -281,7 +281,7 @@ class BenchScene:
         self._link.tell("health", {"residuals": rows, "behind_s": behind_s})
 
     def _lay_out(self, curves: Sequence[Curves]) -> None:
-        """Tell which plots there are where that has changed."""
+        """Send the list of plots if it has changed."""
         names = self._names | {curve.path: curve.names for curve in curves}
         if names != self._names:
             self._names = names
@@ -289,7 +289,7 @@ class BenchScene:
 
 
 def rated_power_w(machine: Machine) -> float | None:
-    """Return what the machine's motor is rated for (W); None where its configuration does not tell."""
+    """Return the rated power of the machine's motor (W); None if its configuration has none."""
     motor = getattr(machine.parameters, "motor", None)
     found = getattr(motor, "rated_power_w", None)
     return found if isinstance(found, float) and found > 0.0 else None
@@ -301,7 +301,7 @@ def body_regimes(machine: Machine) -> tuple[str, ...]:
 
 
 def panels(names: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> list[Panel]:
-    """Return the plots of a machine, those first that say most: what presses, what strikes, what turns."""
+    """Return the plots of a machine in order of relevance: pressing, impacts, rotation."""
     moment = present(names, "body_moment", "body/effort") if present(names, "body") else []
     rest = [path for path in present(names, "quantities") if path not in (MOMENTS, FORCES)]
     wanted = {

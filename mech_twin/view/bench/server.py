@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench's server: what a run tells goes to the pages, what the page that commands asks goes to the machine.
+"""The bench's server: forwards messages of a run to the pages, and orders of the commanding page to the machine.
 
-The page itself holds nothing of the run and is given to whoever asks on this machine.  Everything else goes over one
-connection a page, which begins with the token of the printed address::
+The page itself contains no data of the run and is served to any request on this machine.  Everything else goes over
+one connection for each page, which starts with the token of the printed address::
 
     run --- socket of this user ---> Bench --- pictures ---> page 1 (commands)
                                        |   <-- orders ------
@@ -57,7 +57,7 @@ Obey = Callable[[Mapping[str, Any]], Awaitable[str]]
 
 
 class OrderError(Exception):
-    """An order that is refused; the message is one line for who gave it."""
+    """A refused order; the message is one line for its sender."""
 
 
 class Bench:
@@ -66,7 +66,7 @@ class Bench:
     Parameters
     ----------
     obey : callable
-        Carries an order out and returns what the machine says of it, or raises `OrderError`.
+        Executes an order and returns the machine's answer, or raises `OrderError`.
     others : bool
         Whether to listen to other hosts too.
     history_bytes : int
@@ -105,11 +105,11 @@ class Bench:
         return self._guard.port
 
     def on_machine(self, call: Callable[[Mapping[str, Any]], None]) -> None:
-        """Have something called with what is said of the machine that runs."""
+        """Set the callback for the description of the running machine."""
         self._on_machine = call
 
     def on_frame(self, call: Callable[[dict[str, Any]], None], tried: Obey) -> None:
-        """Have the state of the run told now and then, and values tried out from it that a page asks about."""
+        """Set the callbacks for states of the run, and for trials of values requested by a page."""
         self._on_frame, self._try = call, tried
 
     async def start(self, port: int, feed: Path) -> None:
@@ -147,7 +147,7 @@ class Bench:
             self._later(self._guard.watch(runner.server))
 
     async def stop(self) -> None:
-        """Let all pages go, and listen no longer."""
+        """Disconnect all pages, and stop listening."""
         if self._feed is not None:
             self._feed.close()
         for writer in self._feeds:
@@ -161,7 +161,7 @@ class Bench:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def tell(self, kind: str, content: Mapping[str, Any]) -> None:
-        """Tell all pages, and those opened later where it is a state."""
+        """Send a message to all pages, and to those opened later if it is a state."""
         text = json.dumps({"kind": kind, **content})
         if kind in KEPT:
             self._told[kind] = text
@@ -169,7 +169,7 @@ class Bench:
             page.tell(text)
 
     async def begin_anew(self) -> None:
-        """Forget what was shown, when the last of who told it has come in."""
+        """Clear the contents after the last messages of their sender."""
         with suppress(TimeoutError):
             async with asyncio.timeout(SEND_S):
                 while self._feeds:
@@ -179,7 +179,7 @@ class Bench:
         self._take("anew", {"all": True})
 
     def offer(self, file: Path) -> str:
-        """Let a file be fetched once, soon, by who is told its address; return that."""
+        """Offer a file for one download within a short time; return its secret address."""
         now = asyncio.get_running_loop().time()
         self._offers = {key: kept for key, kept in self._offers.items() if kept[1] > now}
         ticket = secrets.token_urlsafe(32)
@@ -189,7 +189,7 @@ class Bench:
     # -- what a run tells ---------------------------------------------------------------------------------------------
 
     async def _hear(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Take in what a process of this user tells, until it ends or says what cannot be understood."""
+        """Process the messages of a run until the connection ends or a message is malformed."""
         self._feeds.add(writer)
         with suppress(asyncio.IncompleteReadError, ValueError, ConnectionError):
             while True:
@@ -360,7 +360,7 @@ class Bench:
         page.tell(answer | said)
 
     async def _tried(self, page: BenchPage, message: Mapping[str, Any], tried: Obey) -> None:
-        """Tell a page, and it alone, what would come of values; nothing is sent to the machine."""
+        """Send the result of a trial of values to the requesting page only; nothing is sent to the machine."""
         try:
             check_order({"name": "try", **message})
             page.tell(await tried(message.get("values", {})))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A shadow on the bench: measured and model over each other, residuals in their band, faults and advice."""
+"""A shadow on the bench: measured and model curves overlaid, residuals in their band, faults and advice."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class BenchShadowScene:
         link.tell("layout", packed_layout(shown, names))
 
     def take(self, time_s: float, readings: Mapping[str, ChannelReading]) -> None:
-        """Keep the channels of a sample for the next picture."""
+        """Store the channels of a sample for the next picture."""
         if time_s < self._time_s - 1.0:
             self._link.tell("anew", {})
             self._time_s = time_s
@@ -105,7 +105,7 @@ class BenchShadowScene:
         self._tell_faults(picture)
 
     def close(self) -> None:
-        """Let the bench go."""
+        """Close the connection to the bench."""
         self._link.close()
 
     def __enter__(self) -> BenchShadowScene:

@@ -96,12 +96,12 @@ class StartedBench:
 
     @property
     def url(self) -> str:
-        """Address of the page, with the token without which it shows nothing; the part after # leaves no browser."""
+        """Address of the page with its token, after a # so that browsers do not transmit it."""
         return f"http://{LOOPBACK}:{self.port}/#{self._token}"
 
     @property
     def place(self) -> str:
-        """Where what is to be shown is sent; see `BenchLink`."""
+        """Address for messages to the bench; see `BenchLink`."""
         return f"{PREFIX}{self._folder / FEED}"
 
     @property
@@ -132,7 +132,7 @@ class StartedBench:
         self.close()
 
     def _told_back(self, line: str) -> dict[str, str]:
-        """Tell the process what to serve; return what it says of it."""
+        """Send the process its configuration; return its answer."""
         told, said = self._process.stdin, self._process.stdout
         if told is None or said is None:
             raise ViewerError("view: the page's process cannot be talked to")
