@@ -190,7 +190,7 @@ class Observer(Protocol):
     """Running metrics of a run, in memory that does not grow with it."""
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         ...
 
     def numbers(self) -> dict[str, float]:

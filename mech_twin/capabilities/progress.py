@@ -23,7 +23,7 @@ def listening(listener: Listener | None) -> Iterator[None]:
 
 
 def tell(done: int, total: int) -> None:
-    """Say how many steps of how many are done; the total may be an estimate and is never below what is done."""
+    """Report the number of steps done and in total; the total may be an estimate, at least the number done."""
     listener = _listener.get()
     if listener is not None:
         listener(done, max(done, total))

@@ -68,7 +68,7 @@ class RunInvariants:
         self._windows = {role: ResidualWindow(limits) for role, limits in role_limits(machine).items()}
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         self._windows["linkage"].observe(frame.linkage.residuals)
         self._windows["forces"].observe(frame.forces.residuals)
         if frame.body is not None:

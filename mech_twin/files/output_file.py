@@ -112,7 +112,7 @@ def existing_parent(path: Path) -> Path:
 
 
 def _publish(temporary: Path, path: Path, force: bool) -> None:
-    """Give the finished file its name; without ``force`` never in place of a file that appeared meanwhile."""
+    """Rename the finished file to its name; without ``force`` never over a file that appeared meanwhile."""
     if force:
         temporary.replace(path)
         return

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cache numba asks for a kernel's compiled code: the key is content, so that an edit is never missed.
+"""Cache of compiled kernels for numba, keyed by source content, so that no edit is missed.
 
-numba's own cache looks at the file a kernel stands in and at no other, so code with an older callee in line stays in
-use.
+numba's own cache checks only the file of the kernel itself, so code with an outdated inlined callee would stay in use.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ def compiled_count() -> int:
 
 
 class KernelCache:
-    """What a dispatcher of numba expects of its cache (`numba.core.caching._Cache`), for one kernel."""
+    """Cache of one kernel with the interface of numba's dispatcher (`numba.core.caching._Cache`)."""
 
     def __init__(self, function: Callable[..., object], options: str) -> None:
         keep_sources(function.__module__)
@@ -173,9 +172,9 @@ def modules_of(signature: Any) -> set[str]:
 
 
 def _storable(signature: Any) -> bool:
-    """Tell whether a signature means the same in each process: a function given as argument does not.
+    """Return whether a signature has the same meaning in every process.
 
-    Nor does a named tuple of a script or a prompt.
+    One with a function as argument has not, nor one with a named tuple of a script or a prompt.
     """
     callables = any(isinstance(kind, _types.Callable) for kind in getattr(signature, "args", signature))
     known = all(map(is_known_module, modules_of(signature)))

@@ -102,7 +102,7 @@ class _BorrowingCache(KernelCache):
 
 
 def _cached(compiled: object, options: str, cache: type[KernelCache] = KernelCache) -> object:
-    """Give a dispatcher of numba the cache whose key is content; with NUMBA_DISABLE_JIT there is no dispatcher."""
+    """Attach the content-keyed cache to a numba dispatcher; with NUMBA_DISABLE_JIT there is none."""
     if isinstance(compiled, Dispatcher):
         dispatcher: Any = compiled
         dispatcher._cache = cache(dispatcher.py_func, options)

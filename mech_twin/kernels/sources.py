@@ -36,13 +36,13 @@ def keep_sources(module: str) -> None:
 
 
 def has_known_sources(function: Callable[..., object]) -> bool:
-    """Tell whether a function stands in a file of a package: what a script or a prompt imports is not followed."""
+    """Return whether a function is defined in a file of a package; imports of scripts or prompts are not tracked."""
     name = function.__module__
     return is_known_module(name) and Path(sys.modules[name].__file__ or "") == Path(function.__code__.co_filename)
 
 
 def is_known_module(name: str) -> bool:
-    """Tell whether a module is one of a package and there is a file to read."""
+    """Return whether a module belongs to a package and has a readable file."""
     file = getattr(sys.modules.get(name), "__file__", None)
     return "." in name and file is not None and Path(file).is_file()
 

@@ -104,7 +104,7 @@ class QualityGauge:
         self._delays: list[tuple[float, float]] = []
 
     def add(self, block: Block) -> None:
-        """Take a block into account."""
+        """Update with a block."""
         if not len(block.times_s):
             return
         times, values = block.times_s, block.values

@@ -111,7 +111,7 @@ class SensorBench:
             self._set_instant(clock)
 
     def observe(self, frame: Frame) -> Iterator[Reading]:
-        """Take the next frame of the run; yield the readings that are complete by now."""
+        """Process the next frame of the run; yield the readings now complete."""
         events = frame_events(frame)
         now = self._row(frame)
         time_s = now["time_s"]

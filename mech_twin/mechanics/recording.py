@@ -172,7 +172,7 @@ def _is(x: Number, value: float) -> bool:
 
 
 def is_zero(x: Number) -> bool:
-    """Tell whether a number is zero whatever the arguments are."""
+    """Return whether a number is zero for all arguments."""
     return _is(x, 0.0)
 
 

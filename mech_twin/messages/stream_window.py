@@ -55,7 +55,7 @@ class StreamWindow(Generic[Kept]):
         self._largest = 0.0
 
     def offer(self, step: int, item: Kept, magnitude: float = 0.0, impact: bool = False) -> tuple[Kept, ...]:
-        """Take the item of a step into account; return what goes out now.
+        """Offer the item of a step; return the items to publish now.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class PeakHoldWindow(Generic[Kept]):
         self._kept: tuple[Kept, ...] = ()
 
     def offer(self, magnitude: float, item: Kept) -> tuple[Kept, ...]:
-        """Take an item into account; at the end of a window return its greatest."""
+        """Offer an item; at the end of a window return that of the largest magnitude."""
         if magnitude > self._largest:
             self._largest, self._kept = magnitude, (item,)
         self._seen += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""A blow through a contact of finite stiffness: force, duration, and what it passes on beside a rigid one.
+r"""An impact through a contact of finite stiffness: force, duration, and impulse compared with a rigid impact.
 
 ::
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Four-bar linkage: where its joints are, how they move, and what its pins carry.
+r"""Four-bar linkage: positions of its joints, velocities and accelerations, and pin reactions.
 
 ::
 
@@ -135,7 +135,7 @@ def position(bar: FourBar, f: float) -> Position:
 
 @kernel
 def closure_error(bar: FourBar, at: Position) -> float:
-    """Return the worst miss of the two rod lengths (m)."""
+    """Return the larger length error of the two rods (m)."""
     coupler = abs(math.hypot(at.b_x - at.a_x, at.b_y - at.a_y) - bar.coupler_m)
     rocker = abs(math.hypot(at.b_x - bar.pivot_x_m, at.b_y - bar.pivot_y_m) - bar.rocker_m)
     return max(coupler, rocker)
@@ -345,7 +345,7 @@ def failing_inequality(bar: FourBar, crank_rocker: bool = False) -> str | None:
 
 
 def _proposal(bar: FourBar, ground: float, crank_rocker: bool) -> str:
-    """Return a length with which the crank would turn, clear of the limit: of the crank, else of the coupler."""
+    """Return a length (m), of the crank or else of the coupler, with which the crank turns fully, with a margin."""
     r, r1, r3 = bar.crank_m, bar.coupler_m, bar.rocker_m
     longest = min(r1 + r3 - ground, ground - abs(r1 - r3), *((r1, r3, ground) if crank_rocker else ()))
     if longest > SINGULAR * (r + ground):

@@ -44,7 +44,7 @@ def interruptible() -> Iterator[None]:
 
 @contextmanager
 def closed_first() -> Iterator[None]:
-    """Let a signal wait for a kernel that is loaded, or a module, instead of ending at once: something is open here."""
+    """Postpone signals while kernels or modules are loaded in the block, as it has open resources."""
     _to_close.append(True)
     try:
         yield
@@ -54,7 +54,7 @@ def closed_first() -> Iterator[None]:
 
 @contextmanager
 def raising_interrupt() -> Iterator[None]:
-    """Let Ctrl-C raise KeyboardInterrupt, a little later where that is not safe: for functions called from Python.
+    """Let Ctrl-C raise KeyboardInterrupt in the block, delayed until it is safe; for functions called from Python.
 
     Changes nothing where a handler other than Python's own is set, or outside of the main thread.
     """
@@ -82,10 +82,10 @@ class StopSignal:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let a signal end what is done here with SystemExit 128 + N, and at once while it compiles or imports.
+        """Let a signal end the block with SystemExit 128 + N, at once even while it compiles or imports.
 
-        So nothing may be open here that needs closing.  Within `closed_first` a signal asks to stop and no more: what
-        is opened there is used once, and closed.  One that has come before ends it as it begins.
+        So nothing may be open in it that needs closing.  Within `closed_first` a signal only requests a stop.  An
+        earlier signal ends the block at its start.
         """
         self._interrupts = True
         try:
@@ -102,7 +102,7 @@ class StopSignal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the signals back; once a stop was asked for, a further Ctrl-C no longer disturbs what it set going."""
+        """Restore the signal handlers; after a stop request Ctrl-C is ignored, so as not to disturb the shutdown."""
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if self.asked and number == signal.SIGINT else handler)
 
@@ -145,7 +145,7 @@ def _raise_when_safe(number: int, frame: FrameType | None) -> None:
 
 
 def _sent_again(number: int, frame: FrameType | None) -> bool:
-    """Let the signal come again later if an exception is not safe now; return whether that was so."""
+    """Postpone the signal if an exception is not safe now; return whether it was postponed."""
     if UninterruptedLock.holds_back(number):
         return True
     if is_in_wrapper(frame):

@@ -53,7 +53,7 @@ def outlive_terminal() -> None:
 
 
 def give_up_output() -> None:
-    """Let what standard output still holds go nowhere: at its end the interpreter would fail on it again."""
+    """Redirect standard output to the null device, as the interpreter's last flush would fail again."""
     with suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -61,7 +61,7 @@ def give_up_output() -> None:
 
 
 def _fill_closed() -> None:
-    """Take the numbers of closed standard streams: else a file that is opened gets one, and what is printed in it."""
+    """Open the null device for closed standard streams, so that no other file gets their descriptors and the output."""
     ways = {STANDARD_INPUT: os.O_RDONLY, STANDARD_OUTPUT: os.O_RDONLY, STANDARD_ERROR: os.O_WRONLY}
     for number, way in ways.items():  # in rising order: the lowest free number is the one that is opened
         try:

@@ -23,7 +23,7 @@ class Simulation:
         self._invariants = RunInvariants(machine)
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         self._observer.observe(frame)
         self._invariants.observe(frame)
         self.events.extend(frame_events(frame))

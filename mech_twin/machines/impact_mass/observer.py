@@ -135,7 +135,7 @@ class MassObserver:
         }
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         now, linkage = self._numbers, frame.linkage
         memory = MassMemory.unpacked(linkage.memory.values)
         self._count_impacts(memory, linkage.events)

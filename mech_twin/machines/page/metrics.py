@@ -36,7 +36,7 @@ class PageRun:
         self._begun = False
 
     def observe(self, frame: Frame) -> None:
-        """Take one frame into account."""
+        """Update with one frame."""
         linkage, shared = frame.linkage, self._shared
         settle_s = shared.page.settle_s
         if linkage.time_s < settle_s - 1e-9 * shared.page.coupling.step_s:

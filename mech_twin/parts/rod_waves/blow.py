@@ -113,7 +113,7 @@ def has_parted(chain: Chain, state: ChainState, window: Window, idle: Array, qui
 
 @borrowing_kernel
 def stress_extremes(chain: Chain, state: ChainState, extremes: Array) -> None:
-    """Keep the largest compression and tension (Pa), and the cells where they were."""
+    """Update the largest compression and tension (Pa), and the cells where they occurred."""
     for i in range(len(chain.impedance)):
         stress = (state.p[i] + state.q[i]) / chain.area_m2[i]
         if stress > extremes[0]:

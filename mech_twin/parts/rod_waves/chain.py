@@ -127,7 +127,7 @@ def chain_of(
 
 @borrowing_kernel
 def set_speed(chain: Chain, state: ChainState, first: int, last: int, speed: float) -> None:
-    """Let cells first to last - 1 move with a speed (m/s), free of stress."""
+    """Set cells first to last - 1 to a speed (m/s) without stress."""
     for i in range(first, last):
         state.p[i] = 0.5 * chain.impedance[i] * speed
         state.q[i] = -state.p[i]

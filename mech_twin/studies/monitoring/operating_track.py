@@ -29,7 +29,7 @@ class OperatingTrack:
         self._weight = 1.0
 
     def advance(self, u: Array) -> Array:
-        """Take the operating point of a cycle; return by what y may be off in it, (d - q,)."""
+        """Update with the operating point of a cycle; return the possible error of y in it, shape (d - q,)."""
         surface = self.surface
         self._recent = [*self._recent[1 - surface.hold :], u] if surface.hold > 1 else [u]
         span = np.ptp(self._recent, axis=0)
@@ -43,7 +43,7 @@ class OperatingTrack:
         return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
 
     def values(self) -> tuple[OperatingValue, ...]:
-        """Return where the variables stand."""
+        """Return the values of the variables."""
         if self._smooth is None:
             return ()
         surface = self.surface

@@ -139,11 +139,11 @@ class PhaseLockedObserver:
         self.target = 1.0
 
     def command(self, fraction: float) -> None:
-        """Tell what fraction of rated supply frequency the machine is asked for from now on."""
+        """Set the required fraction of rated supply frequency from now on."""
         self.target = fraction
 
     def take(self, sample: SeenSample) -> FrameEstimate | None:
-        """Take a sample into account; return the estimate at it, None where there is none.
+        """Update with a sample; return the estimate at it, None if there is none.
 
         Times are the machine's own (stamp less delay); channels of a sample come in one message.
         """
@@ -257,7 +257,7 @@ class PhaseLockedObserver:
         self._keep_rates()
 
     def _keep_rates(self) -> None:
-        """Keep the rates of the step ahead, and by how much an event in it makes them others than before."""
+        """Store the rates of the next step, and their change from the present ones if it has an event."""
         assert self._base is not None and self._ahead is not None
         rise = self._ahead.row - self._base.row
         rise[self.space.input_places] -= self._base.offsets
@@ -266,10 +266,10 @@ class PhaseLockedObserver:
         self._kinks = np.abs(self._rates - before) if self._ahead.events else np.zeros_like(before)
 
     def _within_step(self, after_s: float) -> Array:
-        """Return the variance of the columns at an instant within a step in which an event bends their way.
+        """Return the variance of the columns at an instant within a step with an event, which bends their course.
 
-        The way is told as the line from the step before; before the event it goes on as in that step, after it it ends
-        in the frame.
+        Columns are interpolated linearly.  In truth they continue as in the step before up to the event, and end in
+        the frame after it.
         """
         away_s = min(abs(after_s), abs(self.run.bank.step_s - abs(after_s)))
         return np.asarray((self._kinks * away_s) ** 2)

@@ -29,7 +29,7 @@ class BankStep(NamedTuple):
 def step_rows(
     models: Models, at: Places, widths: Widths, first: int, step_s: float, target: float, rows: Array
 ) -> tuple[Indices, Indices, Array]:
-    """Carry each row on by one step, in place; return numbers of events, what failed, and the first row's events.
+    """Advance each row by one step, in place; return numbers of events, failed roles, and the first row's events.
 
     Parameters
     ----------
