@@ -17,7 +17,7 @@ from mech_twin.machines.mb10_breaker.linkage_parameters import LinkageParameters
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
-    stiffness_refusal,
+    motion_refusal,
 )
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
@@ -209,7 +209,7 @@ class BreakerParameters(Parameters):
 
     @model_validator(mode="after")
     def _half_sine_can_be_followed(self) -> BreakerParameters:
-        refusal = stiffness_refusal(self.body, self.excitation) if self.excitation.kind == "approximated" else ""
+        refusal = motion_refusal(self.body, self.excitation) if self.excitation.kind == "approximated" else ""
         if refusal:
             raise ValueError(refusal)
         return self

@@ -95,11 +95,17 @@ class ExcitationParameters(Parameters):
         return self
 
 
-def stiffness_refusal(body: BodyParameters, excitation: ExcitationParameters) -> str:
-    """Return why the motion under the half sine is not computed for this spring, or an empty string.
+def motion_refusal(body: BodyParameters, excitation: ExcitationParameters) -> str:
+    """Return why the motion of the body under the half sine is not computed, or an empty string.
 
-    A cycle of a stiff body holds some k/omega swings, each with its returns to the collar.
+    A cycle of a stiff body holds some k/omega swings, each with its returns to the collar.  The printed half sine is
+    zero at the end of a cycle: rounding decides whether a body without preload leaves its collar there.
     """
+    if excitation.form == "printed" and body.contact == "one_sided" and body.preload_deflection_m == 0.0:
+        return (
+            "body.preload_deflection_m must be above 0 under the half sine of excitation.form printed, which without "
+            f"preload lifts the body by rounding alone as each cycle ends; got {body.preload_deflection_m:g}"
+        )
     omega = 2.0 * pi * excitation.blow_rate_hz
     k = body.spring_arm_m * sqrt(body.spring_rate_n_per_m / body.inertia_kg_m2)
     if k <= STIFFEST * omega:
