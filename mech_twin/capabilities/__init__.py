@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a machine may answer beside running: the terms in which published values, sizes and plots are given."""
+"""Optional capabilities of a machine besides running: types for published values, sizes, designs and plots."""

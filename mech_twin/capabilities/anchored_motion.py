@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The state of a machine that goes on from its last event: it stands in the memory of that event, not in the joints."""
+"""State of a machine whose motion is computed from its last event: it is in that event's memory, not in the joints."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ Array = npt.NDArray[np.float64]
 
 
 class AnchoredMotion(NamedTuple):
-    """Columns of the state, and how a frame is told from its own instant.
+    """Columns of that state, and the function that moves its time origin.
 
     Attributes
     ----------
     later : mapping
-        State column -> where it stands in the frame one step later, and with which sign.
+        For each state column: the column that holds it one step later, and the sign.
     origin, tau : str
-        Columns of the step from which the time of the anchor counts, which is state too, and of that time (s).
+        Columns of the step at which the anchor's time is 0, which is a state too, and of that time (s).
     not_below_zero : tuple of str
         State columns that cannot be negative.
     anchor_at : callable
-        ``anchor_at(model, row, step)`` tells a linkage row from this step on; the motion stays the same.
+        ``anchor_at(model, row, step)`` moves the anchor of a linkage row to this step; the motion is unchanged.
     """
 
     later: Mapping[str, tuple[str, float]]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of functions that Python calls, checked: a refusal is one line with name, value, what is expected."""
+"""Validation of arguments of the Python interface: an error is one line with name, value and what is expected."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mech_twin.capabilities.errors import StudyError
 
 
 def is_number(value: Any) -> TypeGuard[float]:
-    """Return whether a value is a real number, one of numpy too, and no truth value."""
+    """Return whether a value is a real number, also of numpy, but not a boolean."""
     return not isinstance(value, bool) and isinstance(value, Real)
 
 
@@ -24,7 +24,7 @@ def real_number(name: str, value: Any, expected: str, least: float = -math.inf, 
     Raises
     ------
     StudyError
-        If it is none.
+        If it is not such a number.
 
     Examples
     --------
@@ -37,12 +37,12 @@ def real_number(name: str, value: Any, expected: str, least: float = -math.inf, 
 
 
 def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
-    """Return a mapping as a dictionary, an empty one for None.
+    """Return a mapping as a dictionary; an empty one for None.
 
     Raises
     ------
     StudyError
-        If it is no mapping whose keys are words.
+        If it is not a mapping with strings as keys.
     """
     if value is None:
         return {}
@@ -52,12 +52,12 @@ def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
 
 
 def several(name: str, value: Any, expected: str) -> tuple[Any, ...]:
-    """Return the items of a sequence that is no text, numbers of numpy as Python's own.
+    """Return the items of a sequence that is not a string; numpy scalars are converted to Python numbers.
 
     Raises
     ------
     StudyError
-        If it is one item alone.
+        If it is a single item.
     """
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise StudyError(f"{name} {_shown(value)}: expected {expected}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a strain gauge on a struck rod tells of an impact: numbers by name, and its curve over time."""
+"""Strain gauge on a struck rod: numbers of an impact by name, and its curve over time."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from mech_twin.samples import Event
 
-# what a gauge tells of an impact, with the SI unit: energies of the first compressive wave, of all
-# that goes forward and all that comes back, largest compression, its strain, largest tension
+# numbers of an impact with their SI units: energies of the first compressive wave, of all forward
+# waves and of all reflected waves, largest compression, its strain, largest tension
 GAUGE_UNITS: Mapping[str, str] = MappingProxyType(
     {
         "incident_energy": "J",
@@ -26,13 +26,13 @@ GAUGE_UNITS: Mapping[str, str] = MappingProxyType(
     }
 )
 
-RIGID_TURN_RAD = radians(2.0)  # a crank that turns further within a blow: the striker's mass is not one number in it
-RIGID_SHARE = 0.02  # of the striker's mass: so much may it change within a blow
-ROUNDED = 1e-3  # of a length: less is not told
+RIGID_TURN_RAD = radians(2.0)  # crank rotation within a blow above which the striker's equivalent mass is not constant
+RIGID_SHARE = 0.02  # relative change of the striker's mass that is allowed within a blow
+ROUNDED = 1e-3  # relative rounding of a length above which it is reported
 
 
 class GaugeCurve(NamedTuple):
-    """Force (N) and strain at a gauge, compression positive, ``span_s`` apart, the first after the first span."""
+    """Force (N) and strain at a gauge, compression positive, sampled every ``span_s``, first at ``span_s``."""
 
     span_s: float
     force_n: NDArray[np.float64]
@@ -40,7 +40,7 @@ class GaugeCurve(NamedTuple):
 
 
 class BlowGauge(NamedTuple):
-    """The gauge of a machine: of which impacts it tells, what, and its curve; ``sent``: contacts whose curve is sent.
+    """Gauge of a machine: kind and contacts of its impacts, numbers, curve; ``sent``: contacts whose curve is sent.
 
     ``numbers`` are those of `GAUGE_UNITS`, in their order.
     """
@@ -52,23 +52,23 @@ class BlowGauge(NamedTuple):
     sent: tuple[str, ...]
 
     def tells(self, event: Event) -> bool:
-        """Return whether it tells of an event."""
+        """Return whether the gauge has a reading of an event."""
         return event.kind == self.kind and event.contact in self.contacts and event.impulse_ns > 0.0
 
     def number(self, event: Event, name: str) -> float:
-        """Return a number of an event by its name; nan of one it does not tell of."""
+        """Return a number of an event by its name; nan for an event without a reading."""
         return self.numbers(event)[tuple(GAUGE_UNITS).index(name)] if self.tells(event) else nan
 
 
 def blow_remarks(roundings: Mapping[str, tuple[float, float]], numbers: Mapping[str, float]) -> Iterator[str]:
-    """Yield what limits the blows of a run as waves: lengths on the grid, a striker's mass that changes within them.
+    """Yield remarks on the validity of blows as waves: rounded lengths, a striker's mass that is not constant.
 
     Parameters
     ----------
     roundings : dict
-        Length asked for and the one on the grid (m), by key.
+        Configured length and the length on the grid (m), by key.
     numbers : dict
-        Of the run.
+        Metrics of the run.
     """
     for key, (asked, taken) in roundings.items():
         if abs(taken - asked) > ROUNDED * asked:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What sensors tell of one turn of any crank: its period, its speed and the torque that drives it."""
+"""Features of one turn of a crank: its period, its speed and its driving torque."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from mech_twin.capabilities.cycle import CycleFeature, harmonic, mean, period, s
 
 
 def speed_features(crank: str) -> tuple[CycleFeature, ...]:
-    """Return period and relative speed of a turn, ``crank`` the column of its angle (rad)."""
+    """Return the features period and relative speed of a turn; ``crank`` is the column of its angle (rad)."""
     return (
         period(),
         speed_harmonic("speed_cos_1", crank, 1, "cos", "relative crank speed, cosine of the turn"),
@@ -18,7 +18,7 @@ def speed_features(crank: str) -> tuple[CycleFeature, ...]:
 
 
 def crank_features(crank: str, torque: str) -> tuple[CycleFeature, ...]:
-    """Return the features of a turn.
+    """Return the features of period, speed and torque of a turn.
 
     Parameters
     ----------

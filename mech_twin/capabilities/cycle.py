@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One cycle of a machine as channels of samples, and how the numbers that describe it are declared.
+"""One cycle of a machine as sampled channels, and the declaration of features computed from it.
 
-A channel keeps its own instants.  Its samples are weighed by the phase they stand for, so that a mean or a harmonic
-is one over the cycle's angle whatever the rate and the jitter of the sensor::
+A channel has its own instants.  Each sample is weighted by the phase interval it represents.  So a mean or a harmonic
+is one over the cycle's angle, for any rate and jitter of the sensor::
 
-    weight_i = (phase_(i+1) - phase_(i-1))/(4 pi),   the first and the last being neighbours
+    weight_i = (phase_(i+1) - phase_(i-1))/(4 pi),   with the first and the last as neighbours
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ __all__ = [
 
 
 class CycleReference(NamedTuple):
-    """What a cycle is counted by.
+    """Signal that defines the cycles.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class CycleReference(NamedTuple):
     begin : float
         Angle or level.
     period_s : float
-        Of a signal that is led by a clock: single rises are averaged about it.  0: no clock is known.
+        Period of a signal that is driven by a clock, about which single rises are averaged.  0: no known clock.
     """
 
     column: str
@@ -82,7 +82,7 @@ class SampledChannel(NamedTuple):
 
 @dataclass(frozen=True)
 class SampledCycle:
-    """One cycle: when it began and ended (s), and its channels by the column that each measures."""
+    """One cycle: its begin and end (s), and its channels by the column that each measures."""
 
     number: int
     begin_s: float
@@ -91,21 +91,21 @@ class SampledCycle:
 
     @property
     def period_s(self) -> float:
-        """How long it took."""
+        """Duration of the cycle."""
         return self.end_s - self.begin_s
 
 
 class CycleFeature(NamedTuple):
-    """A number of a cycle.
+    """A feature: a number computed from a cycle.
 
     Attributes
     ----------
     name, unit, meaning : str
-        What it is called, its SI unit (``1``: a pure number), and one line for tables.
+        Name, SI unit (``1``: dimensionless), and a description of one line.
     needs : tuple of str
-        Columns it is computed from; without a channel for each, a sensor set has no such feature.
+        Columns it is computed from; all must be measured.
     of : callable
-        ``of(cycle)``: the number.
+        ``of(cycle)``: value of the feature.
     """
 
     name: str
@@ -116,18 +116,18 @@ class CycleFeature(NamedTuple):
 
 
 class CycleFeatures(NamedTuple):
-    """What a machine tells of each cycle.
+    """Cycle reference and features that a machine declares.
 
     Attributes
     ----------
     reference : CycleReference
-        What cycles are counted by.
+        Signal that defines the cycles.
     features : tuple of CycleFeature
-        In the order they are shown in.
+        Features in display order.
     settling_cycles : int
-        Cycles after which a changed parameter has had nearly its whole effect.
+        Cycles after a change of a parameter until its effect is nearly complete.
     run_up_s : float
-        Time after which a run that starts as configured is in steady running.
+        Time from the configured start to steady running.
     """
 
     reference: CycleReference
@@ -137,17 +137,17 @@ class CycleFeatures(NamedTuple):
 
 
 def sampled(times_s: Array, phase_rad: Array, values: Array) -> SampledChannel:
-    """Return the samples of a channel with their weights; phases that run backward by noise count as standing."""
+    """Return the samples of a channel with their weights; phases that decrease because of noise are held constant."""
     return SampledChannel(times_s, phase_rad, values, phase_weights(phase_rad))
 
 
 def period() -> CycleFeature:
-    """Return the duration of the cycle."""
+    """Return the feature: duration of the cycle."""
     return CycleFeature("period_s", "s", "duration of the cycle", (), lambda cycle: cycle.period_s)
 
 
 def mean(name: str, unit: str, column: str, meaning: str) -> CycleFeature:
-    """Return the mean of a channel over the cycle's angle."""
+    """Return the feature: mean of a channel over the cycle's angle."""
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
@@ -157,7 +157,7 @@ def mean(name: str, unit: str, column: str, meaning: str) -> CycleFeature:
 
 
 def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
-    """Return a Fourier coefficient of a channel over the cycle's angle, ``2 <x cos n phi>`` or with sin."""
+    """Return the feature: Fourier coefficient of a channel over the cycle's angle, ``2 <x cos n phi>`` or with sin."""
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
@@ -167,10 +167,10 @@ def harmonic(name: str, unit: str, column: str, order: int, part: Literal["cos",
 
 
 def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin"], meaning: str) -> CycleFeature:
-    """Return a Fourier coefficient of the speed of a turning joint over its mean, from the angle alone.
+    """Return the feature: Fourier coefficient of a joint's relative speed, from its angle alone.
 
-    With psi = 2 pi (t - t0)/T, the angle runs ahead of psi by a periodic d(psi). The speed is (1 + d')/T, so the
-    coefficient of cos n psi of the relative speed is n times that of sin n psi of d, that of sin -n times that of cos.
+    With psi = 2 pi (t - t0)/T, the angle leads psi by a periodic d(psi). The speed over its mean is 1 + d', so its
+    coefficient of cos n psi is n times that of sin n psi of d, and that of sin is -n times that of cos.
     """
 
     def of(cycle: SampledCycle) -> float:
@@ -184,18 +184,18 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
 
 
 def _extreme(values: Array, share: float) -> float:
-    """Return the mean of the largest share of the values; of the smallest where the share is negative."""
+    """Return the mean of the given share of largest values; of the smallest for a negative share."""
     count = max(1, round(abs(share) * len(values)))
     return mean_of_largest(values, count) if share > 0.0 else mean_of_smallest(values, count)
 
 
 def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
-    """Return the mean of the largest share of a channel's samples: a maximum that noise moves little."""
+    """Return the feature: mean of a channel's largest samples, a maximum with little sensitivity to noise."""
     return CycleFeature(name, unit, meaning, (column,), lambda c: _extreme(c.channels[column].values, share))
 
 
 def swing(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:
-    """Return the mean of the largest share of a channel's samples less that of the smallest."""
+    """Return the feature: mean of a channel's largest samples minus that of its smallest."""
 
     def of(cycle: SampledCycle) -> float:
         values = cycle.channels[column].values
@@ -205,7 +205,7 @@ def swing(name: str, unit: str, column: str, meaning: str, share: float = 0.05) 
 
 
 def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeature:
-    """Return the share of the cycle in which a channel lies above a part of the way from its low to its high."""
+    """Return the feature: share of the cycle in which a channel exceeds a level between its low and high."""
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
@@ -216,13 +216,13 @@ def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeatu
 
 
 def event_share(name: str, column: str, meaning: str, pick: Literal["first", "last"] = "first") -> CycleFeature:
-    """Return when in the cycle an event came, as a share of the cycle's angle."""
+    """Return the feature: phase of an event, as a share of the cycle's angle."""
     place = 0 if pick == "first" else -1
     return CycleFeature(name, "1", meaning, (column,), lambda c: float(c.channels[column].phase_rad[place] / TURN))
 
 
 def event_ratio(name: str, above: str, below: str, meaning: str, sign: float = -1.0) -> CycleFeature:
-    """Return the sum of one channel of the cycle's events over that of another, its sign turned if not told else."""
+    """Return the feature: sum of one event channel over that of another, times ``sign``."""
 
     def of(cycle: SampledCycle) -> float:
         return float(sign * cycle.channels[above].values.sum() / cycle.channels[below].values.sum())
@@ -231,6 +231,6 @@ def event_ratio(name: str, above: str, below: str, meaning: str, sign: float = -
 
 
 def event_value(name: str, unit: str, column: str, meaning: str, pick: Literal["largest", "sum"]) -> CycleFeature:
-    """Return the largest, or the sum, of a channel of the cycle's events."""
+    """Return the feature: largest value, or sum, of an event channel."""
     choose = np.max if pick == "largest" else np.sum
     return CycleFeature(name, unit, meaning, (column,), lambda c: float(choose(c.channels[column].values)))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled arithmetic of the features of a cycle: one code for a sample that comes live and for a million cycles.
+"""Compiled arithmetic of cycle features: the same code for live samples and for recordings.
 
-Sums run in the order of the samples, so that a feature repeats to the bit wherever it is computed.
+Sums are in the order of the samples, so that a feature is reproducible to the bit.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TURN = 2.0 * pi
 
 @kernel
 def phase_weights(phase_rad: Array) -> Array:
-    """Return what share of the cycle each sample stands for; phases that run backward by noise count as standing."""
+    """Return the share of the cycle that each sample represents; phases that decrease by noise are held constant."""
     count = len(phase_rad)
     standing, weights = np.empty(count), np.empty(count)
     for i in range(count):
@@ -33,7 +33,7 @@ def phase_weights(phase_rad: Array) -> Array:
 
 @kernel
 def weighted_sum(weights: Array, values: Array) -> float:
-    """Return the sum of the values, each times its weight."""
+    """Return the weighted sum of the values."""
     total = 0.0
     for i in range(len(values)):
         total += weights[i] * values[i]
@@ -52,7 +52,7 @@ def fourier_coefficient(weights: Array, phase_rad: Array, values: Array, order: 
 
 @kernel
 def lead(times_s: Array, phase_rad: Array, begin_s: float, period_s: float) -> tuple[Array, Array]:
-    """Return the angle of a joint that turned evenly (psi), and by how much the joint runs ahead of it."""
+    """Return the angle psi of a uniform rotation, and the lead of the joint's phase over it (rad), shape (n,) each."""
     psi, ahead = np.empty(len(times_s)), np.empty(len(times_s))
     for i in range(len(times_s)):
         psi[i] = TURN * (times_s[i] - begin_s) / period_s
@@ -92,7 +92,7 @@ def weight_above(weights: Array, values: Array, level: float) -> float:
 
 @kernel
 def fitted_slope(x: Array, y: Array) -> float:
-    """Return the slope of the line through points by least squares; nan where all lie above each other."""
+    """Return the slope of the least-squares line through points; nan if all have the same x."""
     mean_x, mean_y = x.mean(), y.mean()
     along, across = 0.0, 0.0
     for i in range(len(x)):
@@ -103,7 +103,7 @@ def fitted_slope(x: Array, y: Array) -> float:
 
 @kernel
 def phase_of_turn(angles_rad: Array, start_rad: float) -> Array:
-    """Return the phase of the samples of a turn that began at an angle, its two ends before and after them."""
+    """Return the phase (rad) of the samples of a turn from its start angle; its ends 0 and 2 pi are added."""
     count = len(angles_rad)
     phase = np.empty(count + 2)
     phase[0], phase[count + 1] = 0.0, TURN
@@ -114,7 +114,7 @@ def phase_of_turn(angles_rad: Array, start_rad: float) -> Array:
 
 @kernel
 def gap_limits(times_s: Array, begin_s: float, end_s: float) -> tuple[float, float]:
-    """Return the largest gap of a channel in a cycle, its ends included, and the usual spacing of its samples (s)."""
+    """Return the largest gap of a channel in a cycle, to its ends included, and the median spacing (s)."""
     spacing = np.diff(times_s)
     largest = max(times_s[0] - begin_s, end_s - times_s[-1])
     for each in spacing:
@@ -124,7 +124,7 @@ def gap_limits(times_s: Array, begin_s: float, end_s: float) -> tuple[float, flo
 
 @kernel
 def sample_quality(times_s: Array, values: Array) -> tuple[float, int, float]:
-    """Return lower quartile of the spacing (s), longest run of equal values, and how far a sample stands out."""
+    """Return lower quartile of the spacing (s), length of the longest run of equal values, and isolation (SI)."""
     count, longest, run, isolation = len(values), 1, 1, 0.0
     spacings_s = np.empty(count - 1)
     for i in range(count - 1):
@@ -142,9 +142,9 @@ def sample_quality(times_s: Array, values: Array) -> tuple[float, int, float]:
 def crossed_turn(
     times_s: Array, angles_rad: Array, first: int, boundary_rad: float, about_rad: float
 ) -> tuple[float, float]:
-    """Return when an angle crosses a boundary, from the line through the samples about it; and the next boundary.
+    """Return when an angle crosses a boundary, by a line through nearby samples; and the next boundary.
 
-    nan while samples are missing.  Boundaries within a gap of whole turns are not seen.
+    The time is nan while samples are missing.  Boundaries within a gap of whole turns are skipped.
     """
     count, last = len(angles_rad), first
     while last < count and angles_rad[last] < boundary_rad + about_rad:
@@ -179,7 +179,7 @@ def crossed_turn(
 
 @kernel
 def first_rise(values: Array, first: int, level: float) -> int:
-    """Return the place of the last value below a level before it is reached, from ``first`` on; -1 without one."""
+    """Return the index of the first sample from ``first`` on after which the level is reached; -1 without one."""
     for i in range(first, len(values) - 1):
         if values[i] < level <= values[i + 1]:
             return i

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine's design question: what may be chosen, what must hold, what is to be made small or large."""
+"""A machine's design problem: variables, constraints and objectives."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Evaluation(NamedTuple):
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """Which designs meet every constraint."""
+        """Mask of the designs that satisfy every constraint."""
         return np.asarray((self.margins >= 0.0).all(axis=1))
 
 
@@ -39,16 +39,16 @@ class DesignSpace:
     limits: Mapping[str, float]
 
     def designs(self, unit: Array) -> Array:
-        """Return designs, rows of the variables, from numbers between 0 and 1, shape (n, variables)."""
+        """Return designs (n, variables) from numbers between 0 and 1 of the same shape."""
         low, high = np.array(self.lower), np.array(self.upper)
         return np.asarray(low + unit * (high - low), dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Design:
-    """A design by name: its variables, objectives and margins, and the configuration they were computed from.
+    """A design: variables, objectives and margins by name, and the configuration they were computed from.
 
-    ``in_shorter_steps`` has objectives and margins once more, where they come from a run; else None.
+    ``in_shorter_steps`` has objectives and margins of a run with shorter steps; None if they come from no run.
     """
 
     variables: dict[str, float]
@@ -59,7 +59,7 @@ class Design:
 
 
 class DesignQuestion(NamedTuple):
-    """How a machine is designed.
+    """Design problem of a machine.
 
     Attributes
     ----------
@@ -68,9 +68,9 @@ class DesignQuestion(NamedTuple):
     limits : mapping
         Usual limit of each constraint, unit in its name.
     objectives : mapping
-        Sense of each: 1 to be made small, -1 large; the first is usual.
+        Sense of each: 1 to minimise, -1 to maximise; the first is the default.
     evaluate : callable
-        ``evaluate(parameters, space, designs)``: many designs at once, rows of the variables.
+        ``evaluate(parameters, space, designs)``: evaluates many designs, rows of the variables.
     search : callable
         ``search(parameters, space, objectives, seed, points)``: the best design for one objective, or the Pareto front
         of several with so many refined directions; the same for the same seed.
@@ -85,12 +85,12 @@ class DesignQuestion(NamedTuple):
     def space(
         self, bounds: Mapping[str, tuple[float, float]] | None = None, limits: Mapping[str, float] | None = None
     ) -> DesignSpace:
-        """Return the usual space with these bounds and limits changed; a variable may be named without its unit.
+        """Return the usual space with changed bounds and limits; a variable may be named without its unit.
 
         Raises
         ------
         StudyError
-            For a name that is not there, bounds that are not ``0 < low <= high``, a limit that is not a number >= 0.
+            For an unknown name, bounds that are not ``0 < low <= high``, or a limit that is not a number >= 0.
         """
         names = {name.rsplit("_", 1)[0]: name for name in self.variables} | {name: name for name in self.variables}
         asked = dict(self.variables)

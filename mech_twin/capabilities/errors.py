@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A study that cannot be carried out as asked."""
+"""Errors of a study that cannot be carried out as requested."""
 
 from __future__ import annotations
 
 
 class StudyError(ValueError):
-    """What is wrong with the question; the message is one line for the user."""
+    """An error in the request; the message is one line for the user."""
 
 
 class UnknownNameError(StudyError, KeyError):
-    """A name that is none of those there are; the message says which are near."""
+    """An unknown name; the message lists similar ones."""
 
-    def __str__(self) -> str:  # that of a KeyError is quoted
+    def __str__(self) -> str:  # KeyError would quote the message
         return str(self.args[0])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What can go wrong with a machine: faults as changes of its parameters, each by a size."""
+"""Faults of a machine as changes of its parameters, each with a size."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ class MachineFault(NamedTuple):
     Attributes
     ----------
     name, meaning : str
-        What it is called, and one line for the operator.
+        Name, and a description of one line for the operator.
     unit : str
-        Of the size: ``1`` where the size is a share of the healthy value.
+        Unit of the size: ``1`` if it is a share of the healthy value.
     sizes : tuple of float
-        Ascending sizes at which its effect is computed; between them the effect is interpolated, from 0 at size 0.
+        Ascending sizes at which its effect is computed; between them it is interpolated, with 0 at size 0.
     changes : callable
         ``changes(parameters, size)``: configuration keys (dotted) and their values under the fault.
     command : callable
-        ``command(size)``: asked fraction of rated supply frequency under the fault; 1 is healthy.
+        ``command(size)``: requested fraction of rated supply frequency under the fault; 1 is healthy.
     key : str
-        The key that changes, where it is one; empty otherwise.
+        The key that changes, if it is a single one; empty otherwise.
     """
 
     name: str
@@ -47,7 +47,7 @@ def value_at(parameters: Parameters, key: str) -> Any:
 
 
 def share_of_key(name: str, meaning: str, key: str, sizes: Sequence[float]) -> MachineFault:
-    """Return the fault that changes a key by a share of its healthy value."""
+    """Return a fault that changes a key by a share of its healthy value."""
 
     def changes(parameters: Parameters, size: float) -> dict[str, Any]:
         return {key: float(value_at(parameters, key)) * (1.0 + size)}
@@ -56,7 +56,7 @@ def share_of_key(name: str, meaning: str, key: str, sizes: Sequence[float]) -> M
 
 
 def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[float]) -> MachineFault:
-    """Return the fault that adds its size to a key."""
+    """Return a fault that adds its size to a key."""
 
     def changes(parameters: Parameters, size: float) -> dict[str, Any]:
         return {key: float(value_at(parameters, key)) + size}
@@ -65,7 +65,7 @@ def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[f
 
 
 def supply_sag(sizes: Sequence[float] = (-0.2, -0.15, -0.1, -0.07)) -> MachineFault:
-    """Return the fault of a supply whose frequency is too low by a share; less of it is the operating point."""
+    """Return the fault of a supply frequency that is too low by a share; smaller deviations are operating points."""
     return MachineFault(
         "supply_sag",
         "the supply's frequency is too low",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Elements of a mechanism's figure, as in textbooks: hatched ground, fixed bearings, guides, springs, circles.
+r"""Elements of a mechanism's schematic: hatched ground, fixed bearings, guides, springs, circles.
 
 ::
 
@@ -20,7 +20,7 @@ Point = tuple[float, float]
 Strip = tuple[Point, ...]
 Colour = tuple[int, int, int]
 
-# one colour one thing, in all machines; all are legible on the light and on the dark theme
+# each colour has one meaning in all machines; all are legible on light and dark themes
 CRANK: Colour = (200, 60, 40)
 ROD: Colour = (60, 110, 180)
 FOLLOWER: Colour = (80, 140, 60)
@@ -42,7 +42,7 @@ def circle(centre: Point, radius_m: float, points: int = CIRCLE_POINTS) -> Strip
 
 
 def toothed(centre: Point, radius_m: float, teeth: int, angle: float, height_m: float) -> Strip:
-    """Return a closed gear about its pitch circle (m), the middle of a tooth at an angle (rad)."""
+    """Return the closed outline of a gear about its pitch circle (m), with the middle of a tooth at an angle (rad)."""
     strip = []
     for i in range(teeth):
         for edge, out in ((-0.25, -1.0), (-0.25, 1.0), (0.25, 1.0), (0.25, -1.0)):
@@ -52,7 +52,7 @@ def toothed(centre: Point, radius_m: float, teeth: int, angle: float, height_m: 
 
 
 def spiral(centre: Point, inner_m: float, outer_m: float, begin: float, end: float, turns: int = 2) -> Strip:
-    """Return a spiral from an angle on an inner circle to one on an outer circle (m, rad), wound by whole turns."""
+    """Return a spiral between angles on an inner and an outer circle (m, rad), with extra whole turns."""
     count = turns * CIRCLE_POINTS
     strip = []
     for i in range(count + 1):
@@ -68,7 +68,7 @@ def box(left_m: float, low_m: float, right_m: float, high_m: float) -> Strip:
 
 
 def hatched(begin: Point, end: Point, depth_m: float) -> Strip:
-    """Return a line with hatching of this depth (m) on its right, which is where the solid ground is."""
+    """Return a line with hatching of this depth (m) on its right side, where the ground is."""
     length = hypot(end[0] - begin[0], end[1] - begin[1])
     count = max(2, round(length / depth_m))
     along = ((end[0] - begin[0]) / count, (end[1] - begin[1]) / count)
@@ -82,7 +82,7 @@ def hatched(begin: Point, end: Point, depth_m: float) -> Strip:
 
 
 def bearing(at: Point, size_m: float, *, hanging: bool = False) -> Strip:
-    """Return a fixed bearing below a pin, or above it: a triangle on hatched ground."""
+    """Return a fixed bearing below a pin, or above it if hanging: a triangle on hatched ground."""
     up = 1.0 if hanging else -1.0
     y = at[1] + 1.5 * up * size_m
     begin, end = (at[0] + 1.6 * up * size_m, y), (at[0] - 1.6 * up * size_m, y)
@@ -91,7 +91,7 @@ def bearing(at: Point, size_m: float, *, hanging: bool = False) -> Strip:
 
 
 def coil(begin: Point, end: Point, half_width_m: float, turns: int = 6) -> Strip:
-    """Return a spring between its two ends, a straight piece at either."""
+    """Return a spring between two points, with a straight piece at each end."""
     x, y = end[0] - begin[0], end[1] - begin[1]
     length = hypot(x, y) or 1.0
     across = (-y / length * half_width_m, x / length * half_width_m)
@@ -104,12 +104,12 @@ def coil(begin: Point, end: Point, half_width_m: float, turns: int = 6) -> Strip
 
 
 def label(name: str, at: Point, text: str, colour: Colour = STEEL, height_m: float = 0.02) -> Shape:
-    """Return a text of this height (m, where the height of writing is a length) below a point."""
+    """Return a text below a point; its height is in metres in figures with lengths as text heights."""
     return Shape(name, "text", (at,), colour, height_m, text)
 
 
 def measure(name: str, begin: Point, end: Point, text: str, tick_m: float) -> Shape:
-    """Return a dimension line between two points, with ticks of this length (m) across its ends."""
+    """Return a dimension line between two points, with ticks of this length (m) at its ends."""
     length = hypot(end[0] - begin[0], end[1] - begin[1]) or 1.0
     half = 0.5 * tick_m / length
     x, y = -(end[1] - begin[1]) * half, (end[0] - begin[0]) * half
@@ -121,5 +121,5 @@ def measure(name: str, begin: Point, end: Point, text: str, tick_m: float) -> Sh
 
 
 def millimetres(length_m: float) -> str:
-    """Return a length as a figure has it: to a tenth of a millimetre, or in metres from one on."""
+    """Return a length as text: in millimetres with four digits, or in metres from 1 m on."""
     return f"{length_m:.3g} m" if abs(length_m) >= 1.0 else f"{1e3 * length_m:.4g} mm"

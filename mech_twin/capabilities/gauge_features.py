@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a strain gauge on a struck rod tells of one cycle of any machine."""
+"""Features of one cycle from a strain gauge on a struck rod, for any machine."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from mech_twin.capabilities.cycle import CycleFeature, event_ratio, event_value
 
 
 def gauge_features(kind: str, rod: str) -> tuple[CycleFeature, ...]:
-    """Return the features of a gauge: a soft wall or a worn foot changes what comes back.
+    """Return the features of a gauge; a soft wall or a worn foot changes the reflected energy.
 
     Parameters
     ----------
     kind : str
-        Of the events it tells of.
+        Kind of the events that it measures.
     rod : str
-        What the rod is called: tool, stop.
+        Name of the rod: tool, stop.
     """
     incident, forward, reflected, peak = (
         f"event.{kind}.{what}" for what in ("incident_energy", "forward_energy", "reflected_energy", "peak_force")

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of the last cycles or blows of a run."""
+"""Statistics of the last cycles or blows of a run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-LAST = 20  # cycles, or blows, that are kept
+LAST = 20  # cycles, or blows, that are used
 
 
 def over_last(records: Sequence[dict[str, float]], prefix: str = "steady_") -> dict[str, float]:
-    """Return each metric that all records have: its extreme if its name says so, else its mean."""
+    """Return each metric that all records have: extreme if its name has smallest, largest or peak, else mean."""
     found = {}
     for name in records[-1]:
         values = [record[name] for record in records if name in record]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Questions on the long run of a periodically driven machine: a cycle to a specification, and regimes over a key."""
+"""Studies of the long-run behaviour of a periodically driven machine: synthesis of a cycle, and regimes over a key."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 
 from mech_twin.declarations.quantity import Parameters
 
-MOST_STARTS = 1_000_000  # of a basin: each is followed to its end at every point of the box of tolerances
-MOST_ENDURANCE_PERIODS = 1_000_000_000  # minutes of computing
-MOST_SETTLING_PERIODS = 100_000  # every period is kept, and there are up to 16 times as many
+MOST_STARTS = 1_000_000  # of a basin of attraction: each is simulated at every point of the box of tolerances
+MOST_ENDURANCE_PERIODS = 1_000_000_000  # takes minutes of computing time
+MOST_SETTLING_PERIODS = 100_000  # all periods are stored, up to 16 times this number
 
 
 @dataclass(frozen=True)
 class CycleAnswer:
-    """A synthesised cycle: its name, its configuration, all that is known of it, and that in lines for people."""
+    """A synthesised cycle: name, configuration, complete record, and a readable summary of it."""
 
     name: str
     parameters: Parameters
@@ -27,7 +27,7 @@ class CycleAnswer:
 
 @dataclass(frozen=True)
 class SynthesisAnswer:
-    """Cycles for one specification side by side; ``chosen`` names the one to use, ``asked`` what was asked."""
+    """Cycles for one specification; ``chosen`` is the name of the recommended one, ``asked`` the specification."""
 
     asked: Mapping[str, Any]
     cycles: tuple[CycleAnswer, ...]
@@ -39,16 +39,16 @@ class SynthesisAnswer:
 
 
 class SynthesisQuestion(NamedTuple):
-    """How a machine's cycle is synthesised.
+    """Synthesis of a machine's cycle.
 
     Attributes
     ----------
     options : mapping
-        Names of the options of robustness, with their usual values.
+        Options of robustness with their default values.
     answer : callable
         ``answer(parameters, impact_speed_m_per_s, options, periods)``; ``periods`` is the length of the endurance runs.
     lines : callable
-        ``lines(record)``: the record of a cycle for people.
+        ``lines(record)``: readable summary of the record of a cycle.
     """
 
     options: Mapping[str, float | int]
@@ -58,7 +58,7 @@ class SynthesisQuestion(NamedTuple):
 
 @dataclass(frozen=True)
 class RegimeAnswer:
-    """Long-run regimes over the values of a key: a record each, in columns for people, and a picture to write."""
+    """Long-run regimes over the values of a key: records, table columns and rows, and a function that writes a plot."""
 
     key: str
     records: tuple[Mapping[str, Any], ...]
@@ -68,10 +68,10 @@ class RegimeAnswer:
 
 
 class RegimeQuestion(NamedTuple):
-    """How the regimes of a machine are mapped.
+    """Map of the regimes of a machine.
 
-    ``answer(parameters, values, key, settling_periods, progress)``; ``usual_key`` is the key that is varied if none is
-    named; ``read(key, records)`` returns an answer from its records.
+    ``answer(parameters, values, key, settling_periods, progress)`` computes it; ``usual_key`` is the default key;
+    ``read(key, records)`` returns an answer from its records.
     """
 
     usual_key: str

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""A planar mechanism as a tree of frames: for frames in space (TF) and for a description (URDF).
+r"""A planar mechanism as a tree of frames, for transforms (TF) and for a robot description (URDF).
 
-A closed chain has no tree: it is opened at one pin, and ``Loop`` says which two frames coincide there.  ::
+A closed chain is not a tree: it is opened at one pin, and ``Loop`` gives the two frames that coincide there.  ::
 
     machine -- crank (turns by the joint `crank`) -- crank_pin (at the crank's end, turned back) -- coupler -- ...
 
-The coordinates of a machine's joints are absolute angles, those of a tree are relative to the parent.  So a chain goes
-on from a frame at the pin that is turned back, by ratio -1.  A pin's frame has the axes its reaction is given in.
+The coordinates of a machine's joints are absolute angles, those of a tree are relative to the parent.  So a chain
+continues from a frame at the pin that is rotated back, by ratio -1.  Reactions at a pin are given in the axes of its
+frame.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ Colour = tuple[int, int, int]
 
 
 class Joint(NamedTuple):
-    """One frame below another.
+    """A joint of the tree: motion of a child frame in its parent.
 
     Attributes
     ----------
@@ -30,17 +31,17 @@ class Joint(NamedTuple):
     parent, child : str
         The two frames, which are also links of the description.
     origin_m : (x, y)
-        Where the child lies in the parent's frame (m).
+        Position of the child in the parent's frame (m).
     turned_rad : float
-        How far the child is turned against the parent at coordinate 0 (rad).
+        Rotation of the child relative to the parent at coordinate 0 (rad).
     name : str
-        The machine's joint whose position is the coordinate; empty where fixed.
+        The machine's joint whose position is the coordinate; empty if fixed.
     ratio : float
-        Factor of the position; other than 1 it is a mimic joint of the description.
+        Factor of the position.
     axis : (x, y)
         Direction of sliding, a unit vector in the child's frame at coordinate 0.
     travel_m : float
-        Greatest distance of sliding either way, for the description (m).
+        Largest travel in either direction, for the robot description (m).
     """
 
     kind: str
@@ -55,7 +56,7 @@ class Joint(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """Two frames whose origins coincide: where the closed chain was opened."""
+    """Two frames whose origins coincide, where a closed chain was opened."""
 
     first: str
     second: str
@@ -81,13 +82,13 @@ class Inertia(NamedTuple):
 
 
 def inertia_about_origin(link: str, mass_kg: float, centre_m: Point, about_origin_kg_m2: float) -> Inertia:
-    """Return the mass of a link whose inertia is told about the origin of its frame."""
+    """Return the inertia of a link from its moment of inertia about the origin of its frame."""
     own = about_origin_kg_m2 - mass_kg * (centre_m[0] ** 2 + centre_m[1] ** 2)
     return Inertia(link, mass_kg, centre_m, max(own, 0.0))
 
 
 def joined(inertias: Sequence[Inertia]) -> Inertia:
-    """Return masses of one link as one, about their common centre."""
+    """Return several masses of one link as one, about their common centre of mass."""
     mass = sum(one.mass_kg for one in inertias)
     x = sum(one.mass_kg * one.centre_m[0] for one in inertias) / mass
     y = sum(one.mass_kg * one.centre_m[1] for one in inertias) / mass
@@ -99,7 +100,7 @@ def joined(inertias: Sequence[Inertia]) -> Inertia:
 
 
 class Pose(NamedTuple):
-    """Place (m) and orientation (rad) of a frame in another."""
+    """Position (m) and orientation (rad) of a frame in another."""
 
     x_m: float
     y_m: float
@@ -107,10 +108,10 @@ class Pose(NamedTuple):
 
 
 class FrameTree(NamedTuple):
-    """The tree, parents before children; where it was opened; what its links look like.
+    """The tree, parents before children; its opened loops; shapes and masses of its links.
 
-    ``lengths`` names the joints of linkage and motor whose positions are lengths (m) though they carry no frame.
-    ``inertias`` are the machine's masses, several of a link add up; ``untold`` says of links what it does not know.
+    ``lengths`` are joints of linkage and motor without a frame whose positions are lengths (m).  ``inertias`` are the
+    machine's masses; those of one link add up.  ``untold`` are remarks on unknown masses of links.
     """
 
     joints: tuple[Joint, ...]
@@ -132,14 +133,14 @@ class FrameTree(NamedTuple):
 
 
 def fixed(parent: str, child: str, origin_m: Point = (0.0, 0.0), turned_rad: float = 0.0) -> Joint:
-    """Return a frame that does not move in its parent."""
+    """Return a frame that is fixed in its parent."""
     return Joint("fixed", parent, child, origin_m, turned_rad)
 
 
 def turning(
     name: str, parent: str, child: str, origin_m: Point = (0.0, 0.0), ratio: float = 1.0, turned_rad: float = 0.0
 ) -> Joint:
-    """Return a frame that turns with a joint of the machine; ratio -1 turns it back, or clockwise."""
+    """Return a frame that turns with a joint of the machine; ratio -1 for rotation back, or clockwise."""
     return Joint("continuous", parent, child, origin_m, turned_rad, name, ratio)
 
 
@@ -175,14 +176,14 @@ def moved(joint: Joint, positions: Mapping[str, float]) -> Pose:
 
 
 def composed(outer: Pose, inner: Pose) -> Pose:
-    """Return a pose that is given in a frame, in the frame that frame is given in."""
+    """Return the composition of two poses: inner, given in the frame with pose outer."""
     c, s = math.cos(outer.angle_rad), math.sin(outer.angle_rad)
     x = outer.x_m + c * inner.x_m - s * inner.y_m
     return Pose(x, outer.y_m + s * inner.x_m + c * inner.y_m, outer.angle_rad + inner.angle_rad)
 
 
 def poses(mechanism: FrameTree, positions: Mapping[str, float]) -> dict[str, Pose]:
-    """Return the pose of every frame in the root's; see `moved`."""
+    """Return the pose of every frame in the root frame; see `moved`."""
     found = {ROOT: Pose(0.0, 0.0, 0.0)}
     for joint in mechanism.joints:
         found[joint.child] = composed(found[joint.parent], moved(joint, positions))
@@ -192,10 +193,10 @@ def poses(mechanism: FrameTree, positions: Mapping[str, float]) -> dict[str, Pos
 def four_bar_chain(
     links: tuple[str, str, str], lengths_m: tuple[float, float, float], pivot_m: Point, base: str = ROOT
 ) -> tuple[tuple[Joint, ...], Loop]:
-    """Return crank, coupler and rocker on a base, opened at the pin of coupler and rocker.
+    """Return crank, coupler and rocker on a base as a tree, opened at the pin of coupler and rocker.
 
-    ``links`` are also the names of the joints; the frames at the pins that are turned back to the base's axes are
-    called ``crank_bearing``, ``crank_pin``, ``rocker_pin`` and ``rocker_bearing`` on the root, else ``..._axes``.
+    ``links`` are also the names of the joints.  The frames at the pins have the base's axes; they are named
+    ``crank_bearing``, ``crank_pin``, ``rocker_pin`` and ``rocker_bearing`` on the root, else ``..._axes``.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may differ from day to day on a healthy machine: supply, load, temperature, tolerances, each within a range."""
+"""Operating variables of a healthy machine: supply, load, temperature, tolerances, each within a range."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from mech_twin.declarations.quantity import Parameters
 
 
 class OperatingVariable(NamedTuple):
-    """A quantity whose value is no fault while it stays within its range.
+    """A quantity that may vary within its range without being a fault.
 
     Attributes
     ----------
     name, meaning : str
-        What it is called, and one line for the operator.
+        Name, and a description of one line for the operator.
     range : float
-        Share of the healthy value by which it may differ either way.
+        Half-width of the range, as a share of the healthy value.
     changes : callable
         ``changes(parameters, share)``: configuration keys (dotted) and their values at that share.
     beyond : str
-        Name of the fault where it is outside its range.
+        Name of the fault that it is outside its range.
     is_commanded : bool
-        Whether a run's command does the same as ``changes``.
+        Whether the command of a run has the same effect as ``changes``.
     """
 
     name: str
@@ -38,7 +38,7 @@ class OperatingVariable(NamedTuple):
 def varying_key(
     name: str, meaning: str, key: str, share: float, beyond: str, *more: str, is_commanded: bool = False
 ) -> OperatingVariable:
-    """Return the variable that changes a key, and those that go along, by a share of the healthy value."""
+    """Return a variable that changes a key, and further ones with it, by a share of the healthy value."""
 
     def changes(parameters: Parameters, size: float) -> dict[str, Any]:
         return {each: float(value_at(parameters, each)) * (1.0 + size) for each in (key, *more)}
@@ -47,21 +47,21 @@ def varying_key(
 
 
 def prescribed_speed(key: str) -> OperatingVariable:
-    """Return the frequency of a supply that prescribes a speed."""
+    """Return the frequency of a supply that prescribes a speed as an operating variable."""
     return varying_key(
         "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, "supply_sag", is_commanded=True
     )
 
 
-FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last: 40 K of copper
+FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last: 40 K of copper temperature
 
 
 def motor_changes(
     parameters: Parameters, motor_key: str = "motor", *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
 ) -> dict[str, Any]:
-    """Return the keys of an induction motor whose torque, slip speed or speed of the field is so many times its own.
+    """Return the changed keys of an induction motor for factors of its torque, slip speed and synchronous speed.
 
-    Values that a source prints go along; what is left is the motor of no catalogue.
+    Printed values are scaled too; the catalogue name is removed.
     """
     motor = value_at(parameters, motor_key)
     synchronous, rated = float(motor["synchronous_speed_rpm"]), float(motor["rated_speed_rpm"])
@@ -78,11 +78,11 @@ def motor_changes(
 
 
 def motor_variables(motor_key: str = "motor") -> tuple[OperatingVariable, ...]:
-    """Return frequency and voltage of the supply of an induction motor, and the resistance of its warm rotor.
+    """Return supply frequency and voltage, and rotor resistance of an induction motor as operating variables.
 
-    With frequency the voltage goes along, as it does behind a converter and nearly so in a weak grid, so that the flux
-    and with it the torque at a slip in rad/s stay.  Voltage changes the torque at every slip by its square; resistance
-    stretches the slip that belongs to a torque.
+    Voltage is proportional to frequency, as with a converter and nearly so in a weak grid: flux, and torque at a slip
+    in rad/s, are constant.  Torque at every slip is proportional to the square of the voltage; the slip at a torque is
+    proportional to the resistance.
     """
 
     def frequency(parameters: Parameters, size: float) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def motor_variables(motor_key: str = "motor") -> tuple[OperatingVariable, ...]:
 
 
 def drive_variables(kind: str) -> tuple[OperatingVariable, ...]:
-    """Return the supply of a crank's drive: the speed itself where it is prescribed."""
+    """Return the operating variables of a crank's drive: those of the motor, or the speed if it is prescribed."""
     if kind == "kloss":
         return motor_variables()
     return (prescribed_speed("drive.speed_rpm"),)

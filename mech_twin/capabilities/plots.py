@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How the figures look: size, fonts, colours that the colour-blind can tell apart, and how they are written."""
+"""Style of the figures: size, fonts, colours for colour-blind readers; and output as files."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ STYLE: Any = {
 
 
 def house_style() -> AbstractContextManager[None]:
-    """Return the context in which everything is drawn."""
+    """Return the context manager with the style of all figures."""
     return mpl.rc_context(STYLE)
 
 
 class Picture(NamedTuple):
-    """A figure, the name of its files, and the sentence that belongs below it."""
+    """A figure, the name of its files, and its caption."""
 
     name: str
     caption: str
@@ -87,20 +87,20 @@ def blank(width: float, height: float) -> Figure:
 
 
 def turn_axis(axes: Axes, label: str = "crank angle, degrees") -> None:
-    """Lay one turn in degrees on the x axis."""
+    """Set the x axis to one turn in degrees."""
     axes.set_xlim(0.0, 360.0)
     axes.set_xticks(range(0, 361, 60))
     axes.set_xlabel(label)
 
 
 def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "published", colour: str = INK) -> None:
-    """Mark published points."""
+    """Plot published points as rings."""
     ring: Any = {"color": "none", "markeredgecolor": colour, "markersize": 6.5, "markeredgewidth": 1.4}
     axes.plot(x, y, "o", label=label, zorder=5, clip_on=False, **ring)
 
 
 def _raster(figure: Figure) -> Image.Image:
-    """Return the figure as an image of 64 colours, a third of the size of a full one."""
+    """Return the figure as an image of 64 colours, a third of the size of a full-colour one."""
     figure.set_dpi(DPI)
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
@@ -109,7 +109,7 @@ def _raster(figure: Figure) -> Image.Image:
 
 
 def written(picture: Picture, directory: Path) -> tuple[Path, Path]:
-    """Write a picture as SVG and PNG; return both files."""
+    """Write a figure as SVG and PNG; return both files."""
     vector, raster = directory / f"{picture.name}.svg", directory / f"{picture.name}.png"
     with house_style():
         with written_file(vector, force=True) as unfinished:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How far a long answer is: whoever computes it tells, whoever asked may listen; nobody needs to."""
+"""Progress of long computations: reported by the computing code, received by an optional listener."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _listener: ContextVar[Listener | None] = ContextVar("progress_listener", default
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Pass what is told meanwhile in this thread to ``listener(done, total)``."""
+    """Pass progress reported in this context and thread to ``listener(done, total)``."""
     token = _listener.set(listener)
     try:
         yield
@@ -23,7 +23,7 @@ def listening(listener: Listener | None) -> Iterator[None]:
 
 
 def tell(done: int, total: int) -> None:
-    """Report the number of steps done and in total; the total may be an estimate, at least the number done."""
+    """Report the steps done and in total; the total may be an estimate and is at least ``done``."""
     listener = _listener.get()
     if listener is not None:
         listener(done, max(done, total))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One row of the comparison: a published number, ours, how far apart they are, and what to think of it."""
+"""A row of the comparison: published number, computed number, error and verdict."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ Verdict = Literal[
 ]
 REPRODUCED: Verdict = "reproduced"
 CHANGED: Verdict = "reproduced with a stated change"
-DIFFERS: Verdict = "differs, explained"  # shown with its error, for the reason named; gates nothing
+DIFFERS: Verdict = "differs, explained"  # shown with its error and reason; not gated
 CONTRADICTS: Verdict = "contradicts itself"
 NO_DATA: Verdict = "not enough data"
-FAILED: Verdict = "not reproduced"  # a gated row out of its tolerance: never the state of a sound build
+FAILED: Verdict = "not reproduced"  # a gated row outside its tolerance: must not occur
 
 Measure = Literal["relative", "absolute", "below", "above", "none"]
 
 
 @dataclass(frozen=True)
 class PublishedRow:
-    """A published number beside the computed one.
+    """A published number and the computed one.
 
-    ``error`` is what ``measure`` says: relative (computed/published - 1), absolute (computed - published), or how far
-    the computed value is on the wrong side of a published limit (negative: it keeps it).  A gated row must keep its
-    tolerance; the others are reported with their real error.
+    ``measure`` defines ``error``: relative (computed/published - 1), absolute (computed - published), or the violation
+    of a published limit (negative: satisfied).  A gated row must be within its tolerance; the others are reported with
+    their actual error.
     """
 
     source: str
@@ -49,7 +49,7 @@ class PublishedRow:
 
     @property
     def holds(self) -> bool:
-        """Whether a gated row keeps its tolerance; a row that is not gated always holds."""
+        """Whether a gated row is within its tolerance; always true for a row that is not gated."""
         return self.verdict != FAILED
 
     def record(self) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class PublishedRow:
 
 
 def error_of(computed: float, published: float, measure: Measure) -> float:
-    """Return the error as the measure defines it."""
+    """Return the error as defined by the measure."""
     if measure == "relative":
         return computed / published - 1.0
     if measure == "above":
@@ -68,14 +68,14 @@ def error_of(computed: float, published: float, measure: Measure) -> float:
 
 @dataclass(frozen=True)
 class Literature:
-    """Writes rows of one source, figure or equation, and inputs."""
+    """Creates rows for one source, figure or equation, and inputs."""
 
     source: str
     item: str
     inputs: str
 
     def at(self, item: str, inputs: str | None = None) -> Literature:
-        """Return the same source at another figure or equation, with other inputs if given."""
+        """Return the same source with another figure or equation, and other inputs if given."""
         return Literature(self.source, item, self.inputs if inputs is None else inputs)
 
     def gated(
@@ -89,7 +89,7 @@ class Literature:
         absolute: float | None = None,
         verdict: Verdict = REPRODUCED,
     ) -> PublishedRow:
-        """Return a row that must hold: within a relative or an absolute tolerance."""
+        """Return a gated row: it must be within a relative or an absolute tolerance."""
         measure: Measure = "relative" if relative is not None else "absolute"
         tolerance = relative if relative is not None else absolute
         return self._row(quantity, published, computed, measure, tolerance, verdict, reason, gated=True)
@@ -97,24 +97,24 @@ class Literature:
     def limit(
         self, quantity: str, published: float, computed: float, reason: str, side: Literal["below", "above"]
     ) -> PublishedRow:
-        """Return a row that must hold: the computed value on this side of a published limit."""
+        """Return a gated row: the computed value must be on this side of a published limit."""
         return self._row(quantity, published, computed, side, 0.0, REPRODUCED, reason, gated=True)
 
     def reported(
         self, quantity: str, published: float, computed: float, verdict: Verdict, reason: str, *, absolute: bool = False
     ) -> PublishedRow:
-        """Return a row that shows its real error and gates nothing; it cannot claim to be reproduced."""
+        """Return a row that reports its error without a gate; its verdict cannot be "reproduced"."""
         if verdict in (REPRODUCED, CHANGED):
             raise ValueError(f"{quantity}: a row without a tolerance is not '{verdict}'")
         measure: Measure = "absolute" if absolute else "relative"
         return self._row(quantity, published, computed, measure, None, verdict, reason, gated=False)
 
     def formula(self, quantity: str, printed: float, computed: float, reason: str) -> PublishedRow:
-        """Return a row of a printed formula that contradicts itself, worked with our inputs; no number is printed."""
+        """Return a row of a printed formula that contradicts itself, evaluated with our inputs: no printed number."""
         return self.reported(f"{quantity}, by the printed formula", printed, computed, CONTRADICTS, reason)
 
     def unknown(self, quantity: str, computed: float | None, reason: str) -> PublishedRow:
-        """Return a row for something published without the numbers it needs."""
+        """Return a row for a result published without the required inputs."""
         return PublishedRow(
             self.source, self.item, quantity, self.inputs, None, computed, None, "none", None, NO_DATA, reason, False
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of a run once more in a shorter coupling step: what both have in common does not depend on the step."""
+"""Results of a run repeated with a shorter coupling step: digits that agree do not depend on the step."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class InShorterSteps(NamedTuple):
-    """Numbers of a run by name in a coupling step (s), beside one in a longer step (s)."""
+    """Results of a run by name with a coupling step (s), compared with one of a longer step (s)."""
 
     step_s: float
     beside_s: float

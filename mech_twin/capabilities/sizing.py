@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The answer to a question of size."""
+"""Sizing of a machine's parts: constraints, question and answer."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, Literal, NamedTuple, Protocol
 from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.declarations.quantity import Parameters
 
-Table = Callable[[str], Mapping[str, Any]]  # an installed table by its name
-NEAR = 5e-3  # of a limit: a constraint kept by less than this binds
+Table = Callable[[str], Mapping[str, Any]]  # returns an installed table by its name
+NEAR = 5e-3  # of a limit: a constraint with a smaller margin is active
 
 
 @dataclass(frozen=True)
 class Constraint:
-    """A limit, on which side of it the value must lie, and the value."""
+    """A value, its limit, and the side of the limit on which it must be."""
 
     name: str
     value: float
@@ -25,36 +25,36 @@ class Constraint:
 
     @property
     def margin(self) -> float:
-        """How far the value keeps the limit, in its unit; negative: it does not."""
+        """Margin to the limit, in its unit; negative if violated."""
         return self.limit - self.value if self.side == "below" else self.value - self.limit
 
     @property
     def holds(self) -> bool:
-        """Whether the limit is kept, rounding apart."""
+        """Whether the limit is satisfied, with a tolerance for rounding."""
         return self.margin >= -1e-9 * max(1.0, abs(self.limit))
 
     @property
     def binds(self) -> bool:
-        """Whether the value lies on the limit."""
+        """Whether the constraint is active: the value is at the limit."""
         return abs(self.margin) <= NEAR * max(abs(self.limit), 1e-12)
 
     @property
     def demand(self) -> str:
-        """What is asked."""
+        """The inequality as text."""
         return f"{self.name} {'<=' if self.side == 'below' else '>='} {self.limit:.6g}"
 
     @property
     def text(self) -> str:
-        """The constraint in a few words."""
+        """The constraint with its value as text."""
         return f"{self.demand} (has {self.value:.6g})"
 
 
 @dataclass(frozen=True)
 class Sizing:
-    """Sizes by configuration key, the whole configuration, constraints, which binds, and the trade-off around it.
+    """Sizes by configuration key, complete configuration, constraints, active constraint, and the trade-off nearby.
 
-    ``tolerance`` is the relative tolerance of what is assumed, under which ``constraints`` hold (0: as configured).
-    ``in_shorter_steps`` has the ``metrics`` that come from a run once more; None where they come from no run.
+    ``tolerance`` is the relative tolerance of assumed values for which ``constraints`` hold (0: as configured).
+    ``in_shorter_steps`` has those ``metrics`` of a run with shorter steps; None if they come from no run.
     """
 
     machine: str
@@ -70,7 +70,7 @@ class Sizing:
 
 
 def binding_of(constraints: tuple[Constraint, ...], otherwise: str) -> str:
-    """Return which constraints bind, those that fail first; ``otherwise`` where none does."""
+    """Return the violated constraints, else the active ones, as text; ``otherwise`` without any."""
     failing = [constraint.text for constraint in constraints if not constraint.holds]
     if failing:
         return "not met: " + "; ".join(failing)
@@ -79,7 +79,7 @@ def binding_of(constraints: tuple[Constraint, ...], otherwise: str) -> str:
 
 
 class SizingAnswer(Protocol):
-    """Sizes of a machine under limits."""
+    """Function that sizes a machine within limits."""
 
     def __call__(
         self, parameters: Any, limits: Mapping[str, float], objective: str, table: Table, tolerance: float, /
@@ -89,25 +89,25 @@ class SizingAnswer(Protocol):
         Parameters
         ----------
         parameters : Parameters
-            The machine's configuration; what is not sized is taken from it.
+            Configuration of the machine; values that are not sized are taken from it.
         limits : mapping
             Every limit by its name.
         objective : str
-            What to make small.
+            Objective to minimise.
         table : callable
-            An installed table by its name.
+            Returns an installed table by its name.
         tolerance : float
-            Relative tolerance of what is assumed: the limits hold in the worst case over the box that each assumed
-            number spans, value x (1 - tolerance) to value x (1 + tolerance); 0 sizes the machine as configured.
+            Relative tolerance of assumed values: the limits hold in the worst case over the box in which each ranges
+            from value x (1 - tolerance) to value x (1 + tolerance); 0 sizes the machine as configured.
         """
         ...
 
 
 class SizingQuestion(NamedTuple):
-    """How a machine is sized: its limits with their usual values, its objectives (the first is usual), the answer.
+    """Sizing problem of a machine: limits with default values, objectives (the first is the default), the solver.
 
-    ``usual_tolerance`` is the tolerance taken where none is asked for; None where the machine has no answer with one,
-    and a tolerance above 0 is refused.
+    ``usual_tolerance`` is the default tolerance; None if the solver supports no tolerance, so that a value above 0 is
+    rejected.
     """
 
     limits: Mapping[str, float]

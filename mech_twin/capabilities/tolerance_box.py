@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The box of tolerances round a configuration: each assumed number off by up to a part of its value."""
+"""The box of tolerances about a configuration: each assumed number varies by up to a share of its value."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 
 Model = TypeVar("Model", bound=Parameters)
-Factors = dict[str, float]  # by dotted key: what the configured value is multiplied with
+Factors = dict[str, float]  # factor of the configured value, by dotted key
 
 
 def scaled(parameters: Model, factors: Mapping[str, float]) -> Model:
-    """Return the configuration with these numbers multiplied.
+    """Return the configuration with these numbers multiplied by their factors.
 
     Raises
     ------
     pydantic.ValidationError
-        If a scaled number is refused.
+        If the scaled configuration is invalid.
     """
     tree = configuration_tree(parameters)
     changes = {}
@@ -42,13 +42,13 @@ def corners(keys: Sequence[str], tolerance: float) -> Iterator[Factors]:
 
 
 def inner_points(keys: Sequence[str], tolerance: float, count: int, seed: int = 1) -> Iterator[Factors]:
-    """Yield random points of the box, the same for the same seed."""
+    """Yield random points of the box, reproducible by the seed."""
     drawn = np.random.default_rng(seed).uniform(-tolerance, tolerance, (count, len(keys)))
     for row in drawn:
         yield {key: 1.0 + float(part) for key, part in zip(keys, row, strict=True)}
 
 
 def neighbours(corner: Mapping[str, float], tolerance: float) -> Iterator[Factors]:
-    """Yield the corners that differ from this one in one number."""
+    """Yield the corners that differ from this one in a single number."""
     for key, factor in corner.items():
         yield {**corner, key: 1.0 - tolerance if factor > 1.0 else 1.0 + tolerance}

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """A mechanism as text in the Unified Robot Description Format (URDF), for robot_state_publisher, RViz and Foxglove.
 
-Joints have the names of the machine's joints, so that its joint states move the description as they stand.  A joint
-that moves as another does is a mimic joint.  URDF has no closed chains: where one was opened stands in a comment.
+Joints have the names of the machine's joints, so that its joint states apply without conversion.  A joint that moves
+with another is a mimic joint.  URDF has no closed chains: a comment marks where one was opened.
 
-Masses are the machine's own numbers.  A plane has one inertia, ``izz``; ``ixx`` and ``iyy`` are those of a flat link,
-half of it each, and nothing that moves in the plane depends on them.  A point mass gets the inertia of a disc of
-`POINT_M`: readers refuse an inertia that is not positive definite.
+Masses are those of the machine.  Planar motion depends only on ``izz``; ``ixx`` and ``iyy`` are those of a flat link,
+half of it each.  A point mass has a radius of gyration of `POINT_M`, since readers reject an inertia that is not
+positive definite.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 from mech_twin.capabilities.mechanism import Bar, FrameTree, Inertia, Joint, joined
 
-UNLIMITED = "1e6"  # effort and speed: the machine's own limits are not the description's
+UNLIMITED = "1e6"  # effort and speed: the description has no limits
 PLANAR = "planar: of each inertia izz is known; ixx and iyy are those of a flat link"
-SHORTEST_M = 1e-6  # a box of a link without extent
+SHORTEST_M = 1e-6  # length of the box of a link without extent
 POINT_M = 1e-4  # radius of gyration of a point mass
 
 
@@ -29,9 +29,9 @@ def urdf(name: str, mechanism: FrameTree) -> str:
     Parameters
     ----------
     name : str
-        Of the machine.
+        Name of the machine.
     mechanism : FrameTree
-        Its frames; each is a link.
+        Its frames; each becomes a link.
     """
     robot = Element("robot", name=name)
     for loop in mechanism.loops:
@@ -56,7 +56,7 @@ def urdf(name: str, mechanism: FrameTree) -> str:
 
 def _add_joint(robot: Element, joint: Joint, *, first: bool) -> None:
     moves = joint.kind != "fixed"
-    # the first that moves with a joint of the machine bears its name: its axis takes a ratio of -1
+    # the first one of a machine's joint has its name; a ratio of -1 reverses its axis
     own_name = joint.name if moves and first else f"{joint.child}_joint"
     element = SubElement(robot, "joint", name=own_name, type=joint.kind)
     x, y = joint.origin_m

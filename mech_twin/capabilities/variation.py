@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration with some keys changed, validated anew."""
+"""A configuration with some keys changed, validated again."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Model = TypeVar("Model", bound=Parameters)
 
 
 def varied(parameters: Model, changes: Mapping[str, Any]) -> Model:
-    """Return the parameters with these dotted keys changed; the value None takes an optional key away.
+    """Return the parameters with these dotted keys changed; the value None removes an optional key.
 
     Raises
     ------
     pydantic.ValidationError
-        If the changed configuration is refused.
+        If the changed configuration is invalid.
     """
     return type(parameters).model_validate(merged_tree(configuration_tree(parameters), tree_from_flat(changes)))

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How numbers are declared: configuration trees, quantities with unit and bounds, captions."""
+"""Declaration of parameters: configuration trees, quantities with unit and bounds, captions."""

@@ -57,17 +57,17 @@ def caption(name: str) -> tuple[str, str]:
 
 
 def unit_of(name: str) -> str:
-    """Return the unit in which a stored name ends, such as N m of ``forces.drive_torque_nm``; empty if pure.
+    """Return the unit at the end of a stored name, such as N m of ``forces.drive_torque_nm``; empty without one.
 
     Examples
     --------
     >>> unit_of("forces.drive_torque_nm"), unit_of("rod_force_n.1"), unit_of("impacts_above_1_mm_per_s")
     ('N m', 'N', '')
     """
-    if "factor_of_" in name or "impacts_above_" in name:  # a number over another of the same unit; a count
+    if "factor_of_" in name or "impacts_above_" in name:  # a ratio of numbers with the same unit; a count
         return ""
     words = name.split(".")
-    while len(words) > 1 and words[-1].isdigit():  # the first, the second component or cart
+    while len(words) > 1 and words[-1].isdigit():  # index of a component or cart
         words.pop()
     return caption(words[-1])[1]
 
@@ -79,7 +79,7 @@ def titled(name: str) -> str:
 
 
 def unknown_name(name: object, known: Iterable[str], kind: str = "") -> str:
-    """Return what is said of a name that there is not: those like it, or all.
+    """Return the error text for an unknown name: similar known names, or all of them.
 
     Examples
     --------
@@ -94,14 +94,14 @@ def unknown_name(name: object, known: Iterable[str], kind: str = "") -> str:
 
 
 def axis_title(column: str, unit: str = "") -> str:
-    """Return what is written at the axis of a column of a run, without its role.
+    """Return the axis title for a column of a run, without its role.
 
     Parameters
     ----------
     column : str
         Dotted name.
     unit : str
-        Its unit, where the name does not end in one.
+        Unit of the column, if the name does not end in one.
 
     Examples
     --------

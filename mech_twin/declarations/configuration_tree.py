@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration as nested groups of plain values, and how values are laid over it."""
+"""A configuration as nested groups of plain values, and the merging of values into it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def configuration_tree(parameters: Parameters) -> dict[str, Any]:
 
 
 def tree_from_json(tree: Any, absent: float = math.inf) -> Any:
-    """Return the tree of a configuration as JSON holds it, where null stands for ``absent``."""
+    """Return the tree of a configuration from JSON, where null stands for ``absent``."""
     if isinstance(tree, Mapping):
         return {key: tree_from_json(value, absent) for key, value in tree.items()}
     if isinstance(tree, list):
@@ -25,7 +25,7 @@ def tree_from_json(tree: Any, absent: float = math.inf) -> Any:
 
 
 def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the keys of ``over`` laid upon it, group by group; ``key.0`` is the first of a row."""
+    """Return ``base`` updated with ``over``, group by group; ``key.0`` is the first item of a list."""
     merged = dict(base)
     for key, value in over.items():
         below = merged.get(key)
@@ -43,7 +43,7 @@ def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, 
     Raises
     ------
     ConfigurationError
-        If a key is a value and a group at once.
+        If a key is both a value and a group.
     """
     tree: dict[str, Any] = {}
     for dotted, value in flat.items():
@@ -58,4 +58,4 @@ def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, 
 
 
 class ConfigurationError(ValueError):
-    """A configuration that cannot be used; the message is one line for the user."""
+    """An unusable configuration; the message is one line for the user."""

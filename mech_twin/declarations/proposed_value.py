@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Values to propose where one was refused: short to type, and clear of the limit that the refused one broke."""
+"""Suggests values in error messages: short, and with a margin to the limit that was violated."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 
 def at_most(limit: float, reserve: float = 0.05) -> float:
-    """Return a value to propose below an upper limit: two digits, and a reserve that keeps clear of the limit.
+    """Return a suggested value below an upper limit: two digits, with a relative margin ``reserve``.
 
     Examples
     --------
@@ -19,7 +19,7 @@ def at_most(limit: float, reserve: float = 0.05) -> float:
 
 
 def at_least(limit: float, reserve: float = 0.05) -> float:
-    """Return a value to propose above a lower limit; see `at_most`.
+    """Return a suggested value above a lower limit; see `at_most`.
 
     Examples
     --------

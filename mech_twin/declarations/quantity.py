@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a parameter is declared: one frozen model per part, each number with unit, bounds and meaning, once.
+"""Declaration of parameters: one frozen model per part, each number once with unit, bounds and meaning.
 
-The YAML check, the ROS parameter descriptor and the tables in the documentation are all read off these
+The validation of YAML, the ROS parameter descriptors and the tables in the documentation are all derived from these
 declarations.
 """
 
@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-# smallest size above zero, and largest, that any machine's number in this unit has: wide, so that no legal input
-# leaves the range in which the equations are solved
+# smallest nonzero and largest magnitude of any parameter in this unit: wide, but within the range in which the
+# equations can be solved
 RANGES: dict[str, tuple[float, float]] = {
     "1": (1e-9, 1e6),
     "1/min": (1e-6, 1e6),
@@ -45,18 +45,18 @@ RANGES: dict[str, tuple[float, float]] = {
 }
 
 
-LONGEST_RUN_S = 2**31 - 1  # a time of ROS holds no more seconds
+LONGEST_RUN_S = 2**31 - 1  # largest number of seconds in a ROS time
 
 
 class Parameters(BaseModel):
-    """Base of every parameter model: immutable, and refusing keys it does not know."""
+    """Base of every parameter model: immutable; unknown keys are rejected."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
     @field_validator("*", mode="before")
     @classmethod
     def _quantity_is_a_number(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse a word or a truth value where a number is declared; pydantic would convert it silently."""
+        """Reject a string or boolean for a number, which pydantic would convert silently."""
         extra = cls.model_fields[info.field_name or ""].json_schema_extra
         if isinstance(extra, dict) and "unit" in extra and isinstance(value, str | bool):
             raise ValueError(f"expected a number in {extra['unit']}")
@@ -64,19 +64,19 @@ class Parameters(BaseModel):
 
 
 def quantity(unit: str, meaning: str, *, live: bool = False, **bounds: Any) -> Any:
-    """Return the field of a number.
+    """Return the field declaration of a number.
 
     Parameters
     ----------
     unit : str
-        SI unit, ``"1"`` for a pure number.
+        SI unit, ``"1"`` for a dimensionless number.
     meaning : str
         One line for the parameter descriptor and the documentation.
     live : bool
         Whether the number may be changed while the machine runs.
     **bounds
-        Pydantic bounds (``gt``, ``ge``, ``lt``, ``le``), ``default`` where absence has a meaning, ``allow_inf_nan``.
-        What they leave open is closed by the range of the unit (`RANGES`); ``gt=0`` becomes its smallest size.
+        Pydantic bounds (``gt``, ``ge``, ``lt``, ``le``), ``default`` for an optional key, ``allow_inf_nan``.
+        Missing bounds are those of the unit (`RANGES`); ``gt=0`` becomes the unit's smallest magnitude.
 
     Raises
     ------
@@ -94,5 +94,5 @@ def quantity(unit: str, meaning: str, *, live: bool = False, **bounds: Any) -> A
 
 
 def choice(meaning: str, *, live: bool = False, **options: Any) -> Any:
-    """Return the field of a word out of a ``Literal``, or of a group of parameters."""
+    """Return the field declaration of a word of a ``Literal``, or of a group of parameters."""
     return Field(description=meaning, json_schema_extra={"live": live}, **options)

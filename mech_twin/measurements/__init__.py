@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a real machine gives: maps, foreign recordings and tables, data quality, sensors."""
+"""Measurements of a real machine: maps, recordings of other programs, tables, data quality, sensors."""

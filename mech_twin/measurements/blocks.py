@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a measurement is read: block by block, so that memory does not grow with its length."""
+"""Block-by-block reading of a measurement, so that memory does not grow with its length."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mech_twin.measurements.measurement_map import Source, TimeSource
 
 Array = npt.NDArray[np.float64]
-EPOCH_S = 1e6  # times beyond are counted from an epoch: their whole seconds are taken off before they become floats
+EPOCH_S = 1e6  # larger times count from an epoch: whole seconds are subtracted before conversion to float
 
 
 class Block(NamedTuple):
@@ -22,11 +22,11 @@ class Block(NamedTuple):
     Attributes
     ----------
     channel : int
-        Index of the source that was asked for.
+        Index of the requested source.
     times_s, values : ndarray
         Shape (n,): stamps, and values in the unit of the source.  A cell without a value is no sample; NaN is one.
     delays_s : ndarray
-        Shape (n,): log time less stamp, less that of the first sample; empty where there is one clock only.
+        Shape (n,): log time minus stamp, relative to the first sample; empty with only one clock.
     """
 
     channel: int
@@ -36,7 +36,7 @@ class Block(NamedTuple):
 
 
 class SourceColumn(NamedTuple):
-    """A channel that a measurement offers, and the first words about it: its unit, if its name tells it."""
+    """A channel in a measurement, and its unit if the name contains it."""
 
     source: Source
     unit: str | None
@@ -48,18 +48,18 @@ class RunReader(Protocol):
     path: Path
 
     def offered(self) -> list[SourceColumn]:
-        """Return every channel that the run offers, that of the time left out."""
+        """Return every channel in the run except that of time."""
 
     def proposed_time(self) -> TimeSource:
-        """Return where the time seems to stand."""
+        """Return the probable source of time."""
 
     def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
-        """Yield the samples of these channels, of each channel in the order of the run.
+        """Yield the samples of these channels in blocks, each channel in the order of the run.
 
         Raises
         ------
         MeasurementError
-            A source is not in the run, or a cell of it is no number.
+            A source is not in the run, or a cell of it is not a number.
         """
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Named numbers and columns that know their units, as frames, tables and pictures."""
+"""Named numbers and columns with units, exportable as data frames, tables and figures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Value = TypeVar("Value")
 
 
 class _WithUnits(Mapping[str, Value], Generic[Value]):
-    """What cannot be changed and is known by names that end in their units."""
+    """Immutable mapping by names that end in their units."""
 
     def __init__(
         self, title: str, values: Mapping[str, Value], units: Mapping[str, str] = MappingProxyType({})
@@ -46,12 +46,12 @@ class _WithUnits(Mapping[str, Value], Generic[Value]):
 
     @property
     def units(self) -> dict[str, str]:
-        """Unit of each name, empty for pure numbers and words."""
+        """Unit of each name, empty for dimensionless numbers and strings."""
         return dict(self._units)
 
 
 class Numbers(_WithUnits[Any]):
-    """Named numbers that cannot be changed; the names end in their units."""
+    """Immutable named numbers; the names end in their units."""
 
     def __repr__(self) -> str:
         width = max((len(name) for name in self._values), default=0)
@@ -61,7 +61,7 @@ class Numbers(_WithUnits[Any]):
         return "\n".join([self.title, *rows])
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a frame with the columns ``value`` and ``unit``, indexed by name; needs the extra 'pandas'."""
+        """Return a DataFrame with the columns ``value`` and ``unit``, indexed by name; needs the extra 'pandas'."""
         require_extra("pandas")
         import pandas as pd
 
@@ -69,19 +69,19 @@ class Numbers(_WithUnits[Any]):
         return pd.DataFrame(rows, index=pd.Index(list(self._values), name="quantity"))
 
     def to_arrow(self) -> pyarrow.Table:
-        """Return a table of one row, the unit of each column in its metadata; needs the extra 'tables'."""
+        """Return a table of one row with the unit of each column in its metadata; needs the extra 'tables'."""
         return _arrow({name: [value] for name, value in self._values.items()}, self._units)
 
 
 class Columns(_WithUnits[NDArray[Any]]):
-    """Columns of equal length that cannot be changed; the names end in their units.
+    """Immutable columns of equal length; the names end in their units.
 
     Parameters
     ----------
     title : str
-        What the columns are.
+        Title of the columns.
     along : str
-        Name of the column the others are drawn over.
+        Name of the column on the horizontal axis.
     values : mapping of str to sequence
         The columns.
     units : mapping of str to str
@@ -102,7 +102,7 @@ class Columns(_WithUnits[NDArray[Any]]):
         return f"{self.title}: {len(self[self.along])} rows of {', '.join(self._values)}"
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a frame, the units in its ``attrs``; needs the extra 'pandas'."""
+        """Return a DataFrame with the units in its ``attrs``; needs the extra 'pandas'."""
         require_extra("pandas")
         import pandas as pd
 
@@ -111,16 +111,16 @@ class Columns(_WithUnits[NDArray[Any]]):
         return frame
 
     def to_arrow(self) -> pyarrow.Table:
-        """Return a table, the unit of each column in its metadata; needs the extra 'tables'."""
+        """Return a table with the unit of each column in its metadata; needs the extra 'tables'."""
         return _arrow(self._values, self._units)
 
     def plot(self, *names: str) -> Figure:
-        """Return a picture of columns over `along`, one panel for each unit; needs the extra 'plots'.
+        """Return a figure of columns over `along`, one panel for each unit; needs the extra 'plots'.
 
         Parameters
         ----------
         *names : str
-            Columns to draw; those that vary if none is named, as far as `MOST_PANELS` units reach.
+            Columns to plot; if none is given, those that vary, of the first `MOST_PANELS` units.
         """
         require_extra("plots")
         from mech_twin.capabilities.plots import house_style, sheet
@@ -139,7 +139,7 @@ class Columns(_WithUnits[NDArray[Any]]):
         return figure
 
     def _panels(self, names: Sequence[Any]) -> dict[str, list[str]]:
-        """Return the columns to draw by unit; those without one by what they are, such as velocity."""
+        """Return the columns to plot by unit; those without a unit by their last word, such as velocity."""
         chosen = list(names) or [name for name, column in self._values.items() if _varies(column)]
         panels: dict[str, list[str]] = {}
         for name in chosen:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion of the crank out of a measured run: zero, sense, speed and acceleration, at its own instants."""
+"""Motion of the crank from a measured run: zero, angle, speed and acceleration, at its own instants."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from mech_twin.measurements.model_turn import ModelTurn, following
 from mech_twin.measurements.plausibility import pairs_with_crank
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 
-WINDOW = 4000  # samples smoothed at once
-OVERLAP = 200  # samples on either side whose smoothing is thrown away
-CHOSEN, CHOICES = 400, 3  # samples of a piece of which the penalty is chosen, and how many pieces
+WINDOW = 4000  # samples smoothed in one piece
+OVERLAP = 200  # samples added on either side, whose result is discarded
+CHOSEN, CHOICES = 400, 3  # samples in a piece that determines the penalty, and number of pieces
 PENALTIES = np.geomspace(1e-6, 1e6, 13)
-FOLLOWED = 0.9  # correlation from which another channel tells the zero of the crank
+FOLLOWED = 0.9  # least correlation of a channel that determines the zero of the crank
 
 
 @dataclass(frozen=True)
 class CrankMotion:
-    """The crank of a run at the instants of its own channel: shapes (n,); rad, rad/s, rad/s2.
+    """Motion of the crank at the instants of its own channel, shape (n,) each: rad, rad/s, rad/s2.
 
-    ``angle = measured - zero_rad``; the zero is 0 where the map knows it.
+    ``angle = measured - zero_rad``; ``zero_rad`` is 0 if the map gives the zero.
     """
 
     times_s: Array
@@ -37,12 +37,12 @@ class CrankMotion:
 
 
 def crank_motion(run: MeasuredRun, turn: ModelTurn) -> CrankMotion:
-    """Return the motion of the crank; an unknown zero is found from the channel that follows the crank best.
+    """Return the motion of the crank; an unknown zero is estimated from the best-correlated channel.
 
     Raises
     ------
     MeasurementError
-        The crank is not measured, or its zero is unknown and nothing tells it.
+        The crank is not measured, or its zero is unknown and no channel determines it.
     """
     crank = run.channel(turn.crank)
     if crank is None:
@@ -68,15 +68,15 @@ def _zero(run: MeasuredRun, turn: ModelTurn, crank: MeasuredChannel) -> float:
 
 
 def smoothed(times_s: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Return values, first and second derivative of a smoothing spline.
+    """Return values, first and second derivative of a smoothing spline, shape (n,) each.
 
-    Its penalty is chosen by generalised cross-validation in a few pieces of the run, and their median taken: that
-    choice is what costs time, and the noise of a sensor is the same throughout.
+    Its penalty is the median of those chosen by generalised cross-validation in a few pieces of the run: that choice
+    takes most of the time, and the noise of a sensor is constant.
 
     Parameters
     ----------
     times_s, values : ndarray
-        Shape (n,), times rising.
+        Shape (n,), times ascending.
     """
     penalty = _penalty(times_s, values)
     parts = []
@@ -90,7 +90,7 @@ def smoothed(times_s: Array, values: Array) -> tuple[Array, Array, Array]:
 
 
 def _interval(times_s: Array) -> float:
-    """Return the mean interval: in units of it a penalty means the same in every piece."""
+    """Return the mean interval (s); with times in this unit, a penalty has the same effect in every piece."""
     return float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
 
 
@@ -101,9 +101,9 @@ def _penalty(times_s: Array, values: Array) -> float:
 
 
 def _chosen(times_s: Array, values: Array) -> float:
-    """Return the penalty of least generalised cross-validation error.
+    """Return the penalty with the least error in generalised cross-validation.
 
-    The degrees of freedom it takes come from its response to unit noise (Hutchinson's estimate of a trace).
+    Its degrees of freedom are estimated from the response to random signs (Hutchinson's estimate of a trace).
     """
     x = (times_s - times_s[0]) / _interval(times_s)
     probe = np.random.default_rng(0).choice([-1.0, 1.0], len(x))

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""First estimates from times and speeds of events: restitution, period; missed and false events are named.
+"""First estimates from times and speeds of events: restitution, period; detects missed and false events.
 
-A mass that bounces under a constant force flies twice its speed over its acceleration, and each impact leaves the share
-e of the speed, so flights shorten as T(k+1) = e T(k).  A detector that misses an impact shows two flights as one; one
-that sees an impact where there is none cuts a flight in two.
+A mass that bounces under a constant force has flights of duration 2 v/a.  Each impact reduces the speed v by the
+restitution e, so T(k+1) = e T(k).  A missed impact joins two flights; a false one divides a flight.
 """
 
 from __future__ import annotations
@@ -19,26 +18,26 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.quality import NORMAL_MEDIAN
 
 OUTLIER = 5.0  # robust standard deviations
-LEAST_SPREAD = 1e-9  # of the value: below is rounding
-ON_SERIES = 0.2  # of a flight: an impact nearer to its place in a series belongs to it
-MOST_SEEDED = 40  # impacts whose pairs of flights are tried
-LARGEST_RATIO = 1.2  # of a flight to the one before: noise may lengthen it
+LEAST_SPREAD = 1e-9  # of the value: a smaller spread is rounding error
+ON_SERIES = 0.2  # of a flight: tolerance for an impact to belong to a series
+MOST_SEEDED = 40  # first impacts, whose pairs of flights are tried
+LARGEST_RATIO = 1.2  # of a flight to the previous one: above 1 because of noise
 NO_LOSS = 1e-9
 ROUNDS = 5
-LOST_PERIOD = 0.25  # of a period: an event farther off its place is a false one
+LOST_PERIOD = 0.25  # of a period: an event with a larger deviation is false
 
 
 class Estimate(NamedTuple):
-    """A number out of several events.
+    """A number estimated from several events.
 
     Attributes
     ----------
     value, standard_deviation : float
-        The number, and its standard deviation (of speeds: that of a single impact, robust).
+        The number, and its standard deviation (from speeds: robust, of a single impact).
     used : int
-        How many agreed.
+        Number of events used.
     missed, false : tuple of int
-        Events before which one was missed, and events that were none: indices of the given ones.
+        Indices of the events before which one was missed, and of the false events.
     """
 
     value: float
@@ -49,12 +48,12 @@ class Estimate(NamedTuple):
 
 
 def restitution_from_speeds(pre_m_per_s: Array, post_m_per_s: Array) -> Estimate:
-    """Return the restitution, speed after over speed before, and the impacts that do not agree (as ``false``).
+    """Return the restitution, speed after over speed before; outlying impacts are returned as ``false``.
 
     Raises
     ------
     ValueError
-        No impact has a speed before.
+        No impact has a speed before it other than 0.
     """
     moving = np.flatnonzero(pre_m_per_s != 0.0)
     if not len(moving):
@@ -65,25 +64,25 @@ def restitution_from_speeds(pre_m_per_s: Array, post_m_per_s: Array) -> Estimate
 
 
 def restitution_from_flights(impact_times_s: Array) -> Estimate:
-    """Return the restitution of a mass that bounces under a constant force, from the times of its impacts.
+    """Return the restitution of a mass bouncing under a constant force, from the times of its impacts.
 
-    Every two flights, taken for m flights apart, give a series; the one on which most impacts lie is fitted to them by
-    least squares in time, and the impacts are assigned anew until nothing changes.
+    Every pair of flights gives a candidate series of impact times.  The series with most impacts is fitted to them by
+    least squares in time; assignment and fit are repeated `ROUNDS` times.
 
     Parameters
     ----------
     impact_times_s : ndarray
-        Shape (n,), rising.
+        Shape (n,), ascending.
 
     Returns
     -------
     Estimate
-        ``standard_deviation`` is that of the restitution fitted.
+        ``standard_deviation`` is that of the fitted restitution.
 
     Raises
     ------
     ValueError
-        Fewer than three impacts, times that do not rise, or no series on which most of them lie.
+        Fewer than three impacts, times that do not ascend, or no series that contains most of them.
     """
     times = np.asarray(impact_times_s, dtype=np.float64)
     if len(times) < 3 or not (np.diff(times) > 0.0).all():
@@ -102,14 +101,14 @@ def restitution_from_flights(impact_times_s: Array) -> Estimate:
 
 
 class _Series(NamedTuple):
-    """Impacts at ``start + flight (1 - ratio^n) / (1 - ratio)``, n any whole number."""
+    """Impacts at ``start + flight (1 - ratio^n) / (1 - ratio)``, n any integer."""
 
     start_s: float
     flight_s: float
     ratio: float
 
     def number(self, times_s: Array) -> Array:
-        """Return n of each time, not rounded; NaN after the series has died out."""
+        """Return n of each time, not rounded; NaN after the end of the series."""
         flown = (times_s - self.start_s) / self.flight_s
         if abs(1.0 - self.ratio) < NO_LOSS:
             return flown
@@ -134,7 +133,7 @@ def _seeds(times: Array) -> Iterator[_Series]:
 
 
 def _on(series: _Series, times: Array) -> tuple[npt.NDArray[np.intp], Array]:
-    """Return which impacts lie on a series, each n once, and their n."""
+    """Return the indices of the impacts in a series, one for each n, and their n."""
     numbers = series.number(times)
     off = np.abs(numbers - np.round(numbers))
     best: dict[float, int] = {}
@@ -147,7 +146,7 @@ def _on(series: _Series, times: Array) -> tuple[npt.NDArray[np.intp], Array]:
 
 
 def _agreement(series: _Series, times: Array) -> tuple[float, float]:
-    """Return how many impacts lie on a series less the n that no impact has, and then how near they lie."""
+    """Return the number of impacts in a series minus the missing ones, then the negative mean deviation in time."""
     places, numbers = _on(series, times)
     if len(places) < 2:
         return -np.inf, 0.0
@@ -156,7 +155,7 @@ def _agreement(series: _Series, times: Array) -> tuple[float, float]:
 
 
 def _fitted(series: _Series, times: Array, numbers: Array) -> tuple[_Series, float]:
-    """Return the series of least squares in time, and the standard deviation of its ratio."""
+    """Return the series fitted by least squares in time, and the standard deviation of its ratio."""
 
     def off(x: Array) -> Array:
         return _Series(float(x[0]), float(x[1]), float(x[2])).times_s(numbers) - times
@@ -170,12 +169,12 @@ def _fitted(series: _Series, times: Array, numbers: Array) -> tuple[_Series, flo
 
 
 def period_from_times(times_s: Array) -> Estimate:
-    """Return the period of events that come once a cycle; the regression of their times on the cycles they belong to.
+    """Return the period of events that occur once a cycle, by regression of their times on the cycle numbers.
 
     Raises
     ------
     ValueError
-        Fewer than three events, or times that do not rise.
+        Fewer than three events, or times that do not ascend.
     """
     intervals = np.diff(times_s)
     if len(intervals) < 2 or not (intervals > 0.0).all():
@@ -201,7 +200,7 @@ def period_from_times(times_s: Array) -> Estimate:
 
 
 def _agreeing(values: Array) -> tuple[npt.NDArray[np.bool_], float, float]:
-    """Return which values lie within `OUTLIER` robust deviations of the median; median and deviation of those."""
+    """Return a mask of the values within `OUTLIER` robust deviations of the median, and their median and deviation."""
     middle = float(np.median(values))
     spread = float(np.median(np.abs(values - middle))) / NORMAL_MEDIAN
     agreeing = np.abs(values - middle) <= OUTLIER * max(spread, LEAST_SPREAD * abs(middle))

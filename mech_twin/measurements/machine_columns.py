@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What of a machine can be measured: the columns of a run and its events, each with its SI unit."""
+"""Measurable quantities of a machine: columns of a run and events, with their SI units."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SLIDING = (
     "yarn",
     "package_radius",
     "cart_",
-)  # joints that slide, by the start of their name; else they turn
+)  # prefixes of names of sliding joints; others turn
 _SLIDING_UNITS = {"position": "m", "velocity": "m/s", "effort": "N"}
 _TURNING_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
 _ENDINGS = {
@@ -40,25 +40,25 @@ class JointColumn(NamedTuple):
 
 
 def slides(joint: str) -> bool:
-    """Return whether a joint is a sliding one."""
+    """Return whether a joint slides, by its name."""
     return joint.startswith(SLIDING)
 
 
 def sliding_in(machine: Machine) -> frozenset[str]:
-    """Return the joints of a machine that slide, whatever their names."""
+    """Return the sliding joints of a machine, by their names and by its mechanism."""
     named = frozenset(filter(slides, machine.linkage.joints))
     return named if machine.mechanism is None else named | machine.mechanism.sliding_joints
 
 
 def joint_column(column: str) -> JointColumn | None:
-    """Return the parts of a joint's column; None where the column is of no joint."""
+    """Return the parts of a joint's column; None for other columns."""
     role, _, rest = column.partition(".")
     joint, _, field = rest.partition(".")
     return JointColumn(role, joint, field) if role != EVENT and field in _TURNING_UNITS else None
 
 
 def unit_of(column: str) -> str:
-    """Return the SI unit of a column; ``1`` where its name holds none."""
+    """Return the SI unit of a column; ``1`` if its name contains none."""
     parts = joint_column(column)
     if parts is not None:
         return (_SLIDING_UNITS if slides(parts.joint) else _TURNING_UNITS)[parts.field]
@@ -76,22 +76,22 @@ def machine_columns(machine: Machine) -> Mapping[str, str]:
 
 
 def shown_units(machine: Machine) -> Mapping[str, str]:
-    """Return the unit of every column of a run of the machine as axes and tables show it, empty for a pure number."""
+    """Return the display unit of every column of a run of the machine, empty for a dimensionless one."""
     return {name: caption_unit(name) or shown_unit(unit) for name, unit in machine_columns(machine).items()}
 
 
 def unit_in(column: str, sliding: frozenset[str]) -> str:
-    """Return the SI unit of a column of a machine, some of whose joints slide whatever their names."""
+    """Return the SI unit of a column of a machine with these sliding joints."""
     parts = joint_column(column)
     return _SLIDING_UNITS[parts.field] if parts is not None and parts.joint in sliding else unit_of(column)
 
 
 def is_event(column: str) -> bool:
-    """Return whether the name is one of an event channel, ``event.blow.time``."""
+    """Return whether the name is that of an event channel, such as ``event.blow.time``."""
     parts = column.split(".")
     return len(parts) == 3 and parts[0] == EVENT and bool(parts[1]) and parts[2] in EVENT_UNITS
 
 
 def is_angle(column: str) -> bool:
-    """Return whether a column is an angle, which a sensor may give modulo a turn."""
+    """Return whether a column is an angle, which a sensor may give modulo one turn."""
     return unit_of(column) == UNITS["rad"].si

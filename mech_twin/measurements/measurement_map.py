@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mapping file: which channel of a measurement is which column of the machine, and in which unit.
+"""The mapping file: assigns channels of a measurement to columns of the machine, with their units.
 
-A channel shows ``sign * of_the_machine / gain + zero``, in its own unit and later by its lag; reading inverts that::
+A channel reads ``sign * of_the_machine / gain + zero``, in its own unit and delayed by its lag; this is inverted::
 
     of_the_machine(stamp - lag_s) = sign * gain * (shown - zero)
 """
@@ -28,7 +28,7 @@ LARGEST, LONGEST_LAG_S, FASTEST_HZ = 1e12, 10.0, 1e6
 
 
 def _number(least: float, largest: float, *, words: tuple[str, ...] = ()) -> BeforeValidator:
-    """Return the check of a number within bounds, or of one of the words that say that it is not known."""
+    """Return a validator of a number within bounds, or of a word for an unknown number."""
     expected = ", ".join([f"expected a number from {least:g} to {largest:g}", *words])
 
     def checked(value: Any) -> Any:
@@ -53,9 +53,9 @@ class _Group(Parameters):
 
 
 class Source(_Group):
-    """Where a channel stands: a topic (with joint and field, or a dotted field alone), a column of a table, or both.
+    """Source of a channel: a topic (with joint and field, or only a dotted field), a column of a table, or both.
 
-    Of messages that are no JointState, ``joint`` chooses those of this ``frame_id``; field ``stamp`` is their time.
+    For messages other than JointState, ``joint`` selects those with this ``frame_id``; field ``stamp`` is their time.
     """
 
     topic: str | None = Field(default=None, min_length=1)
@@ -77,14 +77,14 @@ class Source(_Group):
 
     @property
     def label(self) -> str:
-        """Name of the channel in errors and tables; also its column in a table, where the source names none."""
+        """Name of the channel in errors and tables; also its column in a table, if the source has none."""
         if self.column is not None:
             return self.column
         return " ".join(word for word in (self.topic, self.joint, self.field) if word)
 
 
 class TimeSource(_Group):
-    """Which clock counts: of a bag the stamps in the headers or those of the log, of a table a column."""
+    """Source of the time: stamps of the headers or of the log in a bag, a column in a table."""
 
     stamps: Literal["header", "log"] | None = None
     column: str | None = Field(default=None, min_length=1)
@@ -101,7 +101,7 @@ class TimeSource(_Group):
 class Channel(_Group):
     """One measured channel; ``zero``, ``sigma`` and ``quantum`` are in the channel's own unit.
 
-    The keys below ``sigma`` say what a sensor does, for `simulate --sensors`; reading does not use them.
+    The keys below ``sigma`` describe a simulated sensor, for `simulate --sensors`; reading ignores them.
     """
 
     source: Source
@@ -133,20 +133,20 @@ class Channel(_Group):
 
     @property
     def si_factor(self) -> float:
-        """What one of the channel's unit is in SI units."""
+        """Size of the channel's unit in SI units."""
         return 1.0 if self.unit is None else UNITS[self.unit].factor
 
     def to_machine(self, shown: Any) -> Any:
-        """Return what the machine did, in SI units; an unknown zero counts as 0, an unknown gain as 1."""
+        """Return the machine's value in SI units; an unknown zero counts as 0, an unknown gain as 1."""
         return self.sign * fixed(self.gain, 1.0) * self.si_factor * (shown - fixed(self.zero, 0.0))
 
     def shown(self, value: Any) -> Any:
-        """Return what the channel shows, in its own unit: `to_machine` inverted."""
+        """Return the reading of the channel in its own unit: the inverse of `to_machine`."""
         return self.sign * value / (fixed(self.gain, 1.0) * self.si_factor) + fixed(self.zero, 0.0)
 
 
 class MeasurementMap(_Group):
-    """Which channel of a measurement is which column of the machine."""
+    """Assignment of channels of a measurement to columns of the machine."""
 
     machine: str
     time: TimeSource = TimeSource()
@@ -164,30 +164,30 @@ class MeasurementMap(_Group):
 
 
 def fixed(value: float | str, unknown: float) -> float:
-    """Return a number of the map, or what stands for it while it is unknown."""
+    """Return a number of the map, or ``unknown`` if it is a word."""
     return unknown if isinstance(value, str) else value
 
 
 def read_map(path: Path, columns_of: Any) -> MeasurementMap:
-    """Return the map of a file.
+    """Return the map in a file.
 
     Parameters
     ----------
     path : Path
         YAML file.
     columns_of : callable
-        ``columns_of(machine_name)``: the columns a channel may be, by name with their SI unit.
+        ``columns_of(machine_name)``: the columns of the machine, with their SI units.
 
     Raises
     ------
     ConfigurationError
-        Naming file, key, value and what was expected.
+        If the map is invalid; the message names file, key, value and what was expected.
     """
     return checked_map(document_tree(path), str(path), columns_of)
 
 
 def checked_map(tree: Mapping[str, Any], source: str, columns_of: Any) -> MeasurementMap:
-    """Return the map of a tree of values; see `read_map`."""
+    """Return the map in a tree of values; see `read_map`."""
     try:
         found = MeasurementMap.model_validate(tree)
     except ValidationError as error:

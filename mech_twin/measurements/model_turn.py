@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One turn of the crank of the model's own run, against which a measured run is held: sign, zero, plausibility."""
+"""One crank turn of the model's own run, for comparison with a measured run: sign, zero, plausibility."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ TURN = 2.0 * pi
 TURNING = ("linkage.crank.position", "linkage.drum.position")  # the joint that turns, if the machine has one
 LONGEST_S = 20.0
 TURNS = 2.0
-REPEATED = 0.01  # of its swing: a column that differs less from turn to turn is led by the crank
-COARSE = 72  # zeros of the crank that are tried
+REPEATED = 0.01  # of its range: a column that differs less between turns is a function of the crank angle
+COARSE = 72  # zeros of the crank tried in the first search
 REFINED = 41
-SIGN_FACTOR = 4.0  # by which a sign of -1 must leave less of the variance open
-ROUNDING = 1e-12  # of the variance: what a channel without noise may leave open with either sign
+SIGN_FACTOR = 4.0  # by which a sign of -1 must reduce the unexplained variance
+ROUNDING = 1e-12  # of the variance: rounding error of a channel without noise
 
 
 @dataclass(frozen=True)
@@ -34,15 +34,15 @@ class ModelTurn:
     Attributes
     ----------
     crank : str
-        Column of the joint that turns.
+        Column of the turning joint.
     angles_rad : ndarray
-        Shape (n,): rising, 0 to a turn.
+        Shape (n,): ascending, 0 to one turn.
     columns : mapping
         Each column at these angles, shape (n,).
     speed_rad_per_s : float
-        Mean over the turn.
+        Mean speed over the turn.
     led : frozenset
-        Columns that were the same a turn earlier: what the crank leads, whatever its speed.
+        Columns that repeat from turn to turn, as functions of the crank angle at any speed.
     """
 
     crank: str
@@ -57,9 +57,9 @@ class ModelTurn:
 
 
 class Following(NamedTuple):
-    """How a channel follows the crank of the model, at ``crank_sign * (measured angle - crank_zero_rad)``.
+    """Correlation of a channel with the model, evaluated at ``crank_sign * (measured angle - crank_zero_rad)``.
 
-    ``sign`` and ``scale`` (of the swing, against the model's) are those of the channel, ``correlation`` is at least 0.
+    ``sign`` and ``scale`` (amplitude over the model's) are those of the channel, ``correlation`` is at least 0.
     """
 
     correlation: float
@@ -70,12 +70,12 @@ class Following(NamedTuple):
 
 
 def turning_column(columns: Collection[str]) -> str | None:
-    """Return the column of the joint that turns, if there is one."""
+    """Return the column of the turning joint, if any."""
     return next((name for name in TURNING if name in columns), None)
 
 
 def model_turn(machine: Machine) -> ModelTurn | None:
-    """Return the last turn of the crank in a run of the machine; None where nothing turns, or less than two turns."""
+    """Return the last turn of the crank in a run of the machine; None without a turning joint or two turns."""
     crank = turning_column([f"linkage.{joint}.position" for joint in machine.linkage.joints])
     if crank is None:
         return None
@@ -84,9 +84,7 @@ def model_turn(machine: Machine) -> ModelTurn | None:
     for frame in frames(machine, LONGEST_S):
         trajectory.append(frame)
         now = frame.linkage.position[place]
-        turned += (
-            now - former_rad - TURN * round((now - former_rad) / TURN)
-        )  # some machines count angles from 0 to a turn
+        turned += now - former_rad - TURN * round((now - former_rad) / TURN)  # some machines wrap angles at one turn
         former_rad = now
         if abs(turned) > TURNS * TURN:
             break
@@ -105,7 +103,7 @@ def model_turn(machine: Machine) -> ModelTurn | None:
 def _by_angle(
     angle: Array, columns: Mapping[str, Array], chosen: npt.NDArray[np.bool_]
 ) -> tuple[Array, dict[str, Array]]:
-    """Return rising angles within one turn, and the columns at them."""
+    """Return ascending angles within one turn, and the columns at them."""
     wrapped = np.mod(angle[chosen], TURN)
     order = np.argsort(wrapped)
     kept = order[np.concatenate([[True], np.diff(wrapped[order]) > 0.0])]
@@ -113,7 +111,7 @@ def _by_angle(
 
 
 def _same(newest: tuple[Array, dict[str, Array]], former: tuple[Array, dict[str, Array]], name: str) -> bool:
-    """Return whether a column was the same at the same angles a turn earlier."""
+    """Return whether a column had the same values at the same angles one turn earlier."""
     values = newest[1][name]
     before = np.interp(newest[0], former[0], former[1][name], period=TURN)
     return float(np.abs(values - before).max()) <= REPEATED * float(np.ptp(values))
@@ -128,23 +126,23 @@ def following(
     *,
     signs_known: bool = False,
 ) -> Following:
-    """Return how values follow a column of the model, whatever the zero and the sense of the crank angle.
+    """Return the correlation of values with a column of the model, over zeros and senses of the crank angle.
 
-    A sign of -1, of the channel or of the crank, must fit better by `SIGN_FACTOR`: a motion that is nearly harmonic
-    looks much the same with either.
+    A sign of -1, of the channel or of the crank, must fit better by `SIGN_FACTOR`, since a nearly harmonic motion fits
+    almost equally with either sign.
 
     Parameters
     ----------
     turn : ModelTurn
-        The model.
+        The model's turn.
     column : str
-        The column that the values may be.
+        The column that the values may belong to.
     crank_rad, values : ndarray
         Shape (n,): measured crank angle (rad) and the channel at the same instants.
     zero_rad : float, optional
-        Known zero of the crank angle; searched where it is not given.
+        Known zero of the crank angle; estimated if absent.
     signs_known : bool
-        Only 1 is tried for either sign.
+        Whether both signs are fixed to 1.
     """
     found: dict[tuple[int, int], Following] = {}
     for crank_sign in (1,) if signs_known else (1, -1):
@@ -162,12 +160,12 @@ def following(
 
 
 def _unlikeliness(each: Following) -> float:
-    """Return the share of the variance that is left open, larger for each sign of -1."""
+    """Return the share of unexplained variance, increased for each sign of -1."""
     return max(1.0 - each.correlation**2, ROUNDING) * SIGN_FACTOR ** ((each.sign < 0) + (each.crank_sign < 0))
 
 
 def _refined(turn: ModelTurn, column: str, crank_rad: Array, values: Array, coarse: Following) -> Following:
-    """Return the same with the zero searched between its neighbours."""
+    """Return the result with the zero refined between its neighbours."""
     step = TURN / COARSE
     zeros = coarse.crank_zero_rad + np.linspace(-step, step, REFINED)
     tried = [_compared(turn, column, coarse.crank_sign * (crank_rad - zero), values) for zero in zeros]

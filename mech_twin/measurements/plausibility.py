@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a measured run can be one of this machine: units, swapped channels, another machine, no whole cycle."""
+"""Checks whether a measured run fits the machine: units, swapped channels, another machine, no whole cycle."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mech_twin.measurements.model_turn import TURN, Following, ModelTurn, follow
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.measurements.units import UNITS
 
-FOLLOWS = 0.8  # correlation with the model's motion: less is not this mechanism
-CLEARLY = 0.15  # more correlation the other way round: channels are swapped
-FACTOR = 4.0  # of the swing against the model's: more is a wrong unit, or another machine
-SPEED_FACTOR = 12.0  # of the speed of the crank against the model's
-RATE_FACTOR = 1.5  # of the speed against the differences of the angle
+FOLLOWS = 0.8  # least correlation with the model's motion
+CLEARLY = 0.15  # increase of the correlation that indicates swapped channels
+FACTOR = 4.0  # amplitude over the model's: beyond it, the unit is wrong or the machine another
+SPEED_FACTOR = 12.0  # largest ratio of the crank speed to the model's
+RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the position
 MOST_COMPARED = 4000
 
 
 class CrankPair(NamedTuple):
-    """A channel, and the measured crank angle at its instants."""
+    """A channel with its values, and the measured crank angle at the same instants."""
 
     channel: MeasuredChannel
     crank_rad: Array
@@ -33,14 +33,14 @@ class CrankPair(NamedTuple):
 
 
 def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, str]) -> list[str]:
-    """Return what contradicts that the run is one of this machine, one line each; empty where nothing does.
+    """Return the contradictions between the run and the machine, one line each; empty without any.
 
     Parameters
     ----------
     run : MeasuredRun
         The run.
     turn : ModelTurn, optional
-        One turn of the model; without one, speeds are compared with positions alone.
+        One turn of the model; without it, only speeds are compared with positions.
     units : mapping
         SI unit of each column of the machine.
     """
@@ -58,7 +58,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
 
 
 def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:
-    """Compare each measured speed with the differences of the measured position of the same joint."""
+    """Compare each measured speed with the differences of the same joint's measured position."""
     lines = []
     for channel in run.channels:
         parts = joint_column(channel.name)
@@ -87,7 +87,7 @@ def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:
 
 
 def _fitting_unit(channel: MeasuredChannel, si: str, found: float, expected: float, factor: float = RATE_FACTOR) -> str:
-    """Return the unit that would make the number come out right, as the end of a line."""
+    """Return the unit for which the number would fit, as the end of a line."""
     for name, unit in UNITS.items():
         if unit.si == si and name != channel.channel.unit and found > 0.0:
             ratio = found * unit.factor / channel.channel.si_factor / expected if expected else 0.0
@@ -97,7 +97,7 @@ def _fitting_unit(channel: MeasuredChannel, si: str, found: float, expected: flo
 
 
 def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
-    """Compare how fast the crank turns with the model; a machine is run slower and faster, but not ever so much."""
+    """Compare the speed of the crank with the model's, within a wide factor."""
     if isinstance(crank.channel.gain, str):
         return []
     duration_s = float(crank.times_s[-1] - crank.times_s[0])
@@ -137,7 +137,7 @@ def _following(run: MeasuredRun, crank: MeasuredChannel, turn: ModelTurn, units:
 
 
 def pairs_with_crank(run: MeasuredRun, turn: ModelTurn) -> list[CrankPair]:
-    """Return the positions that the crank moves, each beside the crank angle; none where the crank is not measured."""
+    """Return the positions driven by the crank, each with the crank angle; empty if the crank is not measured."""
     crank = run.channel(turn.crank)
     if crank is None:
         return []
@@ -156,7 +156,7 @@ def _compares(channel: MeasuredChannel, turn: ModelTurn) -> bool:
 
 
 def _paired(channel: MeasuredChannel, crank: MeasuredChannel) -> CrankPair:
-    """Return the channel with the crank angle at its instants, thinned to what a comparison needs."""
+    """Return the channel with the crank angle at its instants, decimated for the comparison."""
     inside = (channel.times_s >= crank.times_s[0]) & (channel.times_s <= crank.times_s[-1])
     places = np.flatnonzero(inside)
     places = places[:: max(1, len(places) // MOST_COMPARED)]
@@ -190,7 +190,7 @@ def _better_elsewhere(
     zero: float | None,
     units: Mapping[str, str],
 ) -> str:
-    """Return that the channel rather is another one of the map, if it is."""
+    """Return a hint if the channel fits another column of the map better."""
     for this, other in permutations(channels, 2):
         if this is not pair.channel or units[other.name] != units[this.name]:
             continue

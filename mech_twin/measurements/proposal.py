@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map proposed for a measurement: by names, by the units in headers, by correlation with the model's own run."""
+"""Proposes a map for a measurement: by names, by units in headers, by correlation with the model's own run."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Sour
 from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS
 
 EXACT, NEAR, UNSURE = 3, 2, 1
-ALIKE = 0.8  # of two words
-WIDTH = 80  # of the text of a map
+ALIKE = 0.8  # least similarity of two words
+WIDTH = 80  # of lines in the text of a map
 FIELD_WORDS: Mapping[str, tuple[str, ...]] = {
     "position": ("position", "pos", "angle", "travel", "displacement", "stroke", "deg", "rad", "mm", "phi", "theta"),
     "velocity": ("velocity", "speed", "rate", "vel", "rpm", "omega"),
@@ -56,7 +56,7 @@ _FIELD_OF_SI = {
 
 @dataclass(frozen=True)
 class ProposedChannel:
-    """A channel of the measurement and what it may be, with why."""
+    """A channel of the measurement with its proposed column, the certainty and the reason."""
 
     source: Source
     column: str
@@ -67,7 +67,7 @@ class ProposedChannel:
 
 
 def proposed_channels(offered: Sequence[SourceColumn], columns: Mapping[str, str]) -> list[ProposedChannel]:
-    """Return what each channel of a measurement may be; of several for one column all but the surest are unsure."""
+    """Return the proposed column of each channel; if several fit one column, all but the best are marked unsure."""
     found = [best for each in offered if (best := _best(each, columns)) is not None]
     taken: dict[str, ProposedChannel] = {}
     for each in sorted(found, key=lambda item: -item.surety):
@@ -94,7 +94,7 @@ def _best(offered: SourceColumn, columns: Mapping[str, str]) -> ProposedChannel 
 
 
 def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str]:  # noqa: PLR0911
-    """Return how sure it is that a channel is a column, how much alike they are, and why."""
+    """Return the certainty that a channel is a column, the similarity of their names, and the reason."""
     source, parts = offered.source, joint_column(column)
     if offered.unit is not None and offered.unit not in SCALED_BY_GAIN and UNITS[offered.unit].si != si:
         return 0, 0.0, ""
@@ -103,7 +103,7 @@ def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str
     if parts is None:
         return _rated_wrench(source, column)
     if source.topic is not None and (source.joint, source.field) == (parts.joint, parts.field):
-        if source.topic.strip("/").endswith(f"step/{parts.role}"):  # every step, where joint states are decimated
+        if source.topic.strip("/").endswith(f"step/{parts.role}"):  # has every step; joint states are decimated
             return EXACT, 2.0, "the twin's own topic"
         if source.topic.strip("/").endswith(_TWIN_TOPICS[parts.role]):
             fits = len(_TWIN_TOPICS[parts.role]) / 100.0  # motor/joint_states before joint_states
@@ -143,7 +143,7 @@ def _field(words: Sequence[str], unit: str | None) -> str | None:
 
 
 def _likeness(words: Sequence[str], known: Sequence[str]) -> float:
-    """Return how much the likest of the words is like a known one; an earlier known word counts a little more."""
+    """Return the largest similarity of a word with a known one; earlier known words have a slightly higher weight."""
     best = 0.0
     for place, name in enumerate(known):
         for word in words:
@@ -152,7 +152,7 @@ def _likeness(words: Sequence[str], known: Sequence[str]) -> float:
 
 
 def map_of(machine: str, time: TimeSource, channels: Sequence[ProposedChannel]) -> MeasurementMap | None:
-    """Return the map of the channels that are sure enough; None where there is none."""
+    """Return the map of the channels with sufficient certainty; None without any."""
     sure = [each for each in channels if each.surety > UNSURE]
     if not sure:
         return None
@@ -170,7 +170,7 @@ def _channel(proposed: ProposedChannel) -> Channel:
 
 
 def _unknowns(proposed: ProposedChannel) -> dict[str, object]:
-    """Return zero, gain and lag where they are to be found from the data: what is not by the twin's own names."""
+    """Return zero, gain and lag that must be estimated; none for a channel with the twin's own name."""
     if proposed.surety == EXACT:
         return {}
     parts = joint_column(proposed.column)
@@ -192,12 +192,12 @@ def map_text(
     columns: Mapping[str, str],
     runs: Sequence[Path] = (),
 ) -> str:
-    """Return the proposed map as YAML; what is unsure stands in it as a comment.
+    """Return the proposed map as YAML; unsure channels are comments in it.
 
     Parameters
     ----------
     notes : mapping
-        Further words about a channel by the label of its source, such as the correlation found.
+        Further remarks by the label of a channel's source, such as the correlation.
     columns : mapping
         SI unit of each column of the machine.
     """
@@ -221,14 +221,14 @@ def map_text(
 
 
 def _source(lead: str, source: Source) -> list[str]:
-    """Return the lines of a source: one, where it fits a terminal."""
+    """Return the lines of a source: a single one if it is short enough."""
     parts = [f"{key}: {_quoted(value)}" for key, value in source.model_dump(exclude_none=True).items()]
     line = f"{lead}- source: {{{', '.join(parts)}}}"
     return [line] if len(line) <= WIDTH else [f"{lead}- source:", *(f"{lead}    {part}" for part in parts)]
 
 
 def _comment(lead: str, words: str) -> list[str]:
-    """Return words as comments, in lines that fit a terminal; they stay comments where their entry becomes none."""
+    """Return text as comment lines; they remain comments if the user uncomments the entry."""
     return wrap(words, WIDTH, initial_indent=f"{lead}# ", subsequent_indent=f"{lead}# ", break_long_words=False)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the samples of a channel are worth: rate, gaps, noise and the like, gathered in bounded memory."""
+"""Quality of a channel's samples: rate, gaps, noise and more, computed in bounded memory."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 
 from mech_twin.measurements.blocks import Array, Block
 
-KEPT = 1 << 16  # numbers kept of a channel for medians and percentiles
-LONG_INTERVAL = 1.5  # of the median one: longer is a gap
-NORMAL_MEDIAN = 0.674489750196082  # of |x| over the standard deviation
+KEPT = 1 << 16  # numbers of a channel stored for medians and percentiles
+LONG_INTERVAL = 1.5  # times the median interval: a longer one is a gap
+NORMAL_MEDIAN = 0.674489750196082  # median of |x| over the standard deviation, for a normal x
 FEW_SAMPLES = 8
 SATURATED_RUN = 3  # equal extreme values in a row
 SATURATED_SHARE = 0.005
 DRIFT_FLAW = 1e-4
 WHOLE_MULTIPLE = 0.02
-MOST_STEPS = 1000.0  # of the quantum in a difference that is tried for being a whole multiple
-REPEATED_LEVELS = 0.5  # of the samples: fewer different values, and values repeat
-LEAST_MULTIPLES = 3  # different ones, where no value repeats
-BAD_JITTER = 0.25  # of the interval
+MOST_STEPS = 1000.0  # in quanta: larger differences are not tested for being multiples
+REPEATED_LEVELS = 0.5  # of the samples: with fewer distinct values, values repeat
+LEAST_MULTIPLES = 3  # distinct multiples required if no value repeats
+BAD_JITTER = 0.25  # of the interval: more is a flaw
 
 
 class Quality(NamedTuple):
@@ -42,7 +42,7 @@ class Quality(NamedTuple):
     span_s: float
 
     def flaws(self) -> list[str]:
-        """Return what is wrong with the channel, a phrase each."""
+        """Return the flaws of the channel, a phrase each."""
         if self.samples < FEW_SAMPLES:
             return [f"{self.samples} samples, expected at least {FEW_SAMPLES}"]
         found = []
@@ -68,7 +68,7 @@ class Quality(NamedTuple):
 
 
 class _Thinned:
-    """Numbers of a stream, every one until there are too many, then every second, every fourth..."""
+    """Decimates a stream to bounded length: all numbers first, then every second, every fourth, and so on."""
 
     def __init__(self) -> None:
         self._parts: list[Array] = []
@@ -76,7 +76,7 @@ class _Thinned:
         self._stride = 1
 
     def add(self, values: Array) -> None:
-        kept = values[(-self._seen) % self._stride :: self._stride].copy()  # a view would hold the whole block
+        kept = values[(-self._seen) % self._stride :: self._stride].copy()  # a view would keep the whole block
         self._seen += len(values)
         self._parts.append(kept)
         self._count += len(kept)
@@ -90,7 +90,7 @@ class _Thinned:
 
 
 class QualityGauge:
-    """Gathers the quality of one channel, block by block."""
+    """Computes the quality of one channel, block by block."""
 
     def __init__(self) -> None:
         self._tail = np.empty((2, 0))
@@ -104,7 +104,7 @@ class QualityGauge:
         self._delays: list[tuple[float, float]] = []
 
     def add(self, block: Block) -> None:
-        """Update with a block."""
+        """Add a block."""
         if not len(block.times_s):
             return
         times, values = block.times_s, block.values
@@ -140,7 +140,7 @@ class QualityGauge:
         lengths = own.copy()
         if values[0] == last:
             lengths[0] += run
-        ends = {self._low, self._high}  # one while the channel is constant
+        ends = {self._low, self._high}  # a single value while the channel is constant
         for value in ends:
             stands = (lengths >= SATURATED_RUN) & (values[starts] == value)
             self._extremes[value] = self._extremes.get(value, 0) + int(own[stands].sum())
@@ -148,7 +148,7 @@ class QualityGauge:
         self._flat = (float(values[-1]), int(lengths[-1]))
 
     def quality(self) -> Quality:
-        """Return the quality of all that was taken."""
+        """Return the quality of all blocks."""
         intervals = self._intervals.values()
         usual = float(np.median(intervals)) if len(intervals) else np.nan
         regular = intervals[intervals <= LONG_INTERVAL * usual]
@@ -174,14 +174,14 @@ class QualityGauge:
         )
 
     def _drift(self) -> float:
-        """Return how much faster the log clock runs than the stamps (s per s)."""
+        """Return the drift of the log clock relative to the stamps (s per s)."""
         if len(self._delays) < 2:
             return 0.0
         (from_s, before), (to_s, after) = self._delays[0], self._delays[-1]
         return (after - before) / (to_s - from_s) if to_s > from_s else 0.0
 
     def _quantum(self) -> float:
-        """Return the step of which all differences are whole multiples; 0 where there is none."""
+        """Return the step of which all differences are integer multiples; 0 without one."""
         kept = self._kept.values()
         levels = np.unique(kept)
         steps = np.diff(levels)
@@ -193,7 +193,7 @@ class QualityGauge:
         smallest = float(np.median(tried[tried < 1.5 * smallest]))
         multiples = np.round(tried / smallest)
         if len(levels) > REPEATED_LEVELS * len(kept) and len(np.unique(multiples)) < LEAST_MULTIPLES:
-            return 0.0  # an even motion, sampled evenly, has equal steps too
+            return 0.0  # a uniform motion has equal steps too
         off = np.abs(tried / smallest - multiples)
         whole = np.count_nonzero(off < WHOLE_MULTIPLE + 1e-5 * tried / smallest) >= 0.99 * len(tried)
         return smallest if whole and len(tried) >= FEW_SAMPLES else 0.0

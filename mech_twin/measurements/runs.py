@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measurement read by its map: channels in SI units, each at instants of its own."""
+"""A measurement read with its map: channels in SI units, each at its own instants."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from mech_twin.measurements.quality import FEW_SAMPLES, Quality, QualityGauge
 from mech_twin.measurements.units import TURN
 
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
-BACK_SHARE = 0.01  # of the stamps: more is no measurement
-RESTART_S, CONFIRMING = 1.0, 3  # stamps that go back so far, and so many of them, are a machine started anew
+BACK_SHARE = 0.01  # largest share of stamps that go back
+RESTART_S, CONFIRMING = 1.0, 3  # this many stamps that go back this far are a restart of the machine
 WRAP = 0.5 * TURN
 NONE: Array = np.empty(0)
 ONE_TURN = TURN * (1.0 + 1e-6)
@@ -26,17 +26,17 @@ ONE_TURN = TURN * (1.0 + 1e-6)
 
 @dataclass(frozen=True)
 class MeasuredChannel:
-    """What one sensor tells of the machine in one run.
+    """Samples of one sensor in one run.
 
     Attributes
     ----------
     channel : Channel
-        Its line of the map.
+        Its entry in the map.
     times_s, values : ndarray
-        Shape (n,): instants of the machine (a known lag taken off) and values in SI units; angles unwrapped.  What is
-        unknown in the map (zero, gain, lag) is not taken off yet.
+        Shape (n,): instants of the machine (a known lag subtracted) and values in SI units; angles unwrapped.  A zero,
+        gain or lag that the map leaves unknown is not corrected yet.
     quality : Quality
-        Of all samples, those left out (NaN, repeated stamps, stamps that go back) included.
+        Quality of all samples, including those left out (NaN, repeated stamps, stamps that go back).
     """
 
     channel: Channel
@@ -46,7 +46,7 @@ class MeasuredChannel:
 
     @property
     def name(self) -> str:
-        """The column of the machine it measures."""
+        """Column of the machine that it measures."""
         return self.channel.quantity
 
 
@@ -58,14 +58,14 @@ class MeasuredRun:
     channels: tuple[MeasuredChannel, ...]
 
     def channel(self, name: str) -> MeasuredChannel | None:
-        """Return the first channel that measures a column of the machine, or None."""
+        """Return the first channel that measures a column of the machine; None without one."""
         return next((channel for channel in self.channels if channel.name == name), None)
 
 
 def read_parts(reader: RunReader, measurement_map: MeasurementMap) -> list[MeasuredRun]:
-    """Return a run in which the machine was started anew as one run a start; a run without such as one.
+    """Return a run split at restarts of the machine; a single part without a restart.
 
-    A start is where the stamps of a channel go back by more than `RESTART_S`, and go on from there.
+    At a restart, the stamps of a channel go back by more than `RESTART_S` and continue from there.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def read_parts(reader: RunReader, measurement_map: MeasurementMap) -> list[Measu
 
 
 def _restarts(times: Array) -> list[int]:
-    """Return the places from which stamps go on from an earlier time."""
+    """Return the indices at which stamps continue from an earlier time."""
     found, first = list[int](), 0
     finite = np.where(np.isfinite(times), times, -np.inf)
     while True:
@@ -118,7 +118,7 @@ def _restarts(times: Array) -> list[int]:
 
 
 def channel_qualities(reader: RunReader, measurement_map: MeasurementMap) -> list[Quality]:
-    """Return the quality of each channel of a run, in memory that does not grow with the run."""
+    """Return the quality of each channel of a run, in bounded memory."""
     gauges = [QualityGauge() for _ in measurement_map.channels]
     for block in reader.blocks([channel.source for channel in measurement_map.channels], measurement_map.time):
         gauges[block.channel].add(block)
@@ -131,7 +131,7 @@ def read_run(reader: RunReader, measurement_map: MeasurementMap) -> MeasuredRun:
     Raises
     ------
     MeasurementError
-        A source is not there; a channel has no use (too few samples, constant, stamps that go back); too many samples.
+        A source is missing; a channel is unusable (too few samples, constant, stamps that go back); too many samples.
     """
     channels = measurement_map.channels
     gauges = [QualityGauge() for _ in channels]
@@ -148,12 +148,12 @@ def read_run(reader: RunReader, measurement_map: MeasurementMap) -> MeasuredRun:
 
 
 def require_usable(path: Path, channel: Channel, quality: Quality) -> None:
-    """Raise where nothing can be made of a channel: too few samples, no number, constant, stamps that go back.
+    """Raise if a channel is unusable: too few samples, no number, constant, stamps that go back.
 
     Raises
     ------
     MeasurementError
-        One line with the file, the channel and what was expected.
+        The message has the file, the channel and what was expected.
     """
     where = f"channel {channel.source.label!r} ({channel.quantity}):"
     if quality.samples - quality.nan < FEW_SAMPLES and not channel.quantity.startswith("event."):
@@ -168,7 +168,7 @@ def require_usable(path: Path, channel: Channel, quality: Quality) -> None:
 
 
 def _require_many(path: Path, channel: Channel, usable: int) -> None:
-    """Raise where too few samples have both a number and a time, later than all before."""
+    """Raise a MeasurementError if too few samples have a number and a stamp later than all before."""
     if usable < FEW_SAMPLES and not channel.quantity.startswith("event."):
         raise MeasurementError(
             path,
@@ -187,7 +187,7 @@ def _measured(path: Path, channel: Channel, blocks: Sequence[Block], quality: Qu
 
 
 def _believed(channel: Channel, times: Array, values: Array) -> tuple[Array, Array]:
-    """Return the samples with a number and a later stamp than all before, SI, angles unwrapped, a known lag off."""
+    """Return times and values of finite samples with ascending stamps: SI units, unwrapped, known lag subtracted."""
     if channel.unit == "turn" or (channel.unit or "rad") in ("rad", "deg"):
         values = _unwrapped(values, channel) if is_angle(channel.quantity) else values
     finite = np.isfinite(values) & np.isfinite(times)
@@ -199,10 +199,10 @@ def _believed(channel: Channel, times: Array, values: Array) -> tuple[Array, Arr
 
 
 def _unwrapped(values: Array, channel: Channel) -> Array:
-    """Return an angle without its jumps by a turn.
+    """Return an angle unwrapped.
 
-    Only one that stays within one turn can be a wrapped one: a counter that goes beyond it never jumps back, and a
-    step of more than half a turn in it is motion.
+    Only an angle within one turn can be wrapped.  One with a larger range is a continuous counter, whose steps of more
+    than half a turn are motion.
     """
     turn = TURN / channel.si_factor
     known = np.isfinite(values)

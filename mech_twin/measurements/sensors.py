@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run seen through sensors: sampled at their own instants, late, noisy, in steps, with losses.
+"""Simulated sensors: a run sampled at their own instants, with lag, noise, quantisation and losses.
 
-A sensor samples the machine at ``k / rate_hz`` and a jitter, and stamps the sample later by its lag::
+A sensor samples the machine at ``k / rate_hz`` plus jitter; its stamp is later by the lag::
 
-    shown(stamp) = sign * x(stamp - lag_s) / gain + zero + noise,   rounded to the quantum
+    reading(stamp) = sign * x(stamp - lag_s) / gain + zero + noise,   rounded to the quantum
 
-Channels of one topic come in one message, so they share the instants; a column of a table has its own.
+Channels of one topic are in one message, so they have the same instants; a column of a table has its own.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Sour
 from mech_twin.samples import Event, Frame
 
 TURN = 2.0 * pi
-LARGEST_JITTER = 0.45  # of the interval: stamps stay in order
+LARGEST_JITTER = 0.45  # of the interval, so that stamps stay in order
 EVENT_FIELDS = {
     "time": "time_s",
     "pre_velocity": "pre_velocity_m_per_s",
@@ -37,7 +37,7 @@ EVENT_FIELDS = {
 
 
 class Reading(NamedTuple):
-    """What sensors of one topic, or one column, show at one instant; the sources in the order of the values."""
+    """Readings of one topic, or one column, at one instant; sources in the order of the values."""
 
     time_s: float
     sources: tuple[Source, ...]
@@ -46,7 +46,7 @@ class Reading(NamedTuple):
 
 @dataclass
 class _Clock:
-    """Channels that are sampled together, and their next instant (of the machine's time)."""
+    """Channels that are sampled together, and their next sampling instant (of the machine's time)."""
 
     channels: list[tuple[int, Channel]]
     random: np.random.Generator
@@ -61,25 +61,25 @@ class _Clock:
 
 @dataclass
 class SensorBench:
-    """The sensors on a running machine: frames in, readings out, in order of their stamps.
+    """Sensors on a running machine: converts frames to readings, in order of their stamps.
 
     Parameters
     ----------
     sensors : MeasurementMap
-        The channels with what their sensors do; each zero, gain and lag a number.
+        The channels with their sensor properties; zero, gain and lag of each are numbers.
     columns : mapping
         Columns of the machine, by name.
     step_s : float
         Coupling step: the sampling interval of a channel without a rate.
     seed : int
-        Of jitter, noise and losses; each channel and each clock has a generator of its own.
+        Seed of jitter, noise and losses; each channel and each clock has its own generator.
     gauge : BlowGauge, optional
         Strain gauge of the machine.
 
     Raises
     ------
     ConfigurationError
-        A zero, gain or lag is no number; a channel is of a gauge that is not there;
+        A zero, gain or lag is not a number; a channel needs a gauge that the machine lacks;
         channels of one topic differ in rate, jitter, loss or lag.
     """
 
@@ -111,7 +111,7 @@ class SensorBench:
             self._set_instant(clock)
 
     def observe(self, frame: Frame) -> Iterator[Reading]:
-        """Process the next frame of the run; yield the readings now complete."""
+        """Process the next frame of the run; yield the readings that are now complete."""
         events = frame_events(frame)
         now = self._row(frame)
         time_s = now["time_s"]
@@ -126,11 +126,11 @@ class SensorBench:
         yield from self._given_out(time_s + self._shortest_lag)
 
     def rest(self) -> Iterator[Reading]:
-        """Yield the readings that still wait, at the end of the run."""
+        """Yield the remaining readings, at the end of the run."""
         yield from self._given_out(np.inf)
 
     def _row(self, frame: Frame) -> dict[str, float]:
-        """Return the columns that are measured, angles without their jumps by a turn."""
+        """Return the measured columns of a frame, angles unwrapped."""
         row = {name: value for name, value in frame_numbers(frame) if name in self._needed or name == "time_s"}
         for column in self._needed:
             role, _, rest = column.partition(".")
@@ -162,7 +162,7 @@ class SensorBench:
         self._push(Reading(stamp_s, tuple(channel.source for _, channel in clock.channels), tuple(values)))
 
     def _between(self, column: str, now: Mapping[str, float], at_s: float, smooth: bool) -> float:
-        """Return a column between the last two frames: cubic with the speeds, straight where an event is between."""
+        """Return a column between the last two frames: cubic Hermite with the speeds; linear if an event is between."""
         before = self._before
         h = now["time_s"] - before.get("time_s", now["time_s"])
         if h <= 0.0 or at_s >= now["time_s"]:

@@ -32,11 +32,11 @@ BLOCK_BYTES = 1 << 20
 BATCH_ROWS = 1 << 16
 TIME_COLUMN = "time_s"
 NO_VALUE = ["", "NA", "N/A", "null", "-"]
-MOST_NAMED = 12  # columns listed in an error
+MOST_NAMED = 12  # columns listed in an error message
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file is a table by what it holds, whatever its name; one that cannot be read, by its name."""
+    """Return whether a file is a table, by its content; if it cannot be read, by its suffix."""
     if path.is_dir():
         return False
     try:
@@ -50,7 +50,7 @@ def is_table(path: Path) -> bool:
 
 
 def _is_parquet(path: Path) -> bool:
-    """Return whether a file is Parquet by its first bytes, or says so by its name."""
+    """Return whether a file is Parquet, by its first bytes or its suffix."""
     try:
         with opened_input(path) as stream:
             return stream.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC or path.suffix.lower() == ".parquet"
@@ -59,7 +59,7 @@ def _is_parquet(path: Path) -> bool:
 
 
 class TableReader:
-    """A table open for reading; only the columns asked for are converted.
+    """A table open for reading; only the requested columns are converted.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class TableReader:
     Raises
     ------
     MeasurementError
-        It cannot be read as such.
+        The file cannot be read as a table.
     """
 
     def __init__(self, path: Path) -> None:
@@ -83,12 +83,12 @@ class TableReader:
             raise MeasurementError(path, "has no columns")
 
     def offered(self) -> list[SourceColumn]:
-        """Return every column but that of the time, with the unit its header names."""
+        """Return every column except that of time, with the unit in its header."""
         time = self.proposed_time().column
         return [SourceColumn(Source(column=name), unit_in(name)) for name in self.columns if name != time]
 
     def proposed_time(self) -> TimeSource:
-        """Return the first column named as a time; else the first that rises throughout the head; else the first."""
+        """Return the first column named as a time; else the first that ascends in the head; else the first."""
         names = [(name, name.strip("%# ").lower()) for name in self.columns]
         named = next((name for name, word in names if word.startswith(("time", "stamp")) or word in ("t", "t_s")), None)
         column = named or next((name for name, word in names if time_unit_in(word) is not None), None)
@@ -116,7 +116,7 @@ class TableReader:
                 yield Block(place, stamps[known], values[known], NO_DELAYS)
 
     def _column(self, name: str) -> str:
-        """Return the column of this name; ``%``, ``#`` and blanks around a name do not count."""
+        """Return the column of this name; ``%``, ``#`` and blanks around names are ignored."""
         bare = {column.strip("%# \t\ufeff"): column for column in self.columns}
         found = name if name in self.columns else bare.get(name.strip("%# \t\ufeff"))
         if found is not None:
@@ -148,7 +148,7 @@ class TableReader:
 
 
 class _TextForm:
-    """How a text table is written: delimiter, decimal sign, names of the columns."""
+    """Format of a text table: delimiter, decimal sign, names of the columns."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -184,7 +184,7 @@ class _TextForm:
         )
 
     def batches(self, names: list[str]) -> Iterator[pa.RecordBatch]:
-        """Yield the columns of these names, as floats."""
+        """Yield these columns as floats, batch by batch."""
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
@@ -206,7 +206,7 @@ class _TextForm:
 
 
 def _delimiter(lines: list[str]) -> str:
-    """Return the sign between the cells, by the line in the middle; a comma may be decimal beside the others."""
+    """Return the delimiter, from the middle line; a comma may be the decimal sign beside others."""
     line = lines[len(lines) // 2]
     return next((sign for sign in "\t;" if sign in line), ",")
 
@@ -230,7 +230,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _numbers(column: Any, path: Path, name: str) -> tuple[Array, Any]:
-    """Return a column as floats, and which of its cells hold a value."""
+    """Return a column as floats, and a mask of the cells with a value."""
     import pyarrow as pa
 
     if pa.types.is_timestamp(column.type):
@@ -257,9 +257,9 @@ class TableWriter:
     path : Path
         File to write: Parquet, CSV or TSV.
     columns : sequence of str
-        Columns beside the time.
+        Columns besides the time.
     time_column, time_factor : str, float
-        Name of the time's column, and how many seconds one of its unit is.
+        Name of the time column, and its unit in seconds.
     """
 
     def __init__(
@@ -291,7 +291,7 @@ class TableWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write what is left and close the file."""
+        """Write the remaining rows and close the file."""
         self._flush()
         if self._parquet is not None:
             self._parquet.close()
@@ -299,7 +299,7 @@ class TableWriter:
             self._stream.close()
 
     def write(self, time_s: float, values: Sequence[tuple[str, float]]) -> None:
-        """Add values at an instant; those of the same instant share a row."""
+        """Add values at an instant; values of the same instant share a row."""
         if time_s != self._last_s:
             if len(self._rows) >= ROWS_PER_BATCH:
                 self._flush()
@@ -324,6 +324,6 @@ class TableWriter:
 
 
 def sensor_table(path: Path, sensors: MeasurementMap) -> TableWriter:
-    """Return the writer of the table that shows the channels of a sensors file, which is the map of the table too."""
+    """Return a writer of a table with the channels of a sensors file, which is also the map of the table."""
     columns = [channel.source.label for channel in sensors.channels]
     return TableWriter(path, columns, sensors.time.column or TIME_COLUMN, TIME_UNITS[sensors.time.unit])

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Unit(NamedTuple):
-    """A unit: the SI unit of its kind of quantity, and how many of those it is."""
+    """A unit: the SI unit of its quantity, and the factor to it."""
 
     si: str
     factor: float
@@ -49,9 +49,9 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
     }
 )
 TIME_UNITS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0})
-SCALED_BY_GAIN = ("A", "count")  # of any quantity, by a gain that says how much of it one of them is
+SCALED_BY_GAIN = ("A", "count")  # units of raw signals, which a gain scales to any quantity
 
-# how headers of tables write units, in lower case without blanks and brackets
+# spellings of units in table headers, in lower case without blanks and brackets
 _SPELLINGS: Mapping[str, str] = MappingProxyType(
     {
         **{name.lower(): name for name in UNITS if name != "1"},
@@ -76,17 +76,17 @@ _TIME_SPELLINGS = {
 
 
 def shown_unit(si: str) -> str:
-    """Return a unit as axes and tables show it: N m for ``N.m``, empty for ``1``."""
+    """Return the display form of a unit: N m for ``N.m``, empty for ``1``."""
     return "" if si == "1" else si.replace(".", " ").replace("2", "²")
 
 
 def unit_in(text: str) -> str | None:
-    """Return the unit that a header names, ``Slide position (mm)`` or ``slide_mm``; None where it names none."""
+    """Return the unit in a header such as ``Slide position (mm)`` or ``slide_mm``; None without one."""
     return _found_in(text, _SPELLINGS)
 
 
 def time_unit_in(text: str) -> str | None:
-    """Return the unit of time that a header names, or None."""
+    """Return the unit of time in a header; None without one."""
     return _found_in(text, {**{name: name for name in TIME_UNITS}, **_TIME_SPELLINGS})
 
 

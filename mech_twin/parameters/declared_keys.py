@@ -28,18 +28,18 @@ class Key(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """The unit of a number, empty where none is declared."""
+        """Unit of a number, empty if none is declared."""
         extra = self.field.json_schema_extra
         return str(extra.get("unit") or "") if isinstance(extra, dict) else ""
 
 
 def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
-    """Yield every key of a configuration, groups opened."""
+    """Yield every key of a configuration, nested groups included."""
     for name, field in type(parameters).model_fields.items():
         value = getattr(parameters, name)
         if isinstance(value, Parameters):
             yield from keys(value, f"{prefix}{name}.")
-        elif isinstance(value, dict):  # elements by their user's names
+        elif isinstance(value, dict):  # elements under names chosen by the user
             for own, element in value.items():
                 if isinstance(element, Parameters):
                     yield from keys(element, f"{prefix}{name}.{own}.")

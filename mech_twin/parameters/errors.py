@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a configuration is refused: file, key, line, value, and what was expected."""
+"""Error messages for a rejected configuration: file, key, line, value, and what was expected."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ NUMBERS = frozenset({"finite_number", "float_type", "float_parsing", "int_type",
 def refusal(
     source: str, error: ValidationError, model: type[BaseModel] | None = None, lines: KeyLines = no_lines
 ) -> ConfigurationError:
-    """Return one line that names every wrong key, its value and what was expected.
+    """Return an error of one line with every wrong key, its value and what was expected.
 
     Parameters
     ----------
     source : str
-        Where the values come from.
+        Name of the source of the values.
     error : ValidationError
-        What is wrong.
+        Error of the validation.
     model : type, optional
-        What was validated: tells units, and which key was probably meant.
+        Validated model, for units and for suggestions of similar keys.
     lines : callable
-        Returns the line of each key in its file.
+        Returns the line number of each key in its file.
     """
     units = key_units(model) if model is not None else {}
     placed = lines()
@@ -47,11 +47,11 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
     location = item["loc"]
     key = ".".join(str(part) for part in location) if isinstance(location, tuple) else str(location)
     message = str(item["msg"]).removeprefix("Value error, ")
-    parts = [part for part in key.split(".") if not part.isdigit()]  # of a list's entries alike
+    parts = [part for part in key.split(".") if not part.isdigit()]  # without the indices of lists
     declared = ".".join(parts)
     own = ".".join([parts[0], ANY_NAME, *parts[2:]])
     if len(parts) > 2 and any(known.startswith(f"{parts[0]}.{ANY_NAME}.") for known in units):
-        declared = own  # an element has a name of its user's
+        declared = own  # the name of an element is chosen by the user
     kind, unit = item["type"], units.get(declared, PURE)
     unit = "" if unit == PURE else unit
     line = f"line {lines[key]}" if key in lines else ""
@@ -71,7 +71,7 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
 
 
 def shown_value(value: Any) -> str:
-    """Return a value as it was written, shortened."""
+    """Return the representation of a value, shortened."""
     text = repr(value)
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The keys that a configuration may hold, their units, and which of them an unknown key was probably meant for."""
+"""Keys of a configuration, their units, and suggestions for unknown keys."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import get_args, get_origin
 import yaml
 from pydantic import BaseModel
 
-ANY_NAME = "NAME"  # stands for the user's own name of an element
-PLACE = re.compile(r"(?:(?<=_m)\.[a-z]\w*)?\.[01]$")  # of a number in a row: of a vector, or of a named point
+ANY_NAME = "NAME"  # replaces the user's own name of an element
+PLACE = re.compile(r"(?:(?<=_m)\.[a-z]\w*)?\.[01]$")  # index of a number in a list: a vector, or a named point
 
 
 def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
-    """Return every dotted key of a parameter model that holds a value, and its unit (empty where it has none)."""
+    """Return every dotted key of a parameter model that has a value, with its unit (empty without one)."""
     units: dict[str, str] = {}
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
@@ -30,9 +30,9 @@ def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
 
 
 def declared_key(key: str, units: Mapping[str, str]) -> str:
-    """Return a key as its model declares it: the user's own name of an element is ``NAME`` there.
+    """Return a key as its model declares it, where ``NAME`` replaces the user's name of an element.
 
-    A number of a row, such as ``bodies.rod.points_m.end.0``, is declared with the row.
+    A number in a list, such as ``bodies.rod.points_m.end.0``, is declared by the key of the list.
     """
     group, _, rest = key.partition(".")
     named = f"{group}.{ANY_NAME}.{rest.partition('.')[2]}"
@@ -48,7 +48,7 @@ def _models(annotation: object) -> Iterator[type[BaseModel]]:
 
 
 def nearest_key(key: str, known: Iterable[str]) -> str | None:
-    """Return the key that was probably meant: one that goes on as this one begins, else one spelt nearly alike."""
+    """Return the key that was probably meant: one with this key as its beginning, else a similar one."""
     names = list(known)
     if key in names:
         return key
@@ -64,7 +64,7 @@ def nearest_key(key: str, known: Iterable[str]) -> str | None:
 
 
 def did_you_mean(key: str, units: Mapping[str, str]) -> str:
-    """Return ``; did you mean 'body.spring_rate_n_per_m' (N/m)?``, or nothing where no key is near."""
+    """Return ``; did you mean 'body.spring_rate_n_per_m' (N/m)?``, or an empty string without a similar key."""
     meant = nearest_key(key, units)
     if meant is None:
         return ""
@@ -73,7 +73,7 @@ def did_you_mean(key: str, units: Mapping[str, str]) -> str:
 
 
 def groups_of(keys: Iterable[str]) -> dict[str, str]:
-    """Return every group of these keys, in the form of `key_units`: a group has no unit."""
+    """Return every group of these keys in the form of `key_units`, with an empty unit."""
     parts = [key.split(".") for key in keys]
     return {".".join(part[:depth]): "" for part in parts for depth in range(1, len(part))}
 
@@ -83,12 +83,12 @@ KeyLines = Callable[[], Mapping[str, int]]
 
 
 def no_lines() -> dict[str, int]:
-    """Return no line: the values come from no file."""
+    """Return no line numbers, for values that do not come from a file."""
     return {}
 
 
 def key_lines(text: str, elsewhere: Iterable[str] = ()) -> dict[str, int]:
-    """Return the line of each dotted key of a parameter file; not of those, and their groups, given elsewhere."""
+    """Return the line number of each dotted key in a parameter file, without keys ``elsewhere`` and their groups."""
     found: dict[str, int] = {}
     document = yaml.compose(text, Loader=yaml.SafeLoader)
     sections = document.value if isinstance(document, yaml.MappingNode) else []
@@ -112,5 +112,5 @@ def _lines(node: yaml.Node, prefix: str) -> Iterator[tuple[str, int]]:
 
 
 def _dots(key: str) -> list[int]:
-    """Return how many characters to cut from a key's end for the key itself and each of its groups."""
+    """Return the numbers of characters to remove from a key's end for the key itself and each of its groups."""
     return [0, *(len(key) - place for place, letter in enumerate(key) if letter == ".")]

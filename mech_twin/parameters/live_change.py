@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What changes at a time of the run: live parameters, command, supply, operating point; at once or along a ramp.
+"""Changes during a run: live parameters, command, supply, operating point; as a step or along a ramp.
 
 ::
 
     body.spring_rate_n_per_m=-20%@12      a live parameter, from 12 s on
-    motor.command=0.8@12                  the asked fraction of rated supply frequency
+    motor.command=0.8@12                  the requested fraction of rated supply frequency
     motor.torque_curve=single_phase@12    a line of an induction motor's supply opens
     supply_frequency=-4%@12..20           a variable of the operating point, along a ramp from 12 s to 20 s
-    bearing_friction=2@12                 a fault of the machine by its size, also of keys that are fixed in a run
+    bearing_friction=2@12                 a fault of the machine by its size, even if its keys are not live
 
-A sag is a change and its way back.  Shares are of the value before; those of faults and of an operating point of the
-healthy value.
+A sag is a change and a second one that reverses it.  Shares refer to the previous value; those of faults and of an
+operating point to the healthy value.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.roles import Machine
 
-COMMAND, TORQUE_CURVE = "motor.command", "motor.torque_curve"  # of the supply: no parameters of a running twin
-RAMP_STEP_S = 0.1  # of parameters along a ramp; a command follows at each step
+COMMAND, TORQUE_CURVE = "motor.command", "motor.torque_curve"  # properties of the supply, not live parameters
+RAMP_STEP_S = 0.1  # interval of parameter changes along a ramp; a command changes in each step
 MOST_RAMP_STEPS = 1000
 
 
 class LiveChange(NamedTuple):
-    """A change as it was asked for: a value, or a share of the value before, from a time on, whole at ``until_s``."""
+    """A requested change: a value, or a share of the previous one, from ``time_s`` on, complete at ``until_s``."""
 
     text: str
     key: str
@@ -55,12 +55,12 @@ class LiveChange(NamedTuple):
 def live_changes(texts: Iterable[str]) -> list[LiveChange]:
     """Return the changes written as ``KEY=VALUE@SECONDS`` or ``KEY=+-PERCENT%@SECONDS``, in order of time.
 
-    ``@BEGIN..END`` in place of ``@SECONDS`` is a ramp.
+    ``@BEGIN..END`` instead of ``@SECONDS`` is a ramp.
 
     Raises
     ------
     ConfigurationError
-        A text has another form.
+        A text does not have this form.
     """
     return sorted(map(_change, texts), key=lambda change: change.time_s)
 
@@ -85,7 +85,7 @@ def _change(text: str) -> LiveChange:
 
 
 class ChangingMachine:
-    """A machine whose live parameters change during the run; the changes are checked before it begins.
+    """A machine whose live parameters change during the run; the changes are validated before it starts.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class ChangingMachine:
     Raises
     ------
     ConfigurationError
-        A key is unknown, not live, or the value is refused.
+        A key is unknown or not live, or a value is rejected.
     """
 
     def __init__(self, machine: Machine, changes: Sequence[LiveChange]) -> None:
@@ -147,7 +147,7 @@ class ChangingMachine:
             self._machines.append((step, entry.build(parameters)))
 
     def _named_changes(self, entry: Entry) -> dict[str, MachineFault | OperatingVariable]:
-        """Return faults and variables of the operating point by name; a live key of the name goes before a fault."""
+        """Return faults and operating variables by name; a live key takes precedence over a fault."""
         healthy, told = self._machines[0][1].parameters, entry.capabilities
         faults = () if told.faults is None else told.faults(healthy)
         live = dict(live_numbers(healthy))
@@ -157,7 +157,7 @@ class ChangingMachine:
         return found | {each.name: each for each in (told.operating(healthy) if told.operating else ())}
 
     def command(self, step: int) -> float:
-        """Return the asked fraction of rated supply frequency at a step."""
+        """Return the requested fraction of rated supply frequency at a step."""
         now_s = step * self._step_s + 1e-9 * self._step_s
         before = (0.0, 1.0)
         for time_s, value in self._commands:
@@ -167,17 +167,17 @@ class ChangingMachine:
         return before[1]
 
     def at(self, step: int) -> Machine:
-        """Return the machine that computes this step; see `ConfigurationHistory.machine_at`."""
+        """Return the machine that computes a step; see `ConfigurationHistory.machine_at`."""
         return next(machine for since, machine in reversed(self._machines) if since <= step)
 
     @cached_property
     def revisions(self) -> tuple[tuple[int, Machine], ...]:
-        """The machines in force, each with the step from which it is."""
+        """The machines with their parameters, each with the step from which it is in force."""
         return tuple(self._machines)
 
 
 def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
-    """Return the size of a fault or the share of a variable that a change asks for."""
+    """Return the size of a fault or the share of a variable that a change requests."""
     unit = named.unit if isinstance(named, MachineFault) else "1"
     if unit == "1":
         if change.share is None:
@@ -189,7 +189,7 @@ def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
 
 
 def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float) -> Parameters:
-    """Return the parameters after a part of a change; ``done`` is 1 where it is whole."""
+    """Return the parameters after the share ``done`` of a change."""
     live = dict(live_numbers(parameters))
     motor = getattr(parameters, "motor", None)
     if isinstance(motor, InductionMotorParameters):
@@ -210,7 +210,7 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str, done: flo
 
 
 def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str) -> str:
-    """Return what is wrong with a key: it is no key, or none that may change; and which was probably meant."""
+    """Return the error text for a key that is unknown or not live, with a suggestion."""
     units, changing = key_units(model), sorted(live)
     if declared_key(key, units) in units:
         return f"'{key}' is fixed during a run; expected a live key of {machine}, one of {', '.join(changing)}"
@@ -219,7 +219,7 @@ def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: s
 
 
 def live_numbers(parameters: Parameters, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield each key that may change during a run, and its value."""
+    """Yield each live key, which may change during a run, and its value."""
     for name, field in type(parameters).model_fields.items():
         value, extra = getattr(parameters, name), field.json_schema_extra
         if isinstance(value, Parameters):

@@ -40,28 +40,28 @@ from mech_twin.parameters.yaml_text import document_of, refuse_aliases_and_tags,
 from mech_twin.roles import Machine
 
 SIZE_LIMIT_BYTES = 1_000_000
-LARGEST_COUNTER = 2**53  # a float64 holds it exactly
+LARGEST_COUNTER = 2**53  # largest exact integer range of a float64
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
 ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
-RUN_GROUP = "run"  # how a node is run, not what the machine is
+RUN_GROUP = "run"  # settings of the nodes, not of the machine
 PAGE = Entry("page", "planar machine of one's own from a page", kernels=150)
 PAGE_SUFFIXES = (".yaml", ".yml")
-PAGE_GROUPS = frozenset({"bodies", "joints"})  # by which a page without the head of a parameter file is known
+PAGE_GROUPS = frozenset({"bodies", "joints"})  # identify a page without the head of a parameter file
 
 
 def is_of_ros(key: str) -> bool:
-    """Return whether a parameter is every ROS node's, as a dumped parameter file holds it, and not the machine's."""
+    """Return whether a parameter is one of every ROS node, as in dumped parameter files, not of the machine."""
     return key.partition(".")[0] in ROS_KEYS
 
 
 def is_page(name: str) -> bool:
-    """Return whether a machine is named by the path of its page."""
+    """Return whether a machine name is the path of a page."""
     return isinstance(name, str) and name.endswith(PAGE_SUFFIXES)
 
 
 def catalogue_entry(name: str) -> Entry:
-    """Return the machine of this name, or that of a page where a path stands in its place.
+    """Return the machine of this name, or the page entry for the path of a page.
 
     Raises
     ------
@@ -81,17 +81,17 @@ def catalogue_entry(name: str) -> Entry:
 
 
 def kind_of(name: str) -> str:
-    """Return the name that a machine has in maps and bags: that of the catalogue, ``page`` of a page's path."""
+    """Return the name of a machine in maps and bags: that of the catalogue, or ``page`` for a page's path."""
     return PAGE.name if is_page(name) else name
 
 
 def machine_of_prefix(text: str) -> str:
-    """Return the name of the machine that alone begins so, ``mb10`` is ``mb10_breaker``; a page's path as it is.
+    """Return the machine whose name is the only one with this prefix; a page's path is returned unchanged.
 
     Raises
     ------
     ConfigurationError
-        If no machine begins so, or several do.
+        If no machine has this prefix, or several do.
     """
     if is_page(text):
         if not Path(text).is_file():
@@ -104,7 +104,7 @@ def machine_of_prefix(text: str) -> str:
 
 
 def configuration_directories() -> list[Path]:
-    """Return where configuration may be installed: source tree, colcon's or pip's share directory."""
+    """Return the possible directories of configurations: source tree, share directories of colcon and pip."""
     source = Path(__file__).resolve().parents[2] / "config"
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     installed = Path(__file__).resolve().parents[5] if len(Path(__file__).resolve().parents) > 5 else Path(sys.prefix)
@@ -113,12 +113,12 @@ def configuration_directories() -> list[Path]:
 
 
 def configuration_file(name: str) -> Path:
-    """Return the installed configuration file ``NAME.yaml``; a page is its own.
+    """Return the installed configuration file ``NAME.yaml``; for a page, its own path.
 
     Raises
     ------
     ConfigurationError
-        If no directory holds it.
+        If no directory contains it.
     """
     if is_page(name):
         return Path(name)
@@ -136,7 +136,7 @@ def file_tree(path: Path) -> dict[str, Any]:
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, is no YAML, or has not the form of a parameter file.
+        If the file cannot be read, is not YAML, or does not have the form of a parameter file.
     """
     return text_tree(configuration_text(path), str(path))
 
@@ -147,7 +147,7 @@ def configuration_text(path: Path) -> str:
     Raises
     ------
     ConfigurationError
-        If it cannot be read, is too large or no text.
+        If it cannot be read, is too large or not UTF-8 text.
     """
     try:
         with opened_input(path) as stream:
@@ -163,7 +163,7 @@ def configuration_text(path: Path) -> str:
 
 
 def text_tree(text: str, source: str) -> dict[str, Any]:
-    """Return the parameters of the text of a parameter file; ``source`` names it in errors."""
+    """Return the parameters in the text of a parameter file; ``source`` is its name in error messages."""
     document = _text_document(text, source)
     if isinstance(document, dict) and document.keys() >= PAGE_GROUPS:
         return document
@@ -180,12 +180,12 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
 
 
 def document_tree(path: Path) -> dict[str, Any]:
-    """Return a YAML file that is no parameter file, such as the map of a measurement, as a nested dictionary.
+    """Return a YAML file that is not a parameter file, such as a measurement map, as a nested dictionary.
 
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, is no YAML, or holds no keys.
+        If the file cannot be read, is not YAML, or has no keys.
     """
     document = _text_document(configuration_text(path), str(path))
     if not isinstance(document, dict):
@@ -197,18 +197,18 @@ def _text_document(text: str, source: str) -> Any:
     try:
         return document_of(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        said = str(error).replace('in "<unicode string>", line', "at line")  # the parser's name of a text
+        said = str(error).replace('in "<unicode string>", line', "at line")  # the parser's name for a string
         line = " ".join(said.split())[:300] or type(error).__name__
         raise ConfigurationError(f"{source}: not a valid YAML file: {line}") from error
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the overrides written as ``key.path=value``, values read as YAML scalars or lists.
+    """Return overrides written as ``key.path=value``, with values parsed as YAML scalars or lists.
 
     Raises
     ------
     ConfigurationError
-        If a text has no ``=`` or its value is no YAML.
+        If a text has no ``=`` or its value is not YAML.
     """
     flat = {}
     for text in texts:
@@ -233,12 +233,12 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
     path : Path, optional
         Configuration file; the installed ``NAME.yaml`` if absent.
     overrides : mapping, optional
-        Dotted keys and their values, laid over the file.
+        Dotted keys and values that override the file.
 
     Raises
     ------
     ConfigurationError
-        Naming file, key, value and what was expected.
+        If it is invalid; the message names file, key, value and what was expected.
     """
     entry, expected = catalogue_entry(name), "settings by dotted key, such as {'coupling.step_s': 0.001}"
     file, given = path or configuration_file(name), by_name("settings", overrides, expected)
@@ -249,7 +249,7 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
 
 
 def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Return the ``run`` group of a configuration: how its nodes are run, with overrides laid over the file."""
+    """Return the ``run`` group of a configuration: settings of its nodes, with overrides of the file."""
     tree = merged_tree(file_tree(path or configuration_file(name)), tree_from_flat(overrides or {}))
     group = tree.get(RUN_GROUP, {})
     if not isinstance(group, dict):
@@ -258,7 +258,7 @@ def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] 
 
 
 def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLines = no_lines) -> Parameters:
-    """Return the parameter model of a tree of values, or one line that says what is wrong with it and where."""
+    """Return the validated parameter model of a tree of values; raise a ConfigurationError of one line."""
     values = {key: value for key, value in tree.items() if not is_of_ros(key)}
     values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
@@ -273,7 +273,7 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
 
 
 def configuration_read(name: str, tree: Mapping[str, Any], source: str) -> Parameters:
-    """Return the parameters of a machine whose tree was read from JSON; see `validated`."""
+    """Return the validated parameters of a machine from a tree read from JSON; see `validated`."""
     return validated(catalogue_entry(name), tree_from_json(tree), source)
 
 
@@ -289,9 +289,9 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
 def description_text(
     name: str, parameters: Parameters, revision: int = 0, from_step: int = 0, source: float | None = None
 ) -> str:
-    """Return the full configuration as a parameter file that says which machine, and from which step it holds.
+    """Return the full configuration as a parameter file with the machine's name and the step from which it is valid.
 
-    ``source`` is the number the describing node signs its step messages with, if it does.
+    ``source`` is the number that the describing node puts into its step messages, if any.
     """
     head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
     head |= {} if source is None else {"source": int(source)}
@@ -300,12 +300,12 @@ def description_text(
 
 
 def table(name: str) -> dict[str, Any]:
-    """Return an installed table that is no machine's configuration, such as the motors of a catalogue."""
+    """Return an installed table that is not a machine's configuration, such as the motor catalogue."""
     return dict(yaml.safe_load(configuration_file(name).read_text(encoding="utf-8")))
 
 
 class Description(NamedTuple):
-    """A described configuration: which machine, which parameters, and from which step they hold."""
+    """Configuration in a description: machine, parameters, and the step from which they are valid."""
 
     machine: str
     version: str
@@ -316,12 +316,12 @@ class Description(NamedTuple):
 
 
 def description(text: str, source: str = "description") -> Description:
-    """Return the configuration a run or a bag describes itself with.
+    """Return the configuration in the description of a run or a bag.
 
     Raises
     ------
     ConfigurationError
-        If the text is no description, or its parameters do not validate.
+        If the text is not a description, or its parameters are invalid.
     """
     tree = text_tree(text, source)
     head = _text_document(text, source)

@@ -28,17 +28,17 @@ def motor_table(file: Path) -> dict[str, dict[str, float]]:
 
 @lru_cache(maxsize=4)
 def _parsed(text: str) -> Any:
-    """Return what a table says; one that did not change is not read again for every configuration of a study."""
+    """Return the parsed table, cached so that a study does not parse the same text for every configuration."""
     return yaml.safe_load(text)
 
 
 def with_catalogue_motor(tree: Mapping[str, Any], file: Path, source: str) -> dict[str, Any]:
-    """Return the tree with the data of the motor it names under ``motor.catalogue_name`` filled in.
+    """Return the tree with the data of the motor named in ``motor.catalogue_name`` added.
 
     Raises
     ------
     ConfigurationError
-        If the table has no such motor, or the tree gives a value of its own that is not the table's.
+        If the table has no such motor, or the tree has a value that differs from the table's.
     """
     motor = tree.get("motor")
     if not isinstance(motor, dict) or not isinstance(motor.get(NAME_KEY), str):

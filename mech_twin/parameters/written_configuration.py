@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration that a study chose, written as the file it was derived from: with its comments, and what changed."""
+"""Writes the configuration chosen by a study into a copy of its base file: comments are kept, changes are marked."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ MOTOR = "motor"
 
 
 class TextPlace(NamedTuple):
-    """Where a value stands in a text, or, of no length, where a line may be inserted before the first of a group.
+    """Position of a value in a text, or, if empty, where a line can be inserted at the start of a group.
 
-    ``flow`` is whether the group stands in braces, where a comment would end the line.
+    ``flow`` is true if the group is in braces, where a comment is not possible.
     """
 
     begin: int
@@ -45,20 +45,20 @@ class TextPlace(NamedTuple):
 def write_configuration(
     name: str, parameters: Parameters, path: Path, base: Path | None = None, notes: Sequence[str] = ()
 ) -> None:
-    """Write the parameter file of a machine, which ``run`` and ``simulate`` take, over what is there.
+    """Write the parameter file of a machine for ``run`` and ``simulate``; an existing file is replaced.
 
     Parameters
     ----------
     name : str
         Machine of the catalogue.
     parameters : Parameters
-        Its configuration.
+        Configuration of the machine.
     path : Path
         File to write.
     base : Path, optional
         File that the configuration was derived from; the installed one if absent.  Its comments are kept.
     notes : sequence of str
-        Lines for the head: command, objective, seed.
+        Comment lines for the head: command, objective, seed.
     """
     text = configured_text(name, parameters, base or configuration_file(name), notes)
     with written_file(path, force=True) as unfinished:
@@ -66,9 +66,9 @@ def write_configuration(
 
 
 def configured_text(name: str, parameters: Parameters, base: Path, notes: Iterable[str] = ()) -> str:
-    """Return the text of ``base`` with the values of these parameters; what changed says what it was.
+    """Return the text of ``base`` with the values of these parameters; comments give the previous values.
 
-    A configuration that cannot be written so - of another form than its base - is written without comments.
+    A configuration whose structure differs from the base is written without comments.
     """
     head = "".join(f"# {line}\n" for line in (f"{name}, written by mech-twin {__version__}", *notes))
     text = configuration_text(base)
@@ -84,7 +84,7 @@ def _reads_as(text: str, name: str, parameters: Parameters) -> bool:
 
 
 def _with_values(name: str, text: str, parameters: Parameters, source: str) -> str:
-    """Return the text with each changed value in place, from its end to its beginning, so that places stay right."""
+    """Return the text with the changed values, replaced from the end so that positions stay valid."""
     before = dict(_flat(configuration_tree(validated(catalogue_entry(name), text_tree(text, source), source))))
     wanted = dict(_flat(configuration_tree(parameters)))
     wanted |= {} if is_page(name) else {MACHINE_KEY: name}
@@ -100,12 +100,12 @@ def _with_values(name: str, text: str, parameters: Parameters, source: str) -> s
 
 
 def _of_catalogue(key: str, wanted: Mapping[str, Any]) -> bool:
-    """Return whether a motor's value follows from the name of the motor."""
+    """Return whether a key is a motor value that the motor's catalogue name determines."""
     return key.startswith(f"{MOTOR}.") and f"{MOTOR}.{NAME_KEY}" in wanted
 
 
 def _replacing(text: str, place: TextPlace, value: Any) -> str:
-    """Return a value and, at the beginning of the comment beside it, what stood there before."""
+    """Return a value, followed by the previous value at the start of the comment beside it."""
     before = text[place.begin : place.end].strip()
     return _shown(value) if place.flow else f"{_shown(value)}  # was {before};"
 
@@ -116,7 +116,7 @@ def _line(values: Mapping[str, Any], place: TextPlace) -> str:
 
 
 def _by_group(new: Mapping[str, Any], groups: Mapping[str, TextPlace]) -> dict[str, dict[str, Any]]:
-    """Return values without a line by the innermost group that has one, below it as a tree."""
+    """Return values without a line as trees, by the innermost group that has a line."""
     found: dict[str, dict[str, Any]] = {}
     for key, value in new.items():
         parts = key.split(".")
@@ -137,7 +137,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def _places(text: str) -> tuple[dict[str, TextPlace], dict[str, TextPlace]]:
-    """Return where each value stands by its dotted key, and the beginning of each group by its key."""
+    """Return the position of each value by its dotted key, and the start of each group by its key."""
     values: dict[str, TextPlace] = {}
     groups: dict[str, TextPlace] = {}
     document = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -151,9 +151,9 @@ def _places(text: str) -> tuple[dict[str, TextPlace], dict[str, TextPlace]]:
 
 
 def _find(node: yaml.MappingNode, path: str, values: dict[str, TextPlace], groups: dict[str, TextPlace]) -> None:
-    """Enter the places of a group and of all below it."""
+    """Add the positions of a group and of all its descendants."""
     start, flow = node.start_mark, bool(node.flow_style)
-    behind = start.index + flow  # the brace
+    behind = start.index + flow  # skips the brace
     groups.setdefault(path, TextPlace(behind, behind, start.column, flow))
     for key, value in node.value:
         below = f"{path}.{key.value}" if path else str(key.value)

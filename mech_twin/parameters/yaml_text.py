@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""YAML as a parameter file may hold it: no alias, no tag, no key twice, and numbers as ROS 2 reads them."""
+"""YAML as allowed in a parameter file: no aliases, tags or repeated keys; numbers as ROS 2 parses them."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from typing import Any
 import yaml
 
 DEPTH_LIMIT = 20
-LARGEST_BITS, LONGEST_NUMBER = 1023, 1100  # of a whole number, binary; letters of any
+LARGEST_BITS, LONGEST_NUMBER = 1023, 1100  # largest bits of an integer; largest length of any number as text
 
 
 def document_of(text: str) -> Any:
-    """Return what a text says, one's own to change.
+    """Return the parsed text as a copy that the caller may change.
 
     Raises
     ------
     yaml.YAMLError, ValueError, RecursionError
-        It cannot be read, or holds what a parameter file may not.
+        It cannot be parsed, or contains what a parameter file may not.
     """
     return deepcopy(_parsed(text))
 
 
 @lru_cache(maxsize=8)
 def _parsed(text: str) -> Any:
-    """Return what a text says; one that did not change is not read again for every member of a batch."""
+    """Return the parsed text, cached so that a batch does not parse the same text for every member."""
     refuse_aliases_and_tags(text)
     return yaml.load(text, Loader=_UniqueKeyLoader)
 
 
 class NumberLoader(yaml.SafeLoader):
-    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as YAML 1.2 and ROS 2 do; YAML 1.1 has them as words."""
+    """A safe loader that reads 1e-3, 1e5 and inf as numbers, as in YAML 1.2 and ROS 2; in YAML 1.1 they are strings."""
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
-        """Return a whole number that a float64 can hold; others can be computed with but not be told in decimals."""
+        """Return an integer in the range of a float64; raise a ConstructorError for a larger one."""
         number = int(super().construct_yaml_int(node)) if len(node.value) <= LONGEST_NUMBER else 0
         if len(node.value) > LONGEST_NUMBER or number.bit_length() > LARGEST_BITS:
             raise yaml.constructor.ConstructorError(None, None, "a number beyond 1e308", node.start_mark)
         return number
 
     def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
-        """Return a number; YAML counts in sixties where it has colons, and may come to one that is too large."""
+        """Return a float, infinite if too large; YAML 1.1 allows sexagesimal numbers with colons."""
         try:
             return float(super().construct_yaml_float(node)) if len(node.value) <= LONGEST_NUMBER else math.inf
         except OverflowError:
@@ -64,7 +64,7 @@ NumberLoader.add_implicit_resolver(
 
 
 class _UniqueKeyLoader(NumberLoader):
-    """A loader that refuses a key given twice."""
+    """A loader that rejects a repeated key."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
@@ -79,7 +79,7 @@ class _UniqueKeyLoader(NumberLoader):
 
 
 def refuse_aliases_and_tags(text: str) -> None:
-    """Refuse a text with an alias or a tag, or nested too deep."""
+    """Raise a YAMLError for a text with an alias or a tag, or nested too deeply."""
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         if isinstance(event, yaml.AliasEvent):

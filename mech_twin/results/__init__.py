@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results as Python objects, from a run, a file, or what a verb printed."""
+"""Results as Python objects, from a run, a file, or the output of a verb."""

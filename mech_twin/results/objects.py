@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Results as Python objects: runs, analyses, sizes and comparisons, with their numbers, frames and pictures."""
+"""Results as Python objects: runs, analyses, sizes and comparisons, with numbers, data frames and figures."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class Run:
     parameters : Parameters
         The validated configuration.
     summary : Numbers
-        Closed-form numbers of a cycle and those of the run.
+        Closed-form numbers of a cycle and metrics of the run.
     samples : Columns
-        Every number of every step.
+        All columns at every step.
     events : tuple of Event
         Impacts and changes of state in order of time, at their exact times.
     residuals : dict of Residual
-        The worst of each residual and its limit; ``broken`` where the limit is exceeded.
+        Worst value of each residual, and its limit; ``broken`` if the limit is exceeded.
     remarks : tuple of str
-        What limits the numbers: where they go beyond what the model holds for.
+        Remarks on results outside the validity of the model.
     """
 
     machine: str
@@ -62,14 +62,14 @@ class Run:
 
     @cached_property
     def in_shorter_steps(self) -> Numbers:
-        """The numbers of the run once more in shorter coupling steps, computed when they are first asked for.
+        """Metrics of the run repeated with shorter coupling steps, computed at the first access.
 
-        Digits that both runs have do not depend on the step; see `digits`.
+        Digits that agree do not depend on the step; see `digits`.
 
         Raises
         ------
         StudyError
-            The run holds no samples, no shorter step is allowed, or the run in it ends with an error.
+            The run has no samples, no shorter step is allowed, or the run with it fails.
         """
         from mech_twin.parameters.load import catalogue_entry
         from mech_twin.studies.shorter_steps import checked_numbers
@@ -83,17 +83,17 @@ class Run:
 
     @property
     def digits(self) -> dict[str, Any]:
-        """Every number in the digits that shorter steps leave as they are; both numbers where those are few."""
+        """Every number with the digits that do not depend on the step; both numbers if these are too few."""
         from mech_twin.studies.shorter_steps import told
 
         return {name: told(name, value, self.in_shorter_steps) for name, value in self.summary.items()}
 
     def plot(self, *names: str) -> Figure:
-        """Return a picture of samples over time; see `Columns.plot`."""
+        """Return a figure of samples over time; see `Columns.plot`."""
         return self.samples.plot(*names)
 
     def named(self, label: str) -> ComparedRun:
-        """Return the run as one of the sides of a comparison."""
+        """Return the run as one side of a comparison."""
         from mech_twin.studies.run_comparison import ComparedRun
 
         broken = tuple(name for name, residual in self.residuals.items() if residual.broken)
@@ -108,9 +108,9 @@ class Run:
 
 @dataclass(frozen=True, repr=False)
 class RunComparison:
-    """What differs between two runs; ``found`` has settings, numbers, and those beyond the tolerance.
+    """Differences of two runs; ``found`` has settings, numbers, and those beyond the tolerance.
 
-    ``sides`` are the two runs, none where the comparison was read from a document.
+    ``sides`` are the two runs; empty if the comparison was read from a document.
     """
 
     found: Comparison
@@ -123,7 +123,7 @@ class RunComparison:
         return "\n".join([f"{found.machine}: {' and '.join(found.labels)}", *settings, apart])
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return every number of both sides and how far they are apart, by name; needs the extra 'pandas'."""
+        """Return every number of both sides and its relative difference, by name; needs the extra 'pandas'."""
         require_extra("pandas")
         import pandas as pd
 
@@ -132,7 +132,7 @@ class RunComparison:
         return pd.DataFrame(rows, index=index, columns=[*self.found.labels, "relative"])
 
     def plot(self, panels: int = 6) -> Figure:
-        """Return a picture of the columns that differ most, the two runs over each other."""
+        """Return a figure of the columns that differ most, both runs in each panel."""
         from mech_twin.studies.run_comparison import columns_apart, drawn_side_by_side
 
         if not self.sides:
@@ -157,13 +157,13 @@ class Analysis:
         return f"{self.summary!r}\n{self.cycle!r}"
 
     def plot(self, *names: str) -> Figure:
-        """Return a picture of the cycle over the crank angle; see `Columns.plot`."""
+        """Return a figure of the cycle over the crank angle; see `Columns.plot`."""
         return self.cycle.plot(*names)
 
 
 @dataclass(frozen=True, repr=False)
 class SizingResult(Sizing):
-    """Sizes of a machine's parts: besides the answer itself (`Sizing`) as frames and a picture."""
+    """Sizes of a machine's parts (`Sizing`), exportable as a data frame and a figure."""
 
     def __repr__(self) -> str:
         return f"{Numbers(f'{self.machine}: least {self.objective}', self.sizes)!r}\nbinding: {self.binding}"
@@ -174,12 +174,12 @@ class SizingResult(Sizing):
 
     @property
     def around(self) -> Columns:
-        """What the numbers do around the choice.
+        """Metrics at other choices near the result.
 
         Raises
         ------
         StudyError
-            If the machine's answer tells nothing of it.
+            If the sizing has no trade-off.
         """
         if not self.trade_off:
             raise StudyError(f"{self.machine}: nothing is told of other choices than the one that was found")
@@ -188,10 +188,10 @@ class SizingResult(Sizing):
         return Columns(f"{self.machine}: around the choice", names[0], rows)
 
     def plot(self, *names: str) -> Figure:
-        """Return a picture of the numbers around the choice; see `Columns.plot`."""
+        """Return a figure of the metrics near the result; see `Columns.plot`."""
         return self.around.plot(*names)
 
 
 def with_pictures(found: Sizing) -> SizingResult:
-    """Return sizes as a result that is shown."""
+    """Return sizes as a result with export functions."""
     return SizingResult(**{field.name: getattr(found, field.name) for field in fields(found)})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of a measurement opened by their path, bags and tables alike, and maps read by the columns of their machine."""
+"""Opens runs of a measurement by path, bags and tables alike; reads maps and checks them against the machine."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class BagRun:
         self._topics = topics
 
     def offered(self) -> list[SourceColumn]:
-        """Return every number in the messages of the known types."""
+        """Return the source of every number in messages of known types."""
         found = [Source(topic=item.topic, joint=item.joint, field=item.field) for item in self._topics.fields()]
         return [SourceColumn(source, None) for source in found]
 
     def proposed_time(self) -> TimeSource:
-        """Return the stamps in the headers."""
+        """Return the stamps in the message headers."""
         return TimeSource(stamps="header")
 
     def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
@@ -46,12 +46,12 @@ class BagRun:
 
 
 def topic_field(source: Source, where: str) -> TopicField:
-    """Return the field of a topic that a channel stands in.
+    """Return the topic field that is the source of a channel.
 
     Raises
     ------
     MeasurementError
-        Its source is a column of a table alone.
+        The source is only a column of a table.
     """
     from mech_twin.recording.measured_topics import TopicField
 
@@ -81,12 +81,12 @@ def columns_of(name: str) -> Mapping[str, str]:
 
 
 def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
-    """Return the map of a file, checked against the machine it names: the configured one, else as it is installed.
+    """Return the map in a file, checked against the configured machine, or the installed one named in the map.
 
     Raises
     ------
     MeasurementError
-        It is of another machine than the configured one.
+        The map is for another machine than the configured one.
     """
     if configured is None:
         return read_map(path, columns_of)
@@ -98,5 +98,5 @@ def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
 
 
 def configured_map(path: Path, config: Path | None) -> MeasurementMap:
-    """Return the map of a file, checked against the machine it names as a configuration file has it."""
+    """Return the map in a file, checked against its machine with the given configuration file."""
     return read_map(path, lambda name: machine_columns(built_machine(name, config)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What verbs print with ``--json`` for which Python has no function: a class each, with the keys as attributes."""
+"""JSON documents of verbs without a Python function: one class each, with the keys as attributes."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from mech_twin.studies.monitoring.report import Alarm
 
 @dataclass(frozen=True, kw_only=True)
 class PrintedDocument:
-    """A document, or a part of one: it has these keys and no others."""
+    """A document, or a part of one: exactly these keys are allowed."""
 
     __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunReport(PrintedDocument):
-    """`run`: what nodes computed, and what they sent and the recorder wrote."""
+    """Document of `run`: results of the nodes, messages sent and messages recorded."""
 
     machine: str
     config: Mapping[str, Any]
@@ -48,7 +48,7 @@ class RunReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class RecomputedSample(PrintedDocument):
-    """The first sample in which a recording and the run computed again part."""
+    """The first sample that differs between a recording and its recomputation."""
 
     topic: str
     step: int
@@ -60,7 +60,7 @@ class RecomputedSample(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class RecomputedReport(PrintedDocument):
-    """`replay --analyse` or ``--resimulate``; ``identical`` is None where that is not certain."""
+    """Document of `replay --analyse` or ``--resimulate``; ``identical`` is None if it is not certain."""
 
     bag: Path
     recorded_with: tuple[str, ...]
@@ -80,7 +80,7 @@ class RecomputedReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredForcesReport(PrintedDocument):
-    """`replay --analyse --map`: the largest forces of a measured motion, and its channels beside the model."""
+    """Document of `replay --analyse --map`: largest forces of a measured motion, channels compared with the model."""
 
     measurement: Path
     machine: str
@@ -112,7 +112,7 @@ class RecordingFile(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingReport(PrintedDocument):
-    """`info`: what a recording holds."""
+    """Document of `info`: contents of a recording."""
 
     bag: Path
     machine: str | None
@@ -128,7 +128,7 @@ class RecordingReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class ExaminedChannel(PrintedDocument):
-    """A channel of a measurement by its map, and what its samples are worth, in its own unit."""
+    """A channel of a measurement by its map, and the quality of its samples, in its own unit."""
 
     source: Source
     quantity: Annotated[str, Field(alias="is")]
@@ -152,7 +152,7 @@ class ExaminedChannel(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class ExaminedReport(PrintedDocument):
-    """`info --map`: the quality of each channel, and what contradicts the map."""
+    """Document of `info --map`: quality of each channel, and contradictions to the map."""
 
     measurement: Path
     machine: str
@@ -170,7 +170,7 @@ class ExaminedRun(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class MapReport(ExaminedReport):
-    """`map`: the text of the map that is proposed, and the quality of each channel in each run."""
+    """Document of `map`: text of the proposed map, and quality of each channel in each run."""
 
     map: str
     runs: tuple[ExaminedRun, ...]
@@ -178,7 +178,7 @@ class MapReport(ExaminedReport):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedJoint(PrintedDocument):
-    """A joint of a page at the start."""
+    """State of a page's joint at the start."""
 
     joint: str
     kind: str
@@ -189,7 +189,7 @@ class CheckedJoint(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedContact(PrintedDocument):
-    """A contact of a page at the start."""
+    """State of a page's contact at the start."""
 
     contact: str
     state: str
@@ -199,7 +199,7 @@ class CheckedContact(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckReport(PrintedDocument):
-    """`check`, and `info` of a page: what a page amounts to."""
+    """Document of `check`, and of `info` for a page: derived numbers, joints, contacts and masses of a page."""
 
     page: str
     numbers: Mapping[str, Any]
@@ -211,7 +211,7 @@ class CheckReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class FmuReport(PrintedDocument):
-    """`export fmu`: the unit that was written, and what an importer sees of it."""
+    """Document of `export fmu`: the written unit, and its variables for an importer."""
 
     machine: str
     file: Path
@@ -224,7 +224,7 @@ class FmuReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class BouncingRun(PrintedDocument):
-    """The restitution that one run shows."""
+    """Restitution from one run."""
 
     run: Path
     column: str
@@ -236,7 +236,7 @@ class BouncingRun(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class BouncesReport(PrintedDocument):
-    """`identify` from bounces."""
+    """Document of `identify` from bounces."""
 
     machine: str
     parameters: tuple[KeyVerdict, ...]
@@ -247,7 +247,7 @@ class BouncesReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class FittedChannel(PrintedDocument):
-    """How well a channel is foretold in the runs that were fitted (percent)."""
+    """Fit of a channel over the fitted runs (percent)."""
 
     quantity: Annotated[str, Field(alias="is")]
     fit_percent: float
@@ -255,7 +255,7 @@ class FittedChannel(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutRun(PrintedDocument):
-    """The run that was left out of the fit, and its scores."""
+    """The held-out run and its scores."""
 
     run: Path
     scores: tuple[HeldOut, ...]
@@ -263,7 +263,7 @@ class HeldOutRun(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class LengthsReport(PrintedDocument):
-    """`identify` in the measured motion of the crank."""
+    """Document of `identify` for lengths, from the measured motion of the crank."""
 
     machine: str
     parameters: tuple[KeyVerdict, ...]
@@ -276,7 +276,7 @@ class LengthsReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanReport(PrintedDocument):
-    """`identify --plan`: which keys given sensors would find, and what would help."""
+    """Document of `identify --plan`: keys that given sensors would identify, and what would help."""
 
     machine: str
     parameters: tuple[KeyVerdict, ...]
@@ -286,7 +286,7 @@ class PlanReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineFeature(PrintedDocument):
-    """A feature in the healthy cycles."""
+    """Statistics of a feature in the healthy cycles."""
 
     name: str
     unit: str
@@ -296,7 +296,7 @@ class BaselineFeature(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineCycles(PrintedDocument):
-    """The healthy cycles: how many, the order of their autoregression, their length."""
+    """The healthy cycles: number, order of the autoregression, mean duration."""
 
     cycles: int
     order: int
@@ -305,7 +305,7 @@ class BaselineCycles(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class SetupReport(PrintedDocument):
-    """The reference of a monitor."""
+    """The setup of a monitor."""
 
     machine: str
     features: tuple[BaselineFeature, ...]
@@ -318,7 +318,7 @@ class SetupReport(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class MonitoredRun(PrintedDocument):
-    """What a monitor says of a run."""
+    """Result of a monitor for one run."""
 
     run: Path
     cycles: int
@@ -332,14 +332,14 @@ class MonitoredRun(PrintedDocument):
 
 @dataclass(frozen=True, kw_only=True)
 class MonitorReport(SetupReport):
-    """`monitor`: what was found in each run."""
+    """Document of `monitor`: results of each run."""
 
     runs: tuple[MonitoredRun, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorSetReport(SetupReport):
-    """`monitor --design`: what a sensor set would find, and the share of a row's fault that a column's leaves open."""
+    """Document of `monitor --design`: detectable faults, and share of row fault that column fault cannot explain."""
 
     faults: tuple[FaultDesign, ...]
     isolability: Mapping[str, Mapping[str, float]]
@@ -347,7 +347,7 @@ class SensorSetReport(SetupReport):
 
 @dataclass(frozen=True, kw_only=True)
 class ShadowReport(PrintedDocument):
-    """`shadow`: its last values, what it sent, and the recordings of faults."""
+    """Document of `shadow`: last values, numbers of messages sent, and recordings of faults."""
 
     machine: str
     values: Mapping[str, str]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a verb printed with ``--json``, as the object that Python returns for the same question."""
+"""Converts a document printed with ``--json`` to the object that the Python function returns."""
 
 from __future__ import annotations
 
@@ -64,22 +64,22 @@ if TYPE_CHECKING:
 
 
 Read = TypeVar("Read")
-STRICT = "__pydantic_config__"  # of a type that says itself which further keys it takes
+STRICT = "__pydantic_config__"  # attribute of a type that itself rejects unknown keys
 
 
 def read_as(kind: type[Read], document: Any) -> Read:
-    """Return a document as a dataclass or a named tuple, and what is in it likewise.
+    """Return a document as a dataclass or named tuple, nested ones included.
 
     Raises
     ------
     ValidationError
-        Naming every key that is not as the type says.
+        If keys do not match the type; the message names each.
     """
     return TypeAdapter(kind).validate_python(_filled(kind, document))
 
 
 def _filled(kind: Any, value: Any, absent: float = nan) -> Any:
-    """Return a value with ``absent`` for a null that is no number, without what a type does not have."""
+    """Return a value with ``absent`` for null, and without keys that the type does not have."""
     inside = get_args(kind)
     if kind is float:
         return absent if value is None else value
@@ -102,7 +102,7 @@ Document = Mapping[str, Any]
 
 
 class KnownDocument(NamedTuple):
-    """A kind of document: the verb that prints it, the keys by which it is known, and what it is in Python."""
+    """A kind of document: its verb, the keys that identify it, and the function that converts it."""
 
     verb: str
     keys: frozenset[str]
@@ -110,20 +110,20 @@ class KnownDocument(NamedTuple):
 
 
 def printed(verb: str, model: type[PrintedDocument]) -> KnownDocument:
-    """Return a kind of document that is an object of its own, known by the keys that it cannot be without."""
+    """Return a kind of document that has its own class, identified by its required keys."""
     keys = (field.name for field in fields(model) if field.default is MISSING)
     return KnownDocument(verb, frozenset(keys), partial(read_as, model))
 
 
 def from_document(text: str, source: str) -> Any:
-    """Return what the text of a document is in Python.
+    """Return the Python object for the text of a document.
 
     Raises
     ------
     StudyError
-        It is no JSON, or of a verb that has no object.
+        The text is not JSON, or the document is of no known kind.
     ConfigurationError
-        The configuration in it does not validate.
+        Its configuration is invalid.
     """
     try:
         document = json.loads(text)
@@ -147,7 +147,7 @@ def _parameters(document: Document) -> Parameters:
 
 
 def _numbers(title: str, values: Document) -> Numbers:
-    """Return numbers; one that was not finite is written as null."""
+    """Return numbers from a document, where null stands for one that is not finite."""
     return Numbers(title, {name: nan if value is None else value for name, value in values.items()})
 
 

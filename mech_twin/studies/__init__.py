@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Questions asked of a machine, under the names they have on the command line.
+"""Studies of a machine, under their names on the command line.
 
-Each function imports what it needs when it is called, so that naming one costs nothing.
+Each function imports its modules when it is called, so that importing this package is fast.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 
 def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
-    """Return every published number beside the computed one.
+    """Return every published number with the computed one.
 
     Parameters
     ----------
     machine : str, optional
-        Machine of the catalogue; all of them if absent, rows that contradict themselves first.
+        Machine of the catalogue; all of them if absent, rows of sources that contradict themselves first.
     parameters : Parameters, optional
-        What to compute one machine's rows from; its installed configuration if absent.
+        Configuration of that one machine; the installed one if absent.
     """
     from mech_twin.studies.reproduction import all_rows, machine_rows
 
@@ -36,16 +36,16 @@ def reproduce(machine: str | None = None, parameters: Parameters | None = None) 
 
 
 def draw_figures(machine: str, directory: Path, parameters: Parameters | None = None) -> list[Path]:
-    """Return the files of a machine's published figures, drawn anew: an SVG and a PNG each.
+    """Draw a machine's published figures; return the files, an SVG and a PNG each.
 
     Parameters
     ----------
     machine : str
         Machine of the catalogue.
     directory : Path
-        Where to write; made if absent.
+        Output directory; created if missing.
     parameters : Parameters, optional
-        What to draw from; the installed configuration if absent.
+        Configuration of the machine; the installed one if absent.
     """
     from mech_twin.studies.plots import machine_figures
 
@@ -65,9 +65,9 @@ def sweep(
     picture: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
-    """Return the summary numbers of a machine over a grid of configuration keys, written as a table and a picture.
+    """Compute the summary numbers of a machine over a grid of configuration keys; write a table and a plot.
 
-    An interrupted sweep goes on where it stopped when it is asked again with the same table.
+    An interrupted sweep continues where it stopped if it is called again with the same table.
 
     Parameters
     ----------
@@ -80,15 +80,15 @@ def sweep(
     parameters : Parameters, optional
         The rest of the configuration; the installed one if absent.
     outputs : sequence of str
-        Names of the summary numbers wanted; all if empty.
+        Names of the requested summary numbers; all if empty.
     duration_s : float
-        Seconds to simulate at each point, whose metrics join the summary; 0 for the report alone.
+        Simulated time at each point, whose metrics are added to the summary; 0 for the report alone.
     cores : int, optional
         Processes to spread over; all cores if absent.
     scheduler : str, optional
-        Address of a Dask scheduler to spread over instead.
+        Address of a Dask scheduler to use instead.
     picture : bool
-        Whether to draw the table.
+        Whether to plot the table.
     progress : callable, optional
         ``progress(done, all)``.
     """
@@ -108,7 +108,7 @@ def size(
     objective: str | None = None,
     tolerance: float | None = None,
 ) -> Sizing:
-    """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
+    """Return the sizes of a machine's parts, the resulting configuration, and the active constraint.
 
     Breaker: spring and preload.  Press: flywheel.  Vibration crank: counterweight and balancing fraction.  Roller
     former: motor, stiffness and damping.
@@ -122,9 +122,9 @@ def size(
     limits : mapping, optional
         Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in `each machine`).
     objective : str, optional
-        What to make small; the first of the machine's ``OBJECTIVES`` if absent.
+        Objective to minimise; the first of the machine's ``OBJECTIVES`` if absent.
     tolerance : float, optional
-        Relative tolerance of what is assumed, over which the limits must hold in the worst case; the machine's usual
+        Relative tolerance of the assumed values for which the limits must hold in the worst case; the machine's usual
         one if absent, 0 for the machine exactly as configured.
     """
     from mech_twin.studies.sizing import sized
@@ -149,15 +149,15 @@ def search(
     machine : str
         Machine of the catalogue that has a design question.
     objectives : sequence of str
-        Of the machine's; its usual one if empty.
+        Objectives of the machine; its usual one if empty.
     parameters : Parameters, optional
-        Configuration that is designed: all but the variables is taken from it; the installed one if absent.
+        Configuration for all values but the design variables; the installed one if absent.
     bounds, limits : mapping, optional
         Bounds of variables and limits of constraints that differ from the usual ones, by name.
     seed : int
         Seed of scan and optimiser.
     points : int
-        Directions of the front that are refined, besides one per objective.
+        Directions of the Pareto front that are refined, besides one per objective.
     """
     from mech_twin.parameters.load import machine_parameters
     from mech_twin.studies.design_scan import asked_objectives, design_question
@@ -180,22 +180,22 @@ def search_runs(
     seed: int = 1,
     cores: int | None = None,
 ) -> Design:
-    """Return the best design of any machine by its report and its runs; the same for the same seed.
+    """Return the best design of any machine by its report and simulated runs; the same for the same seed.
 
     Parameters
     ----------
     machine : str
         Machine of the catalogue, or the path of a page.
     objective : str
-        Number of the report or of a run that is made small; ``-`` before it: large.
+        Number of the report or of a run to minimise; with ``-`` before it, to maximise.
     bounds : mapping
-        Least and largest value of each key that is chosen.
+        Lower and upper bound of each design key.
     parameters : Parameters, optional
         The rest of the configuration; the installed one if absent.
     limits : mapping, optional
-        Least and largest value of numbers; infinite where there is none.
+        Lower and upper limits of numbers; infinite for none.
     duration_s : float
-        Seconds to simulate each design; 0 for the report alone.
+        Simulated time of each design; 0 for the report alone.
     seed : int
         Seed of the scan.
     cores : int, optional
@@ -228,13 +228,13 @@ def designs(
     machine : str
         Machine of the catalogue that has a design question.
     count : int
-        Designs to draw.
+        Number of random designs.
     parameters : Parameters, optional
         Configuration that is designed; the installed one if absent.
     bounds, limits : mapping, optional
         Bounds of variables and limits of constraints that differ from the usual ones, by name.
     seed : int
-        Seed; who computes a design does not matter to it.
+        Seed; the result does not depend on where a design is computed.
     cores : int, optional
         Cores of this machine; all if absent.
     scheduler : str, optional
@@ -266,25 +266,25 @@ def synthesise(
     options: Mapping[str, float | int] | None = None,
     periods: int = 1_000_000,
 ) -> SynthesisAnswer:
-    """Return the published cycle of a machine and a robust one for the same asked cycle, side by side.
+    """Return the published cycle of a machine and a robust one for the same impact speed, side by side.
 
     Parameters
     ----------
     machine : str
         Machine of the catalogue whose cycle can be synthesised.
     impact_speed_m_per_s : float
-        Wanted speed of the blow.
+        Required impact speed.
     parameters : Parameters, optional
-        What the cycle does not choose; the installed configuration if absent.
+        Configuration for all values that the synthesis does not choose; the installed one if absent.
     options : mapping, optional
-        What is asked of the robust cycle, where it differs from the usual.
+        Requirements for the robust cycle that differ from the usual ones.
     periods : int
-        How long the endurance runs are.
+        Length of the endurance runs, in periods.
 
     Raises
     ------
     StudyError
-        If the number of periods or of starts is out of its range, or there is no such cycle.
+        If the number of periods or of starts is out of range, or there is no such cycle.
     """
     from mech_twin.capabilities.long_run import MOST_ENDURANCE_PERIODS, MOST_STARTS
     from mech_twin.parameters.load import machine_parameters
@@ -306,7 +306,7 @@ def regimes(
     settling_periods: int = 1000,
     progress: Callable[[int, int], None] | None = None,
 ) -> RegimeAnswer:
-    """Return the long-run regimes of a machine over the values of one configuration key.
+    """Return the steady-state regimes of a machine over the values of one configuration key.
 
     Parameters
     ----------
@@ -319,14 +319,14 @@ def regimes(
     parameters : Parameters, optional
         The rest of the configuration; the installed one if absent.
     settling_periods : int
-        Periods left out before a regime is looked for.
+        Periods simulated before a regime is determined.
     progress : callable, optional
         ``progress(done, all)``.
 
     Raises
     ------
     StudyError
-        If the number of periods is out of its range.
+        If the number of periods is out of range.
     """
     from mech_twin.capabilities.long_run import MOST_SETTLING_PERIODS
     from mech_twin.parameters.load import machine_parameters

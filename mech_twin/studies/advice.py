@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Life of an advice, as a pure state machine: offered, accepted, on trial, kept or taken back.
+r"""State machine of an advice: offered, accepted, on trial, then kept or reverted.
 
 ::
 
@@ -7,8 +7,9 @@ r"""Life of an advice, as a pure state machine: offered, accepted, on trial, kep
                        |                  \--gain did not come, fault, silence, stop--> idle (reverted)
                        \--reject, expiry, fault--> idle
 
-Nothing is sent without acceptance.  A value sent lies in the declared range, differs from the value in force by at most
-a share of it, and comes at least a minimum time after the last change.  Every transition is a decision with its reason.
+Nothing is sent without acceptance.  A value that is sent lies in the declared range and at most a share of the range
+from the present value, and follows the previous change after a minimum time.  Every transition is a decision with its
+reason.
 """
 
 from __future__ import annotations
@@ -19,20 +20,20 @@ Phase = Literal["idle", "offered", "trial"]
 
 
 class AdviceRules(NamedTuple):
-    """What an advisor may do.
+    """Limits of an advisor.
 
     Attributes
     ----------
     is_dry_run : bool
         Nothing is sent, even after acceptance.
     interval_s : float
-        Least time between two changes.
+        Minimum time between two changes.
     settling_cycles, trial_cycles : int
-        Cycles after a change that are skipped, and that are evaluated.
+        Cycles after a change that are ignored, and the following ones that are evaluated.
     promised_share : float
-        Share of the promised gain that must be reached.
+        Share of the promised gain that must be achieved.
     silence_s : float
-        Time without a cycle after which a trial is ended.
+        Time without a cycle after which a trial is reverted.
     """
 
     is_dry_run: bool = True
@@ -44,24 +45,24 @@ class AdviceRules(NamedTuple):
 
 
 class Recommendation(NamedTuple):
-    """An advice.
+    """A recommended change of one setting.
 
     Attributes
     ----------
     key : str
-        What is to be changed: ``motor/speed_command``, or a live parameter.
+        Setting to change: ``motor/speed_command``, or a live parameter.
     value, proposed : float
-        What it is, and what it should be.
+        Present and recommended value.
     low, high : float
-        Range it stays in.
+        Allowed range of the setting.
     figure : str
-        The number of a cycle that is to come nearer to what is wanted.
+        Feature of a cycle that should come closer to its target.
     gain, gain_low, gain_high : float
-        By how much nearer, with the 95 % interval; in the figure's unit.
+        Expected decrease of its distance to the target with the 95 % interval, in the figure's unit.
     evidence : str
-        What it rests on.
+        Reason as text.
     expires_s : float
-        Stamp until which it holds.
+        Stamp until which it is valid.
     """
 
     key: str
@@ -78,14 +79,14 @@ class Recommendation(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """What goes out to the machine."""
+    """Value that is sent to the machine."""
 
     key: str
     value: float
 
 
 class Decision(NamedTuple):
-    """What was decided, why, and what went out."""
+    """A decision, its reason, and the value that was sent."""
 
     time_s: float
     what: str
@@ -94,24 +95,24 @@ class Decision(NamedTuple):
 
 
 class AdviceState(NamedTuple):
-    """Where an advice stands.
+    """State of an advice.
 
     Attributes
     ----------
     phase : str
         ``idle``, ``offered`` or ``trial``.
     advice : Recommendation or None
-        The one that is offered or on trial.
+        Advice that is offered or on trial.
     miss_before : float
-        Distance of the figure from what is wanted when it was accepted.
+        Distance of the figure from its target at acceptance.
     misses : tuple of float
-        The same of each cycle since.
+        The same distance in each cycle since.
     newest_s : float
         Stamp of the newest cycle.
     changed_s : float
-        Stamp of the last change that went out.
+        Stamp of the last change that was sent.
     in_force : bool
-        Whether an accepted advice acts on the machine.
+        Whether an accepted advice is in force.
     """
 
     phase: Phase = "idle"
@@ -124,14 +125,14 @@ class AdviceState(NamedTuple):
 
 
 class AdviceStep(NamedTuple):
-    """A state, and the decision that led to it; None where there was none."""
+    """A state, and the decision that led to it; None without a decision."""
 
     state: AdviceState
     decision: Decision | None = None
 
 
 def offered(state: AdviceState, advice: Recommendation, time_s: float) -> AdviceStep:
-    """Return the state with an advice; one already offered or on trial is kept instead.
+    """Return the state with an advice; an advice that is on trial, or already offered, is not replaced.
 
     Raises
     ------
@@ -147,7 +148,7 @@ def offered(state: AdviceState, advice: Recommendation, time_s: float) -> Advice
 
 
 def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules) -> AdviceStep:
-    """Return the state after acceptance; ``miss`` is the distance of the figure from its target."""
+    """Return the state after the operator accepts; ``miss`` is the distance of the figure from its target."""
     advice = state.advice
     if state.phase != "offered" or advice is None:
         return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
@@ -164,7 +165,7 @@ def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules)
 
 
 def rejected(state: AdviceState, time_s: float) -> AdviceStep:
-    """Return the state after rejection; a trial is reverted."""
+    """Return the state after the operator rejects; a trial is reverted."""
     if state.phase == "trial":
         return _reverted(state, time_s, "rejected")
     if state.phase == "offered":
@@ -175,7 +176,7 @@ def rejected(state: AdviceState, time_s: float) -> AdviceStep:
 def after_machine_cycle(
     state: AdviceState, miss: float, time_s: float, has_fault: bool, rules: AdviceRules
 ) -> AdviceStep:
-    """Return the state after a cycle with a distance ``miss`` of the figure from its target."""
+    """Return the state after a cycle; ``miss`` is the distance of its figure from the target."""
     state = state._replace(newest_s=time_s)
     if has_fault and state.phase != "idle":
         if state.phase == "trial":
@@ -201,7 +202,7 @@ def _after_trial_cycle(state: AdviceState, advice: Recommendation, miss: float, 
 
 
 def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep:
-    """Return the state at a time: a trial without measurements for too long is reverted."""
+    """Return the state at a time: a trial without cycles for too long is reverted."""
     if state.phase == "trial" and time_s - state.newest_s > rules.silence_s:
         return _reverted(state, time_s, f"no cycle for {rules.silence_s:g} s")
     return AdviceStep(state)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Value of an output that brings a metric of the cycle nearest to its target, found by roll-outs of the model.
+"""Finds the value of one setting that brings a feature of the cycle closest to its target, by simulation.
 
-The model's metric is scaled to the measured one, ``F(new) = F_measured F_model(new)/F_model(now)``: only an error of
-the model's relative slope matters.  The interval is due to the uncertain parameters, each changed by its standard
-deviation, and to the measured mean.
+The model's feature is scaled to the measured one, ``F(new) = F_measured F_model(new)/F_model(now)``, which removes a
+constant relative error of the model.  The interval includes the uncertain parameters, each changed by its standard
+deviation, and the scatter of the measured mean.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_f
 from mech_twin.studies.observer.parameter_error import changed_parameters, uncertain_keys
 
 COMMAND = "motor/speed_command"
-VALUES = 9  # that are asked of the model, within one step
-MODEL_CYCLES_S = 2.0  # of the model's run, at its end, that the number is the mean of
-USUAL_SHARE = 0.02  # standard deviation of an uncertain key
+VALUES = 9  # simulated, within one step of the setting
+MODEL_CYCLES_S = 2.0  # at the end of the simulation, over which the feature is averaged
+USUAL_SHARE = 0.02  # relative standard deviation of an uncertain key
 TWO_SIDED = 1.96
 
 
 class AdviceOutput(Parameters):
-    """Output that the advisor may change, and its allowed range."""
+    """Setting that the advisor may change, and its allowed range."""
 
     key: str = choice("motor/speed_command, or a live parameter of the machine")
     low: float = quantity("1", "least value")
@@ -48,7 +48,7 @@ class AdviceOutput(Parameters):
 
 
 class AdviceWish(Parameters):
-    """Task of an advisor: a metric of the cycle, its target, and the outputs that may be changed.
+    """Task of an advisor: a feature of the cycle, its target, and the setting that may be changed.
 
     The limits of `AdviceRules` are its other keys.
     """
@@ -77,20 +77,20 @@ class AdviceWish(Parameters):
 
 @dataclass(frozen=True)
 class AdviceModel:
-    """The model used for advice.
+    """The model that predicts the effect of a setting.
 
     Attributes
     ----------
     parameters, build
-        The machine.
+        Configuration, and the function that builds the machine from it.
     declared : CycleFeatures
-        Its numbers of a cycle.
+        Cycle reference and features that the machine declares.
     wish : AdviceWish
-        What is wanted.
+        Target, setting and limits.
     deviations : mapping
         Standard deviation of each uncertain key.
     faults : tuple of str
-        What a known fault has changed.
+        Keys changed by a known fault, with their values.
     """
 
     parameters: Parameters
@@ -101,14 +101,14 @@ class AdviceModel:
     faults: tuple[str, ...] = ()
 
     def under(self, changes: Mapping[str, Any]) -> AdviceModel:
-        """Return the model of the machine with a fault that is known: these keys changed, and told in the evidence."""
+        """Return the model with a known fault: these keys are changed, and named in the evidence."""
         if not changes:
             return self
         told = tuple(f"{key} = {value:.5g}" for key, value in changes.items())
         return replace(self, parameters=varied(self.parameters, changes), faults=told)
 
     def figure(self, value: float, parameters: Parameters | None = None) -> float:
-        """Return the model's number of the cycle with the output at this value; nan where the model has none."""
+        """Return the model's mean feature with the setting at this value; nan without a cycle."""
         settings, command = parameters or self.parameters, 1.0
         if self.wish.output.key == COMMAND:
             command = value
@@ -126,12 +126,12 @@ class AdviceModel:
 
 
 def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns: Sequence[str]) -> AdviceModel:
-    """Return the model that is asked, the wish checked against machine and channels.
+    """Return the model for an advice, checked against machine and channels.
 
     Raises
     ------
     ConfigurationError
-        The figure is none that these channels give; the output is none of the machine, or its range is empty.
+        The channels do not give the figure, the output is not a setting of the machine, or its range is empty.
     """
     ask = entry.capabilities.features
     if ask is None:
@@ -151,7 +151,7 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
 
 
 def number_keys(parameters: Parameters, prefix: str = "") -> list[str]:
-    """Return the live parameters that are numbers."""
+    """Return the dotted keys of live parameters that are numbers."""
     found = []
     for name, field in type(parameters).model_fields.items():
         value, extra = getattr(parameters, name), field.json_schema_extra
@@ -163,18 +163,18 @@ def number_keys(parameters: Parameters, prefix: str = "") -> list[str]:
 
 
 def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_s: float) -> Recommendation | None:
-    """Return the advice for a machine at this value of the output; None if no change gains enough.
+    """Return the advice for a machine at this value of the setting; None if no change gains enough.
 
     Parameters
     ----------
     model : AdviceModel
-        The model, and what is wanted.
+        The model with its target.
     value : float
-        The output's value in force.
+        Present value of the setting.
     measured : ndarray
-        Shape (n,): the number of the last cycles.
+        Shape (n,): the feature in the last cycles.
     time_s : float
-        Stamp of now.
+        Current stamp.
     """
     wish, output = model.wish, model.wish.output
     now, here = float(np.mean(measured)), model.figure(value)
@@ -199,7 +199,7 @@ def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_
 
 
 def _gain_deviation(model: AdviceModel, value: float, best: float, measured: np.ndarray) -> float:
-    """Return the standard deviation of the gain: that of the predicted ratio, and of the measured mean."""
+    """Return the standard deviation of the gain, due to the predicted ratio and the measured mean."""
     now = float(np.mean(measured))
     ratio = model.figure(best) / model.figure(value)
     variance = (1.0 - ratio) ** 2 * float(np.var(measured)) / len(measured)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A question put to a machine through its declared capabilities."""
+"""Access to the declared capabilities of a machine."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def asked_of(machine: str, capability: str, lack: str) -> Any:
     capability : str
         Field of `mech_twin.roles.Capabilities`.
     lack : str
-        What is said of a machine without it.
+        Error text for a machine without it.
 
     Raises
     ------
     StudyError
-        If the machine has no answer; the line names those that have.
+        If the machine lacks the capability; the message names those that have it.
     """
     entry = catalogue_entry(machine)
     found = getattr(entry.capabilities, capability)
@@ -37,12 +37,12 @@ def asked_of(machine: str, capability: str, lack: str) -> Any:
 
 
 def searches_by_runs(machine: str) -> bool:
-    """Return whether a machine has no design question of its own, so that its runs are asked."""
+    """Return whether a machine has no design question of its own, so that it is searched by simulated runs."""
     return catalogue_entry(machine).capabilities.design is None
 
 
 def questions_of(machine: str) -> tuple[str, ...]:
-    """Return the questions of `mech_twin.studies` that this machine has an answer to."""
+    """Return the names of the functions of `mech_twin.studies` that this machine supports."""
     able = catalogue_entry(machine).capabilities
     answered = {
         "sweep": True,
@@ -56,12 +56,12 @@ def questions_of(machine: str) -> tuple[str, ...]:
 
 
 def counted_within(name: str, value: Any, most: int) -> int:
-    """Return a count that is asked for.
+    """Return a requested count as int.
 
     Raises
     ------
     StudyError
-        If it is no whole number from 1 to ``most``.
+        If it is not a whole number from 1 to ``most``.
     """
     if not is_number(value) or not 1 <= value <= most or value != int(value):
         raise StudyError(f"{name}: expected a whole number from 1 to {most}, got {value}")

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Autoregressions of short runs, by Burg's recursion (BurgSpectrum1967), forwards and backwards.
+"""Autoregressions of short runs, by Burg's recursion (BurgSpectrum1967) with forward and backward prediction.
 
-Each reflection coefficient comes from the neighbours that a run has, and only from those::
+Each reflection coefficient uses only pairs of neighbours within a run::
 
-    k = 2 sum f_t b_(t-1) / sum (f_t^2 + b_(t-1)^2),    f, b: what the order before leaves, forwards and backwards
+    k = 2 sum f_t b_(t-1) / sum (f_t^2 + b_(t-1)^2),    f, b: prediction errors of the order before, both directions
 
-so that short runs are not implicitly padded with zeros, and |k| < 1: every order is stable.
+Runs are not extended by zeros, and |k| < 1, so that every order is stable.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from mech_twin.kernels.kernel import kernel
 
 Array = NDArray[Any]
-LARGEST_REFLECTION = 1.0 - 1e-9  # a series that repeats itself exactly has 1
-EXACT = 1e-14  # of its power: a series of which less is left is foretold, and the rest is rounding
+LARGEST_REFLECTION = 1.0 - 1e-9  # bound; an exactly predictable series has 1
+EXACT = 1e-14  # of the power of a series: less prediction error is rounding error
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class BurgOrder:
     coefficients : ndarray
         Shape (p, d): x_t = sum_i coefficients[i - 1] x_(t-i) + innovation.
     correlations : ndarray
-        Shape (p + 1, d): at distances 0 to p.
+        Shape (p + 1, d): correlations at lags 0 to p.
     left : ndarray
-        Shape (d,): share of the variance that is left, 1 at order 0.
+        Shape (d,): variance of the innovations as a share of the variance, 1 at order 0.
     """
 
     coefficients: Array
@@ -44,9 +44,9 @@ class BurgOrder:
 
 
 def burg_orders(runs: Sequence[Array], largest: int) -> Iterator[BurgOrder]:
-    """Yield the autoregressions of orders 0 to ``largest`` of runs (n, d) of d series without mean.
+    """Yield the autoregressions of orders 0 to ``largest`` of zero-mean runs, shape (n, d) each, of d series.
 
-    For order p only runs longer than p are used.  A series of zeros has zero coefficients.
+    Order p uses the runs that are longer than p.  A series of zeros has coefficients of zero.
     """
     d = runs[0].shape[1]
     coefficients, correlations, left = np.zeros((0, d)), np.ones((1, d)), np.ones(d)
@@ -72,7 +72,7 @@ def burg_orders(runs: Sequence[Array], largest: int) -> Iterator[BurgOrder]:
 
 @kernel
 def add_products(forward: Array, backward: Array, both: Array, alike: Array) -> None:
-    """Add the sums over a run of f^2 + b^2 and of f b, shape (d,) each."""
+    """Add the sums over a run of f^2 + b^2 and of f b to ``both`` and ``alike``, shape (d,) each."""
     for t in range(len(forward)):
         for i in range(forward.shape[1]):
             f, b = forward[t, i], backward[t, i]
@@ -82,7 +82,7 @@ def add_products(forward: Array, backward: Array, both: Array, alike: Array) -> 
 
 @kernel
 def reflect(forward: Array, backward: Array, reflection: Array) -> None:
-    """Replace what an order leaves of a run, (n, d) forwards and backwards, by what the next one does."""
+    """Replace the prediction errors of a run, (n, d) forwards and backwards, by those of the next order."""
     for t in range(len(forward)):
         for i in range(forward.shape[1]):
             f, b = forward[t, i], backward[t, i]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which parameters were in force at which step of a recorded run."""
+"""Parameters in force at each step of a recorded run."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from mech_twin.studies.run_comparison import changed_settings
 
 
 class ConfigurationHistory:
-    """Configurations of a run, each from its step on.
+    """Configurations of a run, each valid from its step on.
 
     Parameters
     ----------
     texts : iterable of str
-        What the run described itself with; a revision described again (a node came back) counts once.
+        Descriptions in the recording; a revision that is described again (after a node restart) counts once.
     source : str
-        Names the recording in errors.
+        Name of the recording in error messages.
 
     Raises
     ------
     ConfigurationError
-        If there is none, one does not validate, or they speak of different machines.
+        If there is none, one is invalid, or they describe different machines.
     """
 
     def __init__(self, texts: Iterable[str], source: str) -> None:
@@ -45,26 +45,26 @@ class ConfigurationHistory:
 
     @property
     def name(self) -> str:
-        """The machine that ran."""
+        """Name of the machine."""
         return self._described[0].machine
 
     @property
     def versions(self) -> tuple[str, ...]:
-        """The versions of this package that made the recording."""
+        """Versions of this package that made the recording."""
         return tuple(dict.fromkeys(described.version for described in self._described))
 
     @property
     def parameters(self) -> Parameters:
-        """The parameters that the run began with."""
+        """Parameters at the start of the run."""
         return self._described[0].parameters
 
     @property
     def changes(self) -> int:
-        """How many times parameters changed during the run."""
+        """Number of changes of parameters during the run."""
         return len(self._described) - 1
 
     def machine_at(self, step: int) -> Machine:
-        """Return the machine as it was at a step."""
+        """Return the machine with the parameters in force at a step."""
         place = max(0, bisect_right(self._from, step) - 1)
         if self._built is None or self._built[0] != place:
             self._built = place, catalogue_entry(self.name).build(self._described[place].parameters)
@@ -72,9 +72,9 @@ class ConfigurationHistory:
 
 
 def recorded_settings(texts: Iterable[str]) -> list[list[str]]:
-    """Return what differs from the machine as installed in the configuration a recording began with.
+    """Return the settings at the start of a recording that differ from the installed configuration.
 
-    Nothing where the recording tells no configuration that validates.
+    It is empty if the recording has no valid configuration.
     """
     try:
         history = ConfigurationHistory(texts, "the recording")

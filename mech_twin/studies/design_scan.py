@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scan of a machine's design space: very many random designs, spread over cores or a cluster."""
+"""Scan of a machine's design space: many random designs, distributed over cores or a cluster."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BATCH = 20_000
 
 
 class Scanned(NamedTuple):
-    """A batch: its number, how many designs it drew, and the feasible ones, columns variables then objectives."""
+    """A batch: its number, number of designs drawn, and the feasible ones, variables then objectives as columns."""
 
     number: int
     designs: int
@@ -34,7 +34,7 @@ class Scanned(NamedTuple):
 
 @dataclass(frozen=True)
 class DesignScan:
-    """All batches together: designs drawn, and the feasible ones with their objectives, in order of the batches."""
+    """All batches: number of designs drawn, and the feasible ones with their objectives, in order of the batches."""
 
     variables: tuple[str, ...]
     objectives: Mapping[str, float]
@@ -43,17 +43,17 @@ class DesignScan:
 
     @property
     def share(self) -> float:
-        """Share of the designs that is feasible."""
+        """Share of feasible designs."""
         return len(self.feasible) / self.designs
 
     def best(self, objective: str) -> dict[str, float]:
-        """Return the best design for an objective, by name."""
+        """Return the best design for an objective: variables and objectives by name."""
         names = (*self.variables, *self.objectives)
         values = self.objectives[objective] * self.feasible[:, names.index(objective)]
         return dict(zip(names, map(float, self.feasible[int(np.argmin(values))]), strict=True))
 
     def write(self, path: Path, notes: Mapping[str, str] | None = None) -> None:
-        """Write the feasible designs as Parquet, over what is there, with notes in its metadata."""
+        """Write the feasible designs to a Parquet file, which is overwritten, with notes in its metadata."""
         import pyarrow as pa
         from pyarrow import parquet
 
@@ -65,7 +65,7 @@ class DesignScan:
 
 
 def read_scan(machine: str, designs: int, table: Path) -> DesignScan:
-    """Return a scan of so many designs whose feasible ones `DesignScan.write` wrote.
+    """Return a scan whose feasible designs were written by `DesignScan.write`.
 
     Raises
     ------
@@ -89,14 +89,14 @@ def design_question(machine: str) -> DesignQuestion:
     Raises
     ------
     StudyError
-        If it has none.
+        If the machine has none.
     """
     question: DesignQuestion = asked_of(machine, "design", "no design question")
     return question
 
 
 def asked_objectives(question: DesignQuestion, objectives: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the objectives asked for, the usual one where none is; refuse a name that is not there."""
+    """Return the requested objectives, by default the usual one; raise a StudyError for an unknown name."""
     for name in objectives:
         if name not in question.objectives:
             raise StudyError(f"no objective '{name}'; expected one of {', '.join(question.objectives)}")
@@ -106,7 +106,7 @@ def asked_objectives(question: DesignQuestion, objectives: tuple[str, ...]) -> t
 def scanned_batch(
     machine: str, parameters: Parameters, space: DesignSpace, seed: int, threads: int, batch: tuple[int, int]
 ) -> Scanned:
-    """Return one batch (number, size): its designs depend on seed and number alone, not on who computes it."""
+    """Return one batch (number, size); its designs depend only on seed and number."""
     number, size = batch
     numba.set_num_threads(min(threads, available_cores()))
     designs = space.designs(np.random.default_rng([seed, number]).random((size, len(space.lower))))
@@ -126,9 +126,9 @@ def design_scan(
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DesignScan:
-    """Return the feasible designs among ``count`` drawn evenly from the space.
+    """Return the feasible designs among ``count`` drawn uniformly from the space.
 
-    On one machine the compiled loop uses the cores itself; on a cluster each worker takes batches of its own.
+    On one computer the compiled loop uses several threads; on a cluster each worker computes its own batches.
     """
     question = design_question(machine)
     sizes = [min(BATCH, count - start) for start in range(0, count, BATCH)]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Energy flow of a machine over its last cycle: the work of each element, from the work integrals of its linkage.
+"""Energy flow of a machine over its last cycle: work of each element, as integrated by the linkage.
 
-Works are positive if an element gives energy to the machine.  Their sum equals the change of stored energy.
+Work is positive if an element gives energy to the machine.  The sum of the works equals the change of stored energy.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from mech_twin.samples import Frame
 
 Array = NDArray[np.float64]
 WORK, LOSS, HELD = "_work_j", "_loss_j", "energy_j"
-OF_A_STEP = "step_"  # how the name of what is no book, but of one step, begins
+OF_A_STEP = "step_"  # prefix of energies of a single step, which are not integrated
 TURN = 2.0 * np.pi
-STILL = 1e-9  # of the largest work: a book in which nothing happens is not drawn
-LEAST_SAMPLES = 8  # of a cycle
+STILL = 1e-9  # of the largest work: elements with less are not drawn
+LEAST_SAMPLES = 8  # in a cycle
 
 
 class EnergyFlow(NamedTuple):
-    """A cycle: times (s), phase (0 to 1), work of each element since its start (J), and stored energy (J).
+    """A cycle: times (s), phase (0 to 1), work of each element since its start (J), and change of stored energy (J).
 
-    ``turns``: the phase is that of a turn, else of time.
+    ``turns`` is true if the phase is that of a turn, false if it is that of time.
     """
 
     times_s: Array
@@ -41,18 +41,18 @@ class EnergyFlow(NamedTuple):
 
     @property
     def miss_j(self) -> float:
-        """Error of the energy balance at the end of the cycle (J); nan if the stored energy is unknown."""
+        """Change of stored energy minus the sum of the works at the cycle's end (J); nan if the former is unknown."""
         given = sum(float(work[-1]) for work in self.works_j.values())
         return float("nan") if self.held_j is None else float(self.held_j[-1]) - given
 
 
 class EnergyBooks:
-    """Collects the work integrals of a run.
+    """Collects the energies of a run.
 
     Raises
     ------
     StudyError
-        If the machine has no work integrals from the start on.
+        The linkage integrates no work of its elements.
     """
 
     def __init__(self, entry: Entry, machine: Machine) -> None:
@@ -66,19 +66,19 @@ class EnergyBooks:
         self._rows: list[tuple[float, ...]] = []
 
     def observe(self, frame: Frame) -> None:
-        """Update with one frame."""
+        """Add one frame."""
         linkage, memory = frame.linkage, frame.linkage.memory.as_dict()
         angle = np.nan if self._joint is None else linkage.joint(self._joint).position
         held = memory[HELD] if self._holds else np.nan
         self._rows.append((linkage.time_s, angle, held, *(memory[name] for name in self.names)))
 
     def flow(self) -> EnergyFlow:
-        """Return the last whole turn; the whole run, where nothing turns.
+        """Return the energy flow of the last whole turn; of the whole run if nothing turns.
 
         Raises
         ------
         StudyError
-            The run has no whole turn, or too few samples.
+            The run contains no whole turn, or too few samples.
         """
         rows = np.array(self._rows)
         turns = self._joint is not None
@@ -99,12 +99,12 @@ class EnergyBooks:
 
 
 def last_turn(rows: Array) -> Array:
-    """Return the rows (time, angle, ...) of the last whole turn of an angle, its ends between samples.
+    """Return the rows (time, angle, ...) of the last whole turn of an angle, its start interpolated between samples.
 
     Raises
     ------
     StudyError
-        There is none.
+        There is no whole turn.
     """
     angle = rows[:, 1]
     sign = 1.0 if angle[-1] >= angle[0] else -1.0
@@ -120,7 +120,7 @@ def last_turn(rows: Array) -> Array:
 
 
 def _turning_joint(entry: Entry, machine: Machine) -> str | None:
-    """Return the joint by whose turns the machine's cycles are counted, if any."""
+    """Return the joint whose turns define the machine's cycles, if any."""
     ask = entry.capabilities.features
     try:
         reference = CycleReference("", "rise") if ask is None else ask(machine.parameters).reference
@@ -131,7 +131,7 @@ def _turning_joint(entry: Entry, machine: Machine) -> str | None:
 
 
 def drawn_flow(title: str, flow: EnergyFlow) -> Figure:
-    """Return the diagram: work of each element over the cycle, and its total."""
+    """Return the figure: work of each element along the cycle, and its sum over the cycle."""
     with house_style():
         order = sorted(flow.works_j, key=lambda name: -flow.works_j[name][-1])
         figure, (along, whole) = sheet(1, 2, width=9.6, height=max(3.6, 1.6 + 0.26 * len(order)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two samples compared to the last bit, or within a tolerance: the first field that differs."""
+"""Comparison of two samples to the bit, or within a tolerance: the first field that differs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Value = float | str | None
 
 
 class Difference(NamedTuple):
-    """Where two samples of one step part: ``role`` is linkage, motor, forces or body; None is an absent entry."""
+    """First difference of two samples of one step: ``role`` is linkage, motor, forces or body; None: absent entry."""
 
     step: int
     time_s: float
@@ -33,12 +33,12 @@ def first_difference(role: str, recorded: Sample, computed: Sample, tolerance: f
     Parameters
     ----------
     role : str
-        Whose samples they are.
+        Role that the samples belong to.
     recorded, computed
-        The samples; names of joints, pins, memory and residuals count as well as their numbers.
+        The samples; names of joints, pins, memory and residuals are compared too.
     tolerance : float
-        0 compares every bit.  Else a number may be off by this share of the largest recorded number of the sample in
-        the same unit, and residuals, which are rounding, are left out.
+        0 compares every bit.  Else a number may differ by this share of the largest recorded number of the sample in
+        the same unit, and residuals, which are rounding errors, are ignored.
     """
     if _content(recorded) == _content(computed):
         return None
@@ -56,7 +56,7 @@ def first_difference(role: str, recorded: Sample, computed: Sample, tolerance: f
 
 
 def _sizes(numbers: dict[str, Value]) -> dict[str, float]:
-    """Return the largest number in each unit."""
+    """Return the largest magnitude in each unit."""
     sizes: dict[str, float] = {}
     for name, value in numbers.items():
         if isinstance(value, float) and not name.startswith(RESIDUALS):
@@ -71,7 +71,7 @@ def _near(name: str, there: Value, here: Value, allowed: float) -> bool:
 
 
 def fields(sample: object, path: str = "") -> Iterator[tuple[str, Value]]:
-    """Yield every number and word of a sample under its name, such as ``velocity[crank]`` or ``memory.energy_j``."""
+    """Yield every number and string of a sample under its name, such as ``velocity[crank]`` or ``memory.energy_j``."""
     if isinstance(sample, Named):
         yield from ((f"{path}.{name}", value) for name, value in zip(sample.names, sample.values, strict=True))
     elif hasattr(sample, "_fields"):
@@ -99,7 +99,7 @@ def _record_fields(sample: object, path: str) -> Iterator[tuple[str, Value]]:
 
 
 def _content(sample: Sample) -> tuple[bytes, list[str]]:
-    """Return the bits of all numbers and all words of a sample, without saying which is which."""
+    """Return the bits of all numbers and all strings of a sample, without their names."""
     flat: list[float | str] = []
     _flatten(sample, flat)
     numbers = array("d", [item for item in flat if not isinstance(item, str)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The monitor fed by the samples a shadow hears; what it says is what the monitor says of a recording of them."""
+"""The monitor fed by the samples that a shadow receives; the findings equal those of a recording of them."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from mech_twin.studies.observer.lock_on import SeenSample
 
 
 class LiveMonitor:
-    """Features and findings, sample by sample.
+    """Computes features and findings, sample by sample.
 
     Parameters
     ----------
     setup : MonitorSetup
-        Frozen reference, thresholds and signatures.
+        Frozen baseline, thresholds and signatures.
     declared : CycleFeatures
-        What the machine tells of a cycle.
+        Cycle reference and features that the machine declares.
     columns : sequence of str
         Column of each channel.
 
     Attributes
     ----------
     monitor : Monitor
-        Judges the cycles.
+        Evaluates the cycles.
     newest : Findings or None
-        Of the newest cycle.
+        Findings of the newest cycle.
 
     Raises
     ------
     StudyError
-        The column that cycles are counted by is not measured.
+        The reference column of the cycles is not measured.
     """
 
     def __init__(self, setup: MonitorSetup, declared: CycleFeatures, columns: Sequence[str]) -> None:
@@ -50,7 +50,7 @@ class LiveMonitor:
         self._feed = FeatureFeed(declared, list(dict.fromkeys(columns)), run_up_s=declared.run_up_s)
 
     def take(self, sample: SeenSample) -> list[Findings]:
-        """Return what the monitor says of the cycles that a sample completes."""
+        """Return the findings of the cycles that a sample completes."""
         found = []
         for channel, value in zip(sample.channels, sample.values, strict=True):
             vectors = self._feed.feed(self._columns[channel], [sample.time_s], [value])
@@ -59,21 +59,21 @@ class LiveMonitor:
         return found
 
     def begin_anew(self) -> None:
-        """Count cycles from the next sample on: the machine has been started anew, and its time is another."""
+        """Start a new feed at the next sample, after the machine was restarted and its time has jumped."""
         self._feed = self._feed.begun_anew()
 
 
 def has_news(lives: Iterable[FaultLife]) -> bool:
-    """Return whether a fault is active that nobody has acknowledged."""
+    """Return whether a fault is active and not acknowledged."""
     return any(life.state == "active" and not life.is_acknowledged for life in lives)
 
 
 def changes_by_faults(
     parameters: Parameters, faults: Sequence[MachineFault], monitor: Monitor, found: Findings | None
 ) -> dict[str, Any]:
-    """Return the keys of the configuration as an acknowledged fault has changed them, at the size that was found.
+    """Return the configuration keys changed by an acknowledged fault, at the estimated size.
 
-    Of a group the best candidate counts; a sensor's fault changes nothing of the machine.
+    For a group the best candidate is used; a sensor fault changes no key.
     """
     if found is None or not found.candidates:
         return {}
@@ -90,7 +90,7 @@ def changes_by_faults(
 
 
 def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings) -> dict[str, str]:
-    """Return what a panel shows of a fault: state, statistics and thresholds, stated rate, delay, candidates."""
+    """Return the values of a fault for a panel: state, statistics and thresholds, ARL0, delay, candidates."""
     hours = setup.limits.arl0_cycles * setup.baseline.period_s / 3600.0
     values = {
         "state": life.state,

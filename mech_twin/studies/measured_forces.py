@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inverse dynamics of a measured motion: every joint, and the forces for the motion."""
+"""Inverse dynamics of a measured motion: every joint, and the forces that the motion requires."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ BODY = "linkage.body"
 def guided_samples(
     machine: Machine, motion: CrankMotion, run: MeasuredRun
 ) -> Iterator[tuple[LinkageSample, ForceSample]]:
-    """Yield linkage and forces at each instant of the crank's own channel.
+    """Yield linkage and force samples at each instant of the crank's channel.
 
     Raises
     ------
     ConfigurationError
-        The machine's state does not follow from its crank.
+        The machine's state is not a function of its crank motion.
     """
     if not isinstance(machine.linkage, GuidedLinkage):
         raise ConfigurationError(
@@ -49,7 +49,7 @@ def guided_samples(
 
 @dataclass
 class Compared:
-    """A measured channel and the model's value in the same motion."""
+    """A measured channel compared with the model in the same motion."""
 
     name: str
     samples: int
@@ -59,13 +59,13 @@ class Compared:
 
     @property
     def share(self) -> float:
-        """The rms difference over the rms of what was measured."""
+        """Rms difference over the rms of the measurement about its mean."""
         return self.rms / self.rms_measured if self.rms_measured > 0.0 else float(self.rms > 0.0)
 
 
 @dataclass
 class MeasuredForces:
-    """Largest forces of a measured run, and its other channels beside the model."""
+    """Largest forces of a measured run, and its other channels compared with the model."""
 
     samples: int = 0
     largest: dict[str, float] = field(default_factory=dict)
@@ -75,9 +75,9 @@ class MeasuredForces:
 def measured_forces(
     samples: Iterator[tuple[LinkageSample, ForceSample]], run: MeasuredRun, crank: str
 ) -> MeasuredForces:
-    """Return the largest forces of the motion, and each channel but the crank beside the model.
+    """Return the largest forces of the motion, and each channel but the crank compared with the model.
 
-    A channel is compared at its own instants; an unknown zero is the mean difference, an unknown gain what fits best.
+    A channel is compared at its own instants; an unknown zero is the mean difference, an unknown gain is fitted.
     """
     others = [channel for channel in run.channels if channel.name != crank]
     columns: dict[str, list[float]] = {name: [] for name in ("time_s", *(channel.name for channel in others))}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Roll-outs by name of machine, configuration and changed keys, one or many at once on all cores."""
+"""Roll-outs by machine name, configuration and changed keys; one, or many in parallel on all cores."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ Change = tuple[float, Mapping[str, Any] | Parameters]
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class NamedRollOut(RollOut):
-    """A roll-out that knows its machine and the units of its columns.
+    """A roll-out with the name of its machine and the units of its columns.
 
     Attributes
     ----------
     name : str
         Machine of the catalogue.
     units : mapping of str to str
-        Of the columns, empty for pure numbers.
+        Unit of each column, empty for dimensionless ones.
     """
 
     name: str
@@ -56,15 +56,15 @@ class NamedRollOut(RollOut):
         return Columns(title, "time_s", self.columns, self.units)
 
     def plot(self, *names: str) -> Figure:
-        """Return a picture of columns over time; see `Columns.plot`."""
+        """Return a figure of columns over time; see `Columns.plot`."""
         return self.samples.plot(*names)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a frame, the units in its ``attrs``; needs the extra 'pandas'."""
+        """Return a DataFrame with the units in its ``attrs``; needs the extra 'pandas'."""
         return self.samples.to_pandas()
 
     def to_arrow(self) -> pyarrow.Table:
-        """Return a table, the unit of each column in its metadata; needs the extra 'tables'."""
+        """Return a table with the unit of each column in its metadata; needs the extra 'tables'."""
         return self.samples.to_arrow()
 
     def __repr__(self) -> str:
@@ -73,18 +73,18 @@ class NamedRollOut(RollOut):
 
 @dataclass(frozen=True, repr=False)
 class RollOuts:
-    """Roll-outs of one machine, member by member.
+    """Roll-outs of one machine, one for each member.
 
     Attributes
     ----------
     members : tuple of NamedRollOut
-        In the order asked for.  One whose motion could not be followed to the end has ``error`` set and nan after it.
+        In the requested order.  A member that failed before the end has ``error`` set, and nan afterwards.
     """
 
     members: tuple[NamedRollOut, ...]
 
     def __getitem__(self, column: str) -> Array:
-        """Return a column of every member, (members, steps + 1); shorter members end in nan."""
+        """Return a column of every member, shape (members, steps + 1); shorter members end in nan."""
         found = [member.columns[column] for member in self.members]
         stacked = np.full((len(found), max(map(len, found))), np.nan)
         for row, values in zip(stacked, found, strict=True):
@@ -112,31 +112,31 @@ def rollout(
     command: Profile = 1.0,
     changes: Sequence[Change] = (),
 ) -> NamedRollOut:
-    """Return a run of a machine as arrays, equal to the bit to what its roles compute step by step.
+    """Return a run of a machine as arrays, equal to the bit to the roles' results step by step.
 
     Parameters
     ----------
     machine : str or Machine
-        Machine of the catalogue by name, or one that is built.
+        Name of a machine of the catalogue, or a machine object.
     duration_s : float
         Simulated time (s), rounded to whole coupling steps.
     settings : mapping or Parameters, optional
-        Values by dotted key laid over the machine's configuration, or a whole configuration; as it is if absent.
+        Values by dotted key that replace those of the configuration, or a whole configuration; unchanged if absent.
     columns : sequence of str, optional
-        Columns wanted beside ``time_s``, all if absent: ``role.joint.position`` (m or rad), ``.velocity``, ``.effort``,
-        ``forces.pin.force_x_n``, ``forces.QUANTITY``, ``linkage.memory.NAME``, ``linkage.residual.NAME``, ...
+        Requested columns besides ``time_s``: ``role.joint.position`` (m or rad), ``.velocity``, ``.effort``,
+        ``forces.pin.force_x_n``, ``forces.QUANTITY``, ``linkage.memory.NAME``, ``linkage.residual.NAME``, ...; or all.
     start : Frame, optional
-        Frame to go on from, such as ``final`` of another roll-out; the machine's own start if absent.
+        Initial frame, such as ``final`` of another roll-out; the machine's own start if absent.
     command : float, EffortCommand, callable, sequence of pairs or ndarray
-        Asked fraction of rated supply frequency, or an effort in its place.  One for the run; ``command(step)``; pairs
-        of time (s) and the command from then on, 1 before the first; or one number a step, the first that of the start.
+        Requested fraction of rated supply frequency, or an effort instead.  One value for the run; ``command(step)``;
+        pairs of time (s) and the command from then on, 1 before the first; or one number per step, from the start on.
     changes : sequence of pairs
-        Time (s) from which on, and live keys (dotted) with their values, or a whole configuration.
+        Start time (s), and live keys (dotted) with their values, or a whole configuration.
 
     Raises
     ------
     MotionError
-        If the motion cannot be followed to the end.
+        If the simulation fails before the end.
     KeyboardInterrupt
         At Ctrl-C, within a fraction of a second.
     """
@@ -160,14 +160,14 @@ def rollouts(
 ) -> RollOuts:
     """Return a run for each parameter set, start and command, computed on all cores.
 
-    Each is computed by itself, so neither the batch nor the number of cores changes a bit of it.
+    Each is computed independently: results do not depend on the batch or the number of cores, to the bit.
 
     Parameters
     ----------
     machine, duration_s, columns, changes
         As for `rollout`.
     settings : sequence of mapping or Parameters
-        One a member, as for `rollout`.
+        One for each member, as for `rollout`.
     starts, commands : sequence, optional
         One a member.
     cores : int, optional
@@ -200,21 +200,21 @@ def rollouts(
         waiting = [pool.submit(member, between) for member in asked]
         try:
             return RollOuts(tuple(member.result() for member in waiting))
-        except BaseException:  # Ctrl-C, or a member that failed: the others end with it
+        except BaseException:  # Ctrl-C, or a failed member: stop the others
             ended.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
 def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: str) -> Parameters:
-    """Return parameters with other values of live keys (dotted).
+    """Return parameters with changed values of live keys (dotted).
 
     Raises
     ------
     StudyError
-        If a key is not one that may change while the machine runs.
+        If a key is not live, that is, cannot change while the machine runs.
     ConfigurationError
-        If the configuration does not validate as a whole.
+        If the changed configuration is invalid.
     """
     live = live_keys(parameters)
     for key in keys:
@@ -225,7 +225,7 @@ def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: 
 
 
 def live_keys(parameters: Parameters) -> list[str]:
-    """Return the dotted keys of parameters that may change while the machine runs."""
+    """Return the dotted keys of live parameters, which may change while the machine runs."""
     return [key for key, _ in live_numbers(parameters)]
 
 
@@ -238,7 +238,7 @@ def _member(
     command: Profile,
     changes: Sequence[Change],
 ) -> Callable[[Callable[[], None]], NamedRollOut]:
-    """Return what computes one roll-out, its machines built."""
+    """Return a function that computes one roll-out, with its machines already built."""
     base = _built(machine, parameters)
     units = shown_units(base)
     machines, known = [], base.parameters

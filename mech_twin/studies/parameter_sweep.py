@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sweep of configuration keys: the summary numbers at every point of a grid."""
+"""Sweep of configuration keys: summary numbers at every point of a grid."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mech_twin.studies.sweep_points import Point, Question, points, require_outp
 from mech_twin.studies.sweep_table import write_picture, write_table
 
 LARGEST_BATCH = 64
-WORTH_SPREADING_S = 3.0  # below it a process would start for longer than it worked
+WORTH_SPREADING_S = 3.0  # total work below which starting processes costs more than it saves
 FORMATS = (".parquet", ".csv")
 
 Progress = Callable[[int, int], None]
@@ -26,7 +26,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Sweep:
-    """A finished sweep: its question, its points in order, its files, and how many points an earlier run had left."""
+    """A finished sweep: its question, points in order, files, and the number of points taken from an earlier run."""
 
     asked: Question
     points: tuple[Point, ...]
@@ -36,12 +36,12 @@ class Sweep:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of the numbers there are, in order of appearance."""
+        """Names of all summary numbers, in order of appearance."""
         return tuple(dict.fromkeys(name for found in self.points for name in found.numbers))
 
 
 def journal_of(table: Path) -> Path:
-    """Return the journal beside a table."""
+    """Return the path of the journal of a table."""
     return table.with_name(table.name + ".partial")
 
 
@@ -54,27 +54,27 @@ def swept(
     picture: bool = True,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Compute every point that no earlier run has finished, and write table and picture.
+    """Compute every point not finished by an earlier run, and write table and plot.
 
     Parameters
     ----------
     asked : Question
-        What to sweep.
+        Machine, axes and outputs.
     table : Path
-        Parquet or CSV file to write; ``NAME.partial`` beside it keeps the finished points meanwhile.
+        Parquet or CSV file to write; ``NAME.partial`` beside it stores finished points until then.
     cores : int, optional
-        Processes of this machine; all cores if absent.
+        Processes on this computer; all cores if absent.
     scheduler : str, optional
         Address of a Dask scheduler to use instead.
     picture : bool
-        Whether to draw the table as well (PNG of the same name).
+        Whether to plot the table too (PNG of the same name).
     progress : callable, optional
         ``progress(done, all)`` after each batch.
 
     Raises
     ------
     StudyError
-        If the table cannot have that name, or every point is refused; nothing is written then.
+        If the file name has another suffix, or every point is rejected; then no table is written.
     """
     if table.suffix not in FORMATS:
         raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
@@ -102,7 +102,7 @@ def _finish(asked: Question, journal: SweepJournal, cores: int, scheduler: str |
     progress(len(journal.finished), asked.count)
     if not missing:
         return
-    # the first points here, so that kernels are compiled before processes ask for them; the second is timed
+    # the first points in this process, so that kernels are compiled before others need them; the second is timed
     for index in missing[:2]:
         begun = time.monotonic()
         journal.add(points(asked, [index]))
@@ -117,7 +117,7 @@ def _finish(asked: Question, journal: SweepJournal, cores: int, scheduler: str |
 
 
 def batches_of(indices: list[int], cores: int, seconds_each: float) -> list[list[int]]:
-    """Return the indices in batches: about half a second of work each, some for every core, none too large."""
+    """Return the indices in batches of about half a second of work, several for every core, at most `LARGEST_BATCH`."""
     wanted = 0.5 / max(seconds_each, 1e-6)
     shared = math.ceil(len(indices) / (8 * max(cores, 1)))
     size = max(1, min(LARGEST_BATCH, int(wanted), shared))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The figures of the machines' sources, drawn anew from what the machines give."""
+"""Reproduces the figures of the machines' sources from computed results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mech_twin.parameters.load import catalogue_entry, machine_parameters
 
 
 def machine_pictures(machine: str, parameters: Parameters | None = None) -> tuple[Picture, ...]:
-    """Return the pictures of one machine, drawn from these parameters or the installed configuration."""
+    """Return the figures of one machine for these parameters or the installed configuration."""
     entry = catalogue_entry(machine)
     pictures = entry.capabilities.pictures
     if pictures is None:
@@ -22,6 +22,6 @@ def machine_pictures(machine: str, parameters: Parameters | None = None) -> tupl
 
 
 def machine_figures(machine: str, directory: Path, parameters: Parameters | None = None) -> list[Path]:
-    """Write the pictures of one machine; return the files, an SVG and a PNG each."""
+    """Write the figures of one machine; return the files, an SVG and a PNG each."""
     directory.mkdir(parents=True, exist_ok=True)
     return [file for picture in machine_pictures(machine, parameters) for file in written(picture, directory)]

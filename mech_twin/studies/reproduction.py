@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every published number of the machines' sources beside the computed one, worked out when asked."""
+"""Compares every published number of the machines' sources with the computed one."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from mech_twin.parameters.load import catalogue_entry, machine_parameters
 
 
 def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
-    """Return the rows of one machine, the awkward ones first.
+    """Return the rows of one machine, in its own order: the problematic ones first.
 
     Parameters
     ----------
     machine : str
         Machine of the catalogue.
     parameters : Parameters, optional
-        What to compute from; the installed configuration if absent.
+        Configuration of the machine; the installed one if absent.
     """
     entry = catalogue_entry(machine)
     rows = entry.capabilities.published
@@ -35,11 +35,11 @@ def machines_with_published_values() -> tuple[str, ...]:
 
 
 def all_rows() -> tuple[PublishedRow, ...]:
-    """Return the rows of every machine: first where a source contradicts itself, then the rest, machine by machine."""
+    """Return the rows of every machine, those of sources that contradict themselves first."""
     rows = [row for machine in machines_with_published_values() for row in machine_rows(machine)]
     return tuple(sorted(rows, key=lambda row: row.verdict != CONTRADICTS))
 
 
 def all_hold(rows: Iterable[PublishedRow]) -> bool:
-    """Return whether every gated row keeps its tolerance."""
+    """Return whether every row with a tolerance is within it."""
     return all(row.holds for row in rows)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recomputation of a recorded run, and of its forces from its motion, to check that the results are the same.
+"""Recomputes a recorded run, or its forces from its motion, and compares the results.
 
 The roles are pure maps between samples, so the recorded configuration, commands and resets determine every sample.
 """
@@ -26,15 +26,15 @@ class Verdict:
     Attributes
     ----------
     steps, samples : int
-        What was compared.
+        Numbers of steps and samples compared.
     missing_steps : int
-        Steps that the recording does not hold whole, over which nothing could be compared.
+        Steps that are incomplete in the recording and were not compared.
     taken_up : list of int
-        Steps at which the recorded state was taken as given: the first if it is not 0, and the first after a hole.
+        Steps whose recorded state was the initial state: the first if it is not 0, and the first after a gap.
     resets : int
-        Resets of the run that were carried out again.
+        Number of resets that were repeated.
     first : Difference, optional
-        Where recorded and computed part.
+        First difference of recorded and computed samples.
     """
 
     steps: int = 0
@@ -46,12 +46,12 @@ class Verdict:
 
     @property
     def identical(self) -> bool:
-        """Whether something was compared and nothing differed: in any bit, or by more than the tolerance."""
+        """Whether something was compared and no difference was found, in any bit or beyond the tolerance."""
         return self.samples > 0 and self.first is None
 
 
 def analysed(steps: Iterable[StepSamples], machine_at: MachineAt, tolerance: float = 0.0) -> Verdict:
-    """Return whether the recorded forces are those of the recorded motion; ends at the first that are not.
+    """Return whether the recorded forces follow from the recorded motion; stops at the first difference.
 
     Parameters
     ----------
@@ -77,10 +77,10 @@ def analysed(steps: Iterable[StepSamples], machine_at: MachineAt, tolerance: flo
 
 
 def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
-    """Return whether the run comes out the same when computed again; ends at the first sample that does not.
+    """Return whether recomputing the run gives the recorded samples; stops at the first difference.
 
-    Each step is computed from the computed one before it.  Of the recording go in: the command (the motor's, after
-    rate limiting, or the effort asked of it), the resets with the states given to them, and the parameters.
+    Each step is computed from the previously computed one.  The recording provides the command (the motor's, after rate
+    limiting, or the requested effort), the resets with their states, and the parameters.
     See `analysed` for the arguments.
     """
     verdict = Verdict()
@@ -109,7 +109,7 @@ def resimulated(steps: Iterable[StepSamples], machine_at: MachineAt) -> Verdict:
 
 
 def _next(machine: Machine, before: Frame | None, known: StepSamples, verdict: Verdict) -> Frame | None:
-    """Return the frame computed for a step; None if the recording lacks data to continue."""
+    """Return the frame computed for a step; None if the recording lacks a required sample."""
     if known.motor is None:
         return None
     target = known.motor.command if known.motor.asked is None else known.motor.asked
@@ -141,7 +141,7 @@ def _linkage(machine: Machine, before: Frame | None, known: StepSamples, verdict
 
 
 def _pairs(known: StepSamples, frame: Frame) -> Iterator[tuple[str, Sample, Sample]]:
-    """Yield pairs of recorded and computed samples; a state taken from the recording is left out."""
+    """Yield recorded and computed samples; a state that was taken from the recording is left out."""
     for role in ("linkage", "motor", "forces", "body"):
         recorded, computed = getattr(known, role), getattr(frame, role)
         if recorded is not None and computed is not None and recorded is not computed:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two runs, or two configurations run alike, side by side: settings, numbers and columns that differ."""
+"""Comparison of two runs or two configurations: settings, numbers and columns that differ."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import PAGE, machine_parameters
 
-LABEL_LETTERS = 32  # of an axis, in a line
-ROUNDING = 1e-9  # of the largest number in a unit
-RESIDUAL = "worst_"  # how the names of residuals in a summary begin
+LABEL_LETTERS = 32  # in a line of an axis label
+ROUNDING = 1e-9  # of the largest number in a unit: smaller columns are rounding errors
+RESIDUAL = "worst_"  # prefix of residuals in a summary
 
 
 class ComparedRun(NamedTuple):
-    """One of the two: its label, machine, configuration tree, summary numbers, samples as columns over time.
+    """One side: label, machine, configuration tree, summary numbers, and samples as columns over time.
 
-    ``broken`` names the residuals beyond their limits; residuals are rounding and not compared.  ``units`` are those of
-    samples whose name does not end in theirs, such as the position of a joint.
+    ``broken`` are the names of residuals beyond their limits; residuals are rounding errors and not compared.
+    ``units`` are those of columns whose name does not end in the unit, such as the position of a joint.
     """
 
     label: str
@@ -42,7 +42,7 @@ class ComparedRun(NamedTuple):
 
 
 class Differing(NamedTuple):
-    """A setting or a number of both sides, None where a side has it not; ``relative`` is |a - b| over the larger."""
+    """A setting or number of both sides, None where it is absent; ``relative`` is |a - b| over the larger magnitude."""
 
     name: str
     first: Any
@@ -52,7 +52,7 @@ class Differing(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """Settings that differ, every number of the two sides, and the tolerance they were judged by."""
+    """Settings that differ, all numbers of both sides, and the tolerance."""
 
     machine: str
     labels: tuple[str, str]
@@ -67,7 +67,7 @@ class Comparison:
 
 
 def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) -> Comparison:
-    """Return two sides compared.
+    """Return the comparison of two sides.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
     Raises
     ------
     StudyError
-        If they are of different machines, or the tolerance is no number from 0 to 1.
+        If the machines differ, or the tolerance is not a number from 0 to 1.
     """
     if first.machine != second.machine:
         raise StudyError(
@@ -106,7 +106,7 @@ def leaves(tree: Mapping[str, Any], path: str = "") -> list[tuple[str, Any]]:
 
 
 def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:
-    """Return key, value as installed and value of what differs in a configuration of a machine of the catalogue."""
+    """Return key, installed value and value of each setting that differs from the installed configuration."""
     if name not in CATALOGUE or name == PAGE.name:
         return []
     installed = dict(leaves(configuration_tree(machine_parameters(name))))
@@ -123,7 +123,7 @@ def _paired(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[Differ
 
 
 def relative_difference(first: Any, second: Any) -> float:
-    """Return |a - b| / max(|a|, |b|) of two numbers; 0 for equal values, infinite for what is no pair of numbers."""
+    """Return |a - b| / max(|a|, |b|) of two numbers; 0 for equal values, infinite if one is not a number."""
     if first == second:
         return 0.0
     if not all(isinstance(value, int | float) for value in (first, second)):
@@ -135,9 +135,9 @@ def relative_difference(first: Any, second: Any) -> float:
 
 
 def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[str]:
-    """Return the columns that differ most: greatest distance at a common time over the greatest magnitude.
+    """Return the columns that differ most: largest difference at a common time over the largest magnitude.
 
-    A column that is rounding beside the others of its unit is left out: it differs by as much as it is large.
+    A column that is rounding error compared with others of its unit is left out.
     """
     found: list[tuple[float, float, str]] = []
     largest: dict[str, float] = {}
@@ -160,7 +160,7 @@ def columns_apart(first: ComparedRun, second: ComparedRun, most: int) -> list[st
 
 
 def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[str]) -> Any:
-    """Return a picture of columns of both sides over time, one panel a column."""
+    """Return a figure of columns of both sides over time, one panel for each column."""
     from mech_twin.capabilities.plots import house_style, sheet
 
     with house_style():
@@ -178,14 +178,14 @@ def drawn_side_by_side(first: ComparedRun, second: ComparedRun, names: Sequence[
 def at_equal_angle(
     first: ComparedRun, second: ComparedRun, column: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return times of the second side and the times at which the first has turned as far; None if either does not turn.
+    """Return times of the second side, and of the first side at the same angle; None if either turns less than once.
 
     Parameters
     ----------
     first, second : ComparedRun
         The two sides.
     column : str
-        Angle of what leads the cycle (rad), whole or within a turn.
+        Column of the angle that drives the cycle (rad), continuous or wrapped.
     """
     times, turned = zip(*(_turned(side, column) for side in (first, second)), strict=True)
     if any(not len(angle) or angle[-1] - angle[0] < 2.0 * np.pi for angle in turned):
@@ -195,7 +195,7 @@ def at_equal_angle(
 
 
 def _turned(side: ComparedRun, column: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times and angle of a side where it has turned further than ever before, so that an angle has one time."""
+    """Return times and angle of a side where the angle exceeds all earlier ones, so that each angle has one time."""
     if column not in side.samples:
         return np.empty(0), np.empty(0)
     time_s = np.asarray(side.samples["time_s"], dtype=np.float64)
@@ -208,5 +208,5 @@ def _turned(side: ComparedRun, column: str) -> tuple[NDArray[np.float64], NDArra
 
 
 def _unit(name: str, *sides: ComparedRun) -> str:
-    """Return the unit of a column on both sides; of a linkage of one's own they may differ."""
+    """Return the unit of a column on both sides; for user-defined linkages they may differ."""
     return " / ".join(dict.fromkeys(unit for side in sides if (unit := side.units.get(name) or unit_of(name))))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is known of a run while it goes on: its numbers, its newest events, the regime of its linkage."""
+"""State of a run in progress: metrics, newest events, and regime of its linkage."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from mech_twin.engine.trajectory import frame_events
 from mech_twin.roles import Machine, Observer
 from mech_twin.samples import Event, Frame
 
-KEPT_EVENTS = 20_000  # 2 kB each: more would grow a process for hours
+KEPT_EVENTS = 20_000  # 2 kB each; the bound keeps the memory of long runs constant
 
 
 class RunMetrics:
-    """Observer of a run, with its events (the newest of a long run).
+    """Observer of a run that also stores its newest events.
 
     Parameters
     ----------
     build : callable
-        Returns the machine.  Called when the first frame comes, or the metrics are asked for: building a machine may
-        compile, which a process that waits for a run need not.
+        Returns the machine.  It is called at the first frame or the first request of metrics, since building a machine
+        may compile kernels.
     """
 
     def __init__(self, build: Callable[[], Machine]) -> None:
@@ -29,7 +29,7 @@ class RunMetrics:
         self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Forget the run so far: another begins."""
+        """Clear everything for a new run."""
         self.events: deque[Event] = deque(maxlen=KEPT_EVENTS)
         self.event_count = 0
         self.frames = 0
@@ -37,7 +37,7 @@ class RunMetrics:
         self._observer: Observer | None = None
 
     def observe(self, frame: Frame) -> tuple[Event, ...]:
-        """Take one frame into account and return its events."""
+        """Add one frame and return its events."""
         self.frames += 1
         self.last = frame
         if self._observer is None:
@@ -49,21 +49,21 @@ class RunMetrics:
         return events
 
     def numbers(self) -> dict[str, float]:
-        """Return the metrics so far, the closed-form ones of a cycle included."""
+        """Return the metrics so far, including the closed-form ones of a cycle."""
         return {**self._built().report(), **self.running_numbers()}
 
     def running_numbers(self) -> dict[str, float]:
-        """Return the metrics of the run alone."""
+        """Return only the metrics of the run."""
         return {} if self._observer is None else self._observer.numbers()
 
     def regime(self, index: int) -> str:
-        """Return the name of a regime of the linkage, empty where the machine has none."""
+        """Return the name of a regime of the linkage; empty if the machine has none."""
         regimes = self._built().linkage.regimes
         return regimes[index] if regimes else ""
 
     @property
     def machine(self) -> Machine:
-        """The machine, built when it is first asked for."""
+        """The machine, built at the first access."""
         return self._built()
 
     def _built(self) -> Machine:

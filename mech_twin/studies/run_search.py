@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Optimisation of any machine by its runs: keys within bounds, a minimised number, limits of other numbers.
+"""Design search of any machine by simulated runs: bounded keys, an objective, and limits of numbers.
 
-A scan of a Sobol sequence finds the feasible region; COBYLA (linear approximations) refines its best points.
-The same seed gives the same result on any number of cores.
+A Sobol sequence is evaluated first; its best points are refined by linear approximations (COBYLA).
+The same seed gives the same result for any number of cores.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ from mech_twin.studies.sweep_points import Question, question, summary
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
-Place = tuple[float, ...]  # of the unit cube
-LARGE = "-"  # before the name of an objective that is to be made large
-SCAN_POWER, MOST_SCAN_POWER = 4, 8  # of two: points of a scan of one key; one more for each further key
-REFINED = 4  # best points of the scan from which a refinement begins
-EVALUATIONS = 40  # of a refinement, for each key
-FIRST_STEP, LAST_STEP = 0.1, 1e-4  # of a refinement, in parts of the bounds
-BROKEN = 1e3  # violation of a point at which the machine is refused, or has not the number
+Place = tuple[float, ...]  # a point of the unit cube
+LARGE = "-"  # prefix of an objective to maximise
+SCAN_POWER, MOST_SCAN_POWER = 4, 8  # powers of two: points for one key, one power more per further key; at most
+REFINED = 4  # best points of the scan that are refined
+EVALUATIONS = 40  # in a refinement, for each key
+FIRST_STEP, LAST_STEP = 0.1, 1e-4  # in a refinement, as shares of the range of each key
+BROKEN = 1e3  # violation at a point where the configuration is rejected or the number missing
 
 
 class JudgedPoint(NamedTuple):
-    """A point of the unit cube: its minimised objective, and its scaled margins (negative: violated)."""
+    """A point of the unit cube: objective to minimise, and scaled margins, negative where a limit is violated."""
 
     place: Place
     objective: float
@@ -56,26 +56,26 @@ class JudgedPoint(NamedTuple):
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Sort key of points: violation of the limits, then the objective."""
+        """Sorting key: total violation of the limits, then the objective."""
         return sum(max(-margin, 0.0) for margin in self.margins), self.objective
 
 
 @dataclass(frozen=True)
 class RunSearch:
-    """A search.
+    """A design search.
 
     Attributes
     ----------
     asked : Question
-        Machine, configuration and simulated seconds.
+        Machine, configuration and simulated time.
     bounds : dict
-        Least and largest value of each key.
+        Lower and upper bound of each key.
     objective : str
-        Number that is minimised; with ``-`` before it maximised.
+        Number to minimise; with ``-`` before it, to maximise.
     limits : dict
-        Least and largest value of numbers.
+        Lower and upper limits of numbers.
     scales : dict
-        Magnitude of each objective and limited number in the machine as configured.
+        Magnitude of each number used, in the unchanged machine.
     """
 
     asked: Question
@@ -95,7 +95,7 @@ class RunSearch:
         return {key: low + share * (high - low) for (key, (low, high)), share in pairs}
 
     def margins(self, numbers: Mapping[str, float]) -> dict[str, float]:
-        """Return the margin of each limit in the unit of its number; negative: violated."""
+        """Return the margin to each limit, in the unit of its number; negative if violated."""
         found: dict[str, float] = {}
         for name, (low, high) in self.limits.items():
             value = numbers.get(name, math.nan)
@@ -104,7 +104,7 @@ class RunSearch:
         return found
 
     def judged(self, place: Sequence[float]) -> JudgedPoint:
-        """Return the evaluation of a point."""
+        """Return the objective and margins of a point."""
         point = tuple(float(np.clip(share, 0.0, 1.0)) for share in place)
         try:
             numbers = summary(self.asked, self.changes(point))
@@ -128,12 +128,12 @@ def run_search(
     limits: Mapping[str, Range],
     duration_s: float,
 ) -> RunSearch:
-    """Return a search, checked against the numbers of the machine as it is.
+    """Return a search, checked against the numbers of the unchanged machine.
 
     Raises
     ------
     StudyError
-        If a key, a number or a bound is invalid.
+        A key or number does not exist, or a bound or limit is invalid.
     """
     if not bounds:
         raise StudyError("a search by runs needs at least one key and its bounds: --bound KEY=LOW:HIGH")
@@ -161,14 +161,14 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     Raises
     ------
     StudyError
-        If no design keeps every limit; the message has the nearest one.
+        No design satisfies every limit; the message gives the nearest one.
     """
     keys, workers = len(asked.bounds), cores or available_cores()
     power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
     places = qmc.Sobol(keys, scramble=True, rng=np.random.default_rng(seed)).random_base2(power)
     steps = len(places) + REFINED
     points, begun = [tuple(place) for place in places.tolist()], time.monotonic()
-    scanned = [asked.judged(points[0])]  # here, so that kernels are compiled before processes ask for them
+    scanned = [asked.judged(points[0])]  # in this process, so that kernels are compiled before others need them
     if (time.monotonic() - begun) * (len(points) + REFINED * EVALUATIONS * keys) < WORTH_SPREADING_S:
         workers = 1
     scanned += _spread(asked.judged, points[1:], workers, steps, 1)
@@ -188,7 +188,7 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
 
 
 def _checked(asked: RunSearch, found: Parameters) -> InShorterSteps | None:
-    """Return objective and margins of a design from a run with shorter steps, if possible."""
+    """Return objective and margins of a design in a run with shorter steps; None without such a run."""
     machine = catalogue_entry(asked.asked.machine).build(found)
     known = dict(machine.report())
     names = {asked.name, *asked.limits} - known.keys()
@@ -202,7 +202,7 @@ def _checked(asked: RunSearch, found: Parameters) -> InShorterSteps | None:
 
 
 def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:
-    """Return the best point found by COBYLA from a start."""
+    """Return the best point that COBYLA finds from a start."""
     known: dict[Place, JudgedPoint] = {}
 
     def at(place: Any) -> JudgedPoint:
@@ -228,7 +228,7 @@ def refined_from(asked: RunSearch, start: Place) -> JudgedPoint:
 def _spread(
     function: Callable[[Place], JudgedPoint], points: list[Place], cores: int, steps: int, done: int
 ) -> list[JudgedPoint]:
-    """Return what a function makes of points, on several cores, in the order of their places."""
+    """Return the results of a function at points, computed on several cores, sorted by point."""
     found: list[JudgedPoint] = []
     with closing(spread(function, points, cores)) as results:
         for result in results:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Step-size check: a second run with shorter steps shows which digits of a number do not depend on the step.
+"""Repeats a run with shorter steps, to find how many digits of a number do not depend on the step.
 
-Peaks are taken at samples, and roles exchange samples at steps, so the numbers of a run depend on its step.  The second
-run has sqrt 5 times as many steps: less than half as long, and its samples fall between those of the first.
+Peaks are taken at samples, and roles exchange samples at steps, so that results depend on the step.  The second run has
+sqrt 5 times as many steps: its step is below half, and its samples fall between those of the first run.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
-DIGITS = 5  # told at most, since samples of both runs may miss a peak alike
-FIRST_ORDER = 1.0 / (1.0 - 1.0 / TIMES_AS_MANY)  # error over difference, of what falls as slowly as the step
-FEWEST_DIGITS = 2  # fewer say less than both numbers
+DIGITS = 5  # reported at most, since both runs may miss a peak by the same amount
+FIRST_ORDER = 1.0 / (1.0 - 1.0 / TIMES_AS_MANY)  # error over difference, for an error proportional to the step
+FEWEST_DIGITS = 2  # with fewer, both numbers are reported instead
 
 
 def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
-    """Return the machine with a shorter coupling step that divides the run; None if so short a step is not allowed."""
+    """Return the machine with a shorter coupling step that divides the run; None if that is not allowed."""
     try:
         parameters = varied(machine.parameters, {"coupling.step_s": shorter_step_s(machine, duration_s)})
     except ValidationError:
@@ -37,21 +37,21 @@ def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
 
 
 class RunInShorterSteps:
-    """A run parallel to one with longer steps.
+    """A run with shorter steps, simulated in parallel with the original run.
 
     Parameters
     ----------
     machine : Machine
-        The machine in shorter steps.
+        The machine with shorter steps.
     duration_s : float
         Simulated time.
     changes : sequence of LiveChange
-        What changes during the run.
+        Live changes during the run.
 
     Attributes
     ----------
     failure : str
-        Why this run ended before the other; empty otherwise.
+        Error that ended this run early; empty without one.
     """
 
     def __init__(self, machine: Machine, duration_s: float, changes: Sequence[LiveChange] = ()) -> None:
@@ -63,11 +63,11 @@ class RunInShorterSteps:
         self._time_s = -math.inf
 
     def follow(self, other: Frame) -> None:
-        """Update with the frames up to one of the other run; an error ends only this run."""
+        """Simulate up to the time of a frame of the other run; an error ends only this run."""
         self._observe_until(other.linkage.time_s)
 
     def finish(self) -> None:
-        """Update with all remaining frames."""
+        """Simulate to the end."""
         self._observe_until(math.inf)
 
     def _observe_until(self, time_s: float) -> None:
@@ -79,7 +79,7 @@ class RunInShorterSteps:
             self.failure, self._frames = str(error) or type(error).__name__, iter(())
 
     def numbers(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the numbers so far of these names, NaN where the run has none; no name where it ended early."""
+        """Return the metrics of these names so far, NaN for an unknown name; empty if the run failed."""
         if self.failure:
             return {}
         found = self._observer.numbers()
@@ -87,12 +87,12 @@ class RunInShorterSteps:
 
 
 def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -> InShorterSteps:
-    """Return numbers of a run in shorter steps.
+    """Return metrics of a run with shorter steps.
 
     Raises
     ------
     StudyError
-        The machine has no shorter step, or the run in it ends with an error.
+        No shorter step is allowed, or the run with it fails.
     """
     shorter = in_shorter_steps(machine, duration_s)
     if shorter is None:
@@ -105,10 +105,10 @@ def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -
 
 
 def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
-    """Return a number with the digits that shorter steps leave unchanged; both numbers if those are few.
+    """Return a number with the digits that do not depend on the step; both numbers if these are too few.
 
-    Half a unit of the last digit is at least the error, assumed proportional to the step.  A number that does not
-    depend on the run is not among those of shorter steps, and is given in full.
+    Half of the last digit is at least the error, assumed proportional to the step.  A number that is absent from
+    ``shorter`` does not depend on the run and is returned unchanged.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
 
 
 def _rounded(value: float, digits: int, last: int) -> str:
-    """Return a number with so many digits, the last of them worth ten to a power."""
+    """Return a number with this many digits, the last of them at this power of ten."""
     if 1e-4 <= abs(value) < 10.0**6:
         return f"{round(value, -last):.{max(0, -last)}f}"
     return f"{value:.{digits - 1}e}"

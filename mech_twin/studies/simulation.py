@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run in one process: the numbers, worst residuals and events gathered frame by frame."""
+"""Results of a run in one process: metrics, worst residuals and events, collected frame by frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mech_twin.samples import Event, Frame
 
 
 class Simulation:
-    """What is gathered of a run, frame by frame."""
+    """Collects the results of a run, frame by frame."""
 
     def __init__(self, machine: Machine) -> None:
         self.events: list[Event] = []
@@ -23,29 +23,29 @@ class Simulation:
         self._invariants = RunInvariants(machine)
 
     def observe(self, frame: Frame) -> None:
-        """Update with one frame."""
+        """Add one frame."""
         self._observer.observe(frame)
         self._invariants.observe(frame)
         self.events.extend(frame_events(frame))
 
     def residuals(self) -> dict[str, Residual]:
-        """Return the worst of each residual, with its limit."""
+        """Return the worst value of each residual, with its limit."""
         return self._invariants.residuals()
 
     def summary(self) -> dict[str, float]:
-        """Return the closed-form numbers of a cycle and those of the run so far."""
+        """Return the closed-form numbers of a cycle and the metrics of the run so far."""
         return {**self._machine.report(), **self.numbers()}
 
     def numbers(self) -> dict[str, float]:
-        """Return the numbers of the run so far."""
+        """Return the metrics of the run so far."""
         return self._observer.numbers()
 
     def remarks(self) -> tuple[str, ...]:
-        """Return what limits the numbers so far."""
+        """Return remarks on the validity of the results so far."""
         return tuple(self._machine.remarks(self.summary()))
 
     def document(self) -> dict[str, Any]:
-        """Return everything but the samples as plain values."""
+        """Return all results but the samples as plain values."""
         return {
             "machine": self._machine.name,
             "config": configuration_tree(self._machine.parameters),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sizes of a machine's parts: each gives a configuration, the constraints it meets and which of them binds."""
+"""Sizing of a machine's parts: a configuration, the constraints it satisfies and which of them is active."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.parameters.load import machine_parameters, table
 from mech_twin.studies.asking import asked_of
 
-MOST_TOLERANCE = 0.5  # beyond it a box of tolerances is no longer one machine
+MOST_TOLERANCE = 0.5  # a wider box of tolerances does not describe one machine
 
 
 def sized(
@@ -40,7 +40,7 @@ def sized(
 
 
 def allowed_tolerance(machine: str, question: SizingQuestion, tolerance: float | None) -> float:
-    """Return the tolerance to size with; refuse one that the machine has no answer for."""
+    """Return the tolerance for sizing; raise a StudyError for one that the machine does not support."""
     if tolerance is None:
         return question.usual_tolerance or 0.0
     real_number("tolerance", tolerance, f"0 to {MOST_TOLERANCE:g}, a part of each assumed value", 0.0, MOST_TOLERANCE)

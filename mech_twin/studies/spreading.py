@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Work spread over processes of this machine, or over a Dask cluster.
+"""Distributes work over processes of this computer, or over a Dask cluster.
 
-A batch is computed by a pure function, so it may be computed again elsewhere when a worker is lost; whoever takes the
-results counts each batch once.
+A batch is computed by a pure function, so another worker can compute it again if one is lost; the caller must count
+each batch once.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ CONNECT_S = 10.0
 
 
 def available_cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def spread(
     function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int, scheduler: str | None = None
 ) -> Generator[Result]:
-    """Yield the results of all batches as they are ready, in no order, each once; to close it ends the workers.
+    """Yield the results of all batches as they finish, in any order; closing the generator ends the workers.
 
     Parameters
     ----------
     function : callable
         Pure, and importable by name in another process.
     batches : sequence
-        What to give it.
+        Arguments of the function.
     cores : int
-        Processes of this machine; 1 computes in this one.
+        Processes on this computer; 1 computes in the present one.
     scheduler : str, optional
         Address of a Dask scheduler (``tcp://127.0.0.1:8786``), which is then used instead.
 
     Raises
     ------
     StudyError
-        If the scheduler cannot be reached or is lost, or a worker process of this machine dies.
+        If the scheduler cannot be reached or is lost, or a worker process of this computer dies.
     """
     if scheduler is not None:
         yield from _over_cluster(function, batches, scheduler)
@@ -64,7 +64,7 @@ def spread(
         try:
             yield from _over_processes(function, batches, min(cores, len(batches)))
         finally:
-            gc.collect()  # the pool's semaphores, of which an end by signal would otherwise tell in a warning
+            gc.collect()  # frees the pool's semaphores; otherwise an end by signal prints a warning
 
 
 def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int) -> Iterator[Result]:
@@ -82,14 +82,14 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
                     if len(waiting) >= QUEUED_PER_CORE * cores:
                         break
                 if not waiting:
-                    pool.shutdown()  # waits for its thread, which holds semaphores: an end now would call them leaked
+                    pool.shutdown()  # waits for its thread, whose semaphores would otherwise be reported as leaked
                     return
                 done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in done:
                     yield future.result()
         except BrokenProcessPool as error:
             raise StudyError("a worker process died before the study was done; finished points are kept") from error
-        except BaseException:  # nobody takes what the workers are at
+        except BaseException:  # the results of the workers are no longer needed
             for worker in set(active_children()) - others:
                 worker.kill()
             raise
@@ -98,13 +98,13 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
 
 
 def _follow_parent(parent: int) -> None:
-    """End when the process does that takes the results; it decides what a signal to all of them means."""
+    """End this worker when its parent ends; the parent handles signals sent to all of them."""
     end_with_parent(parent, signal.SIGKILL)
 
 
 @contextmanager
 def _signals_held_back() -> Iterator[None]:
-    """Deliver signals after this block; to the processes that are started in it, never."""
+    """Block signals during this context; processes started in it inherit the block."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
@@ -113,7 +113,7 @@ def _signals_held_back() -> Iterator[None]:
 
 
 def _over_cluster(function: Callable[[Batch], Result], batches: Sequence[Batch], scheduler: str) -> Iterator[Result]:
-    """Yield what a cluster computes; what a lost worker had, finished but not yet fetched too, goes to the others."""
+    """Yield results of a cluster; batches of a lost worker, and its results not yet fetched, are computed again."""
     client = _client(scheduler)
     with client:
         futures = client.map(function, batches, pure=False, retries=RETRIES)

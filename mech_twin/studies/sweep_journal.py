@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Journal of a sweep: finished points on disk, so that an interrupted sweep goes on where it stopped.
+"""Journal of a sweep: stores finished points on disk, so that an interrupted sweep can be resumed.
 
-One JSON document a line: first the question, then a line per finished point, written when it is finished.  A line that
-was cut off by the interruption is dropped.
+The file has one JSON document per line: first the question, then each finished point.  A line that was cut off by an
+interruption is dropped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mech_twin.studies.sweep_points import Point, Question
 
 
 class SweepJournal:
-    """The finished points of one question; each index is counted once, whoever reports it again."""
+    """The finished points of one question; a repeated index is ignored."""
 
     def __init__(self, path: Path, asked: Question) -> None:
         self._path = path
@@ -46,7 +46,7 @@ class SweepJournal:
             self.finished.setdefault(found.index, found)
 
     def add(self, found: Iterable[Point]) -> int:
-        """Write points that were not known yet; return how many."""
+        """Write points that are new; return their number."""
         fresh = [point for point in found if point.index not in self.finished]
         for point in fresh:
             self.finished[point.index] = point
@@ -56,11 +56,11 @@ class SweepJournal:
         return len(fresh)
 
     def close(self) -> None:
-        """Close the file; it stays until it is removed."""
+        """Close the file, without removing it."""
         self._stream.close()
 
     def remove(self) -> None:
-        """Close and remove the file: the sweep is done and its table written."""
+        """Close and remove the file, after the table of the sweep was written."""
         self.close()
         self._path.unlink()
 

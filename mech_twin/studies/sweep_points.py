@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a sweep: which configurations, and the numbers of one of them."""
+"""Points of a sweep: their configurations, and the summary numbers of a point."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_POINTS = 10_000_000
 
 @dataclass(frozen=True)
 class Question:
-    """A sweep: machine, its configuration, axes (dotted key and values), outputs wanted, simulated seconds (0: none).
+    """A sweep: machine, configuration, axes (dotted key and values), requested outputs, simulated time (s, 0: none).
 
     Points are numbered row by row, the last axis fastest.
     """
@@ -63,7 +63,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Point:
-    """The numbers of one point by name, or why its configuration was refused, or its motion could not be followed."""
+    """Summary numbers of one point by name, or why its configuration was rejected or its simulation failed."""
 
     index: int
     numbers: dict[str, float]
@@ -108,7 +108,7 @@ def require_key(model: type[BaseModel], key: str) -> None:
 
 
 def summary(asked: Question, changes: Mapping[str, Value]) -> dict[str, float]:
-    """Return the machine's report at these changes and, if a duration is asked, the metrics of a run."""
+    """Return the machine's report with these changes and, if a duration is given, the metrics of a run."""
     entry = catalogue_entry(asked.machine)
     machine = entry.build(validated(entry, merged_tree(asked.tree, tree_from_flat(changes)), "this point"))
     numbers = dict(machine.report())
@@ -121,7 +121,7 @@ def summary(asked: Question, changes: Mapping[str, Value]) -> dict[str, float]:
 
 
 def require_outputs(asked: Question) -> None:
-    """Raise a `StudyError` if an output is no summary number of the unchanged machine."""
+    """Raise a `StudyError` if an output is not a summary number of the unchanged machine."""
     if asked.outputs:
         known = summary(asked, {})
         for name in asked.outputs:
@@ -132,7 +132,7 @@ def require_outputs(asked: Question) -> None:
 
 
 def point(asked: Question, index: int) -> Point:
-    """Return the numbers of one point, nan where it has not one that was asked for."""
+    """Return the summary numbers of one point, nan for a requested one that is missing."""
     try:
         numbers = summary(asked, asked.changes(index))
     except (ConfigurationError, MotionError) as error:
@@ -142,5 +142,5 @@ def point(asked: Question, index: int) -> Point:
 
 
 def points(asked: Question, indices: Sequence[int]) -> list[Point]:
-    """Return the numbers of several points: the unit of work that is spread."""
+    """Return the summary numbers of several points: the unit of work for other processes."""
     return [point(asked, index) for index in indices]

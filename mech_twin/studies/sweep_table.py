@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A sweep as a table (Parquet or CSV) and as a picture."""
+"""A sweep as a table (Parquet or CSV) and as a plot."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CURVES = 8
 
 
 def columns(asked: Question, found: Sequence[Point]) -> dict[str, list[Any]]:
-    """Return swept keys, numbers (nan where a point has none) and refusals, one list each."""
+    """Return swept keys, numbers (nan if missing) and reasons of rejection, one list each."""
     changes = [asked.changes(point.index) for point in found]
     names = dict.fromkeys(name for point in found for name in point.numbers)
     table: dict[str, list[Any]] = {key: [change[key] for change in changes] for key in asked.keys}
@@ -29,7 +29,7 @@ def columns(asked: Question, found: Sequence[Point]) -> dict[str, list[Any]]:
 
 
 def write_table(asked: Question, found: Sequence[Point], path: Path) -> None:
-    """Write the table over what is there; Parquet carries machine and configuration with it."""
+    """Write the table, replacing an existing file; Parquet metadata include machine and configuration."""
     table = columns(asked, found)
     with written_file(path, force=True) as unfinished:
         if path.suffix == ".csv":
@@ -54,9 +54,9 @@ def _write_parquet(asked: Question, table: dict[str, list[Any]], path: Path) -> 
 
 
 def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
-    """Draw the numbers that vary, the first six of them; return whether there was anything to draw.
+    """Plot the first six numbers that vary; return whether there was anything to plot.
 
-    Over one key a line; over two a map; over more, lines over the first key, the others at their first values.
+    One key gives a line, two a map; more keys give lines over the first key, with the others at their first values.
     """
     table = columns(asked, found)
     names = [name for name in table if name not in (*asked.keys, REFUSED) and varies(table[name])][:PANELS]
@@ -88,7 +88,7 @@ def _draw(asked: Question, table: dict[str, list[Any]], names: Sequence[str], pa
 
 
 def varies(values: Sequence[float]) -> bool:
-    """Return whether finite numbers differ by more than rounding."""
+    """Return whether the finite values differ by more than rounding error."""
     finite = [value for value in values if math.isfinite(value)]
     return len(finite) > 1 and max(finite) - min(finite) > 1e-12 * max(map(abs, finite))
 

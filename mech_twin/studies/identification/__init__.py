@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of a machine from measured runs: fits, intervals, verdicts, and which sensors would find what."""
+"""Identification of a machine's parameters from measured runs: fits, intervals, verdicts, and choice of sensors."""

@@ -26,7 +26,7 @@ MOVED = 1e-3  # of a key, or of the unit where it is 0: enough to be seen, too l
 
 
 def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, Any]:
-    """Return the configuration as nested plain values, without those that follow from one of the keys.
+    """Return the configuration as nested plain values, without those derived from one of the keys.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, A
     try:
         _configured(name, whole, moved)
         steps = [moved]
-    except ConfigurationError:  # each of them alone is accepted
+    except ConfigurationError:  # together they are rejected, each alone is accepted
         steps = [{key: value} for key, value in moved.items()]
     return _acting(name, whole, tuple(_filled_in(name, base, whole)), steps)
 
@@ -80,7 +80,7 @@ def _constants(machine: Machine) -> bytes | None:
 def _acting(
     name: str, tree: Mapping[str, Any], filled: Sequence[str], steps: Sequence[Mapping[str, float]]
 ) -> dict[str, Any]:
-    """Return a tree without those filled-in numbers that follow from one of the steps of keys."""
+    """Return a tree without the derived numbers that change with one of the steps of keys."""
     left = dict(tree)
     for leaf in filled:
         if all(leaf not in step for step in steps) and any(_follows(name, tree, leaf, step) for step in steps):
@@ -89,7 +89,7 @@ def _acting(
 
 
 def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
-    """Return another value of a key that the machine accepts."""
+    """Return a slightly different value of a key that the machine accepts."""
     value = float(number_in(tree, key))
     step, refused = MOVED * (abs(value) or 1.0), None
     for other in (value + step, value - step):
@@ -103,7 +103,7 @@ def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
 
 
 def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the dotted numbers that the machine has even where its configuration leaves them out."""
+    """Yield the dotted keys of numbers that the machine derives if the configuration leaves them out."""
     for leaf in _numbers(tree):
         try:
             found = _configured(name, _without(tree, leaf), {})
@@ -114,7 +114,7 @@ def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator
 
 
 def _follows(name: str, tree: Mapping[str, Any], leaf: str, moved: Mapping[str, float]) -> bool:
-    """Return whether a number that is filled in changes with keys."""
+    """Return whether a derived number changes when keys are changed."""
     try:
         found = _configured(name, _without(tree, leaf), moved)
     except ConfigurationError:
@@ -127,7 +127,7 @@ def _configured(name: str, tree: Mapping[str, Any], changed: Mapping[str, float]
 
 
 def number_in(tree: Mapping[str, Any], key: str) -> Any:
-    """Return what stands at a dotted key, None where nothing does."""
+    """Return the value at a dotted key; None without one."""
     branch: Any = tree
     for word in key.split("."):
         branch = branch.get(word) if isinstance(branch, Mapping) else None

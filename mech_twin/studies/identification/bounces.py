@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Restitution from the positions of something that bounces under a constant force: a filmed drop, in any unit.
+"""Coefficient of restitution from positions of a body bouncing under a constant force, in any unit, as from video.
 
-Bounces are the turning points on the side of the stop, where all of them lie at one level; the other turning points
-come down with each bounce.  Flights between bounces shorten by the restitution (`event_estimates`), so neither the
-scale of the picture nor the force has to be known.
+Bounces are the turning points at the stop, all at one level; the other turning points come down with each bounce.  The
+durations of successive flights have the ratio of the restitution (`event_estimates`), so neither the scale of the image
+nor the force has to be known.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.event_estimates import Estimate, restitution_from_flights
 
-LEAST_FLIGHT = 0.03  # of the swing: lower flights are lost in the places of a picture
+LEAST_FLIGHT = 0.03  # of the range of positions: lower flights are below the resolution
 FEWEST_BOUNCES = 3
-FEWEST_CLEAN = 2  # runs without a missed or false bounce from which the others are left out
+FEWEST_CLEAN = 2  # runs without a missed or false bounce; with this many, the others are left out
 
 
 @dataclass(frozen=True)
 class Bounces:
-    """What one run shows: its column, the times of its bounces, and the restitution from its flights."""
+    """Result of one run: its column, the times of its bounces, and the restitution from its flights."""
 
     path: Path
     column: str
@@ -41,7 +41,7 @@ class Bounces:
 
     @property
     def flaws(self) -> str:
-        """Missed and false bounces in words; empty where there are none."""
+        """Missed and false bounces as text; empty without any."""
         named = (("missed before", self.found.missed), ("false", self.found.false))
         return "; ".join(
             f"{word} {', '.join(f'{self.times_s[i]:.4g} s' for i in places)}" for word, places in named if places
@@ -50,7 +50,7 @@ class Bounces:
 
 @dataclass(frozen=True)
 class Restitution:
-    """Restitution over runs, with its 95 % interval, and the runs it came from."""
+    """Restitution over several runs, with its 95 % interval, and the runs that were used."""
 
     value: float
     standard_error: float
@@ -59,7 +59,7 @@ class Restitution:
 
 
 def bounce_times(times_s: Array, positions: Array) -> tuple[Array, float]:
-    """Return the times at which a position turns on its lower side, and the spread of these levels over the swing.
+    """Return the times of the lower turning points (s), and the scatter of their levels relative to the range.
 
     Parameters
     ----------
@@ -77,12 +77,12 @@ def bounce_times(times_s: Array, positions: Array) -> tuple[Array, float]:
 
 
 def bounces(path: Path, times_s: Array, columns: Mapping[str, Array]) -> Bounces:
-    """Return the bounces of a run: of the column, and the direction, whose turning points lie at one level.
+    """Return the bounces of a run, from the column and direction whose turning points have the least scatter.
 
     Raises
     ------
     MeasurementError
-        No column shows a series of bounces.
+        No column contains a series of bounces.
     """
     tried = [
         (name, sign, *bounce_times(times_s, sign * values)) for name, values in columns.items() for sign in (1, -1)
@@ -100,9 +100,9 @@ def bounces(path: Path, times_s: Array, columns: Mapping[str, Array]) -> Bounces
 
 
 def restitution(runs: Sequence[Bounces]) -> Restitution:
-    """Return the restitution over runs, those with missed or false bounces left out where enough others are clean.
+    """Return the mean restitution over runs; runs with missed or false bounces are left out if enough are clean.
 
-    The interval is that between runs; of one run, that of its flights.
+    The interval comes from the scatter between runs; for one run, from that of its flights.
     """
     clean = [run for run in runs if run.clean]
     used = clean if len(clean) >= FEWEST_CLEAN else list(runs)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of a fit for each channel: residuals, sensor parameters found, and errors of the model."""
+"""Quality of a fit for each channel: residuals, fitted sensor parameters, and test for errors of the model."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO
 
-KNOWN_NOISE, SEEN_NOISE = 2.0, 3.0  # times the noise of a sensor, known or seen: more is an error of the model
-LEAST_NOISE = 2e-4  # of the size of a channel: the model's own columns are no more exact between coupling steps
-BURSTS = 1.5  # times the robust spread of the residuals, which bursts hardly move: more is an error of the model
+KNOWN_NOISE, SEEN_NOISE = 2.0, 3.0  # times the sensor noise, given or estimated: a larger residual is a model error
+LEAST_NOISE = 2e-4  # of a channel's standard deviation: error of interpolation between coupling steps
+BURSTS = 1.5  # times the robust spread of the residuals, insensitive to bursts: more is a model error
 BY_CHANCE = 1e-3
 FARTHEST, TINY = 1e4, 1e-300
 
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """A channel over the fitted runs: fit, residual, and what was found of it (in the channel's own unit).
+    """Result of a channel over the fitted runs: fit, residual, and sensor parameters (in the channel's own unit).
 
-    ``autocorrelation`` is that of the residuals at lags from 1 on, the mean over the runs; of ``samples`` white ones
-    95 % lie within 1.96 over the root of their number.
+    ``autocorrelation`` is that of the residuals from lag 1 on, the mean over the runs.  For white residuals, 95 % of
+    the values lie within 1.96 / sqrt(``samples``).
     """
 
     channel: str
@@ -40,16 +40,17 @@ class ChannelFit:
 
 
 def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
-    """Return the channel whose residual exceeds its sensor's noise, and by how much; None if noise explains all.
+    """Return which channel's residual exceeds its sensor noise, and by how much; None if noise explains all.
 
-    The residual is compared with the known or estimated noise, and must be correlated (Ljung and Box).
-    A sensor may hide some of its noise from differences; if starts have not ``agreed``, a wrong minimum is likelier.
+    The residual must exceed the given or estimated noise by a factor, and be non-white by the Ljung-Box test.
+    A filter in a sensor hides noise from the estimate.  If starts have not ``agreed``, the factor for estimated noise
+    is smaller, since the fit has probably missed the global minimum.
     """
     problem = fitted.problem
     for place, found in _scored(fitted):
         noise, known = channel_noise(problem, place)
         most = noise * (KNOWN_NOISE if known else SEEN_NOISE if agreed else BURSTS)
-        if not known:  # a filter in a sensor hides its noise from differences, but makes no bursts
+        if not known:  # a filter in a sensor hides its noise from differences, but causes no bursts
             most = min(most, BURSTS * max(noise, float(fitted.comparison.sigmas[place])))
         if not np.isfinite(found.rms) or (found.rms > most and found.white_p < BY_CHANCE):
             return (
@@ -60,13 +61,13 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
 
 
 def noise_misfit(fitted: Fitted) -> float:
-    """Return the RMS of all channels' residuals over their sensors' noise; about 1 for a correct model."""
+    """Return the rms over channels of residual over sensor noise; about 1 if the model is right."""
     shares = [found.rms / channel_noise(fitted.problem, place)[0] for place, found in _scored(fitted)]
     return float(np.sqrt(np.mean(np.minimum(shares, FARTHEST) ** 2))) if shares else fitted.cost
 
 
 def channel_noise(problem: FitProblem, place: int) -> tuple[float, bool]:
-    """Return the noise of a channel, at least the model's own resolution; and whether it is known."""
+    """Return the noise of a channel (SI), at least the model's interpolation error; and whether it was given."""
     channels = [run.channels[place] for run in problem.runs]
     size = max(float(np.std(channel.values)) for channel in channels)
     noise = max(channel.noise for channel in channels)
@@ -79,7 +80,7 @@ def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
 
 
 def channel_fits(fitted: Fitted) -> list[ChannelFit]:
-    """Return each channel over the fitted runs."""
+    """Return the result of each channel over the fitted runs."""
     problem, found = fitted.problem, []
     scores = {each.channel: each for each in score(problem, fitted.x).channels}
     for place, channel in enumerate(problem.runs[0].channels):
@@ -114,7 +115,7 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
 
 
 def _memory(fitted: Fitted, place: int) -> tuple[int, tuple[float, ...]]:
-    """Return how many samples of a channel were fitted, and the autocorrelation of their residuals."""
+    """Return the number of fitted samples of a channel, and the autocorrelation of their residuals."""
     parts = [each[place] for each in fitted.problem.parts(fitted.x)]
     masks = [each[place] for each in fitted.comparison.masks]
     runs = [autocorrelations(off[mask & np.isfinite(off)]) for off, mask in zip(parts, masks, strict=True)]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Prediction of sensor readings from a roll-out, at the sensors' own instants.
+"""Predicts the readings of a machine's sensors from a simulation, at the sensors' own instants.
 
-Between coupling steps a position follows the cubic through positions and speeds, everything else a straight line; in a
-step with an event both follow the straight line.  A column that jumps at events is not to be compared beside one:
-`ColumnCurves.beside_event` says where that is.
+Between coupling steps a position is interpolated by cubic Hermite polynomials, everything else linearly; in a step with
+an event both linearly.  A column that jumps at events must not be compared close to one: `ColumnCurves.beside_event`
+marks these times.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ POSITION, VELOCITY = ".position", ".velocity"
 
 
 class ColumnCurves:
-    """The columns of a roll-out as functions of time; angles without their jumps by a turn.
+    """The columns of a simulation as functions of time; angles are unwrapped.
 
     Parameters
     ----------
     rollout : RollOut
-        With the columns that will be asked for (`needed_columns`).
+        Simulation with all columns that will be evaluated (`needed_columns`).
     """
 
     def __init__(self, rollout: RollOut) -> None:
@@ -53,12 +53,12 @@ class ColumnCurves:
 
     @property
     def event_times_s(self) -> Array:
-        """Times of all events, rising."""
+        """Times of all events (s), ascending."""
         return self.rollout.event_numbers.time_s
 
     @cached_property
     def _eventful(self) -> npt.NDArray[np.bool_]:
-        """Whether the step that ends at each sample, but the first, holds an event."""
+        """Whether each coupling step contains an event, shape (samples - 1,)."""
         found = np.zeros(len(self.times_s) - 1, dtype=np.bool_)
         first = round(self._first_s / self._step_s)
         steps = self.rollout.event_numbers.step - first - 1
@@ -66,7 +66,7 @@ class ColumnCurves:
         return found
 
     def at(self, column: str, times_s: Array) -> Array:
-        """Return a column at these times, shape (n,); before the first and after the last step, its value there."""
+        """Return a column at these times, shape (n,); outside the simulated time, its first or last value."""
         values = self._values(column)
         if len(values) < 2:
             return np.full(len(times_s), values[0])
@@ -82,7 +82,7 @@ class ColumnCurves:
         return np.asarray(straight + np.where(self._eventful[step], 0.0, share * (1.0 - share) * bend))
 
     def slope(self, column: str, times_s: Array) -> Array:
-        """Return the rate of change of a column at these times, over one coupling step, shape (n,)."""
+        """Return the derivative of a column at these times, a central difference over one coupling step, shape (n,)."""
         half = 0.5 * self._step_s
         return (self.at(column, times_s + half) - self.at(column, times_s - half)) / self._step_s
 
@@ -97,9 +97,9 @@ class ColumnCurves:
         return np.asarray(np.minimum(np.abs(to_next), np.abs(since)) <= guard_s)
 
     def of_events(self, kind: str, field: str) -> Array:
-        """Return values of the events of one kind in time order: one of `EVENT_FIELDS`, or a number of a gauge.
+        """Return a value of all events of one kind, in order of time: one of `EVENT_FIELDS`, or a gauge reading.
 
-        It is nan for an event that the gauge does not measure.
+        It is nan for an event without a gauge reading.
         """
         if (kind, field) not in self._of_events:
             events = self.rollout.event_numbers
@@ -117,13 +117,13 @@ class ColumnCurves:
 
 
 def needed_columns(columns: list[str]) -> list[str]:
-    """Return the columns a roll-out has to give for these: beside each position its speed."""
+    """Return the columns that the simulation must record: these, and the speed for each position."""
     speeds = [name[: -len(POSITION)] + VELOCITY for name in columns if name.endswith(POSITION)]
     return list(dict.fromkeys([*columns, *speeds]))
 
 
 def jumps(column: str) -> bool:
-    """Return whether a column may jump at an event: everything but a position."""
+    """Return whether a column can be discontinuous at an event: all but positions."""
     return not column.endswith(POSITION)
 
 
@@ -136,18 +136,18 @@ def predicted(
     zero: float | None = None,
     gain: float | None = None,
 ) -> Array:
-    """Return the readings of a channel for the roll-out at its stamps, in its own unit.
+    """Return the predicted readings of a channel at its stamps, in its own unit.
 
     Parameters
     ----------
     channel : Channel
-        Its line of the map.
+        Its entry in the map.
     curves : ColumnCurves
-        The roll-out.
+        The simulation.
     stamps_s : ndarray
-        Shape (n,): stamps of the samples, the lag not taken off.
+        Shape (n,): stamps of the samples, the lag not subtracted.
     lag_s, zero, gain : float, optional
-        What the map leaves open; its own numbers if absent (0, 0 and 1 where it says ``free`` or ``per_run``).
+        Sensor parameters; those of the map if absent (0, 0 and 1 where it has ``free`` or ``per_run``).
 
     Returns
     -------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identifiable combinations of keys that are not identifiable alone: products of powers, or sums of multiples."""
+"""Identifiable combinations of keys that are not identifiable alone: products of powers, or weighted sums."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ import numpy as np
 
 from mech_twin.measurements.blocks import Array
 
-LARGEST_ERROR = 0.5  # half width over the size of a key: of a combination that is stated
-LEAST_WEIGHT = 0.1  # a key with less is left out
+LARGEST_ERROR = 0.5  # half width of the interval over the key's value, at most, for a combination to be reported
+LEAST_WEIGHT = 0.1  # a key with a smaller weight is left out
 LARGEST_DENOMINATOR = 4
 PRODUCT, SUM = "product", "sum"
-PRODUCT_FAVOURED = 1.5  # times as narrow a sum has to be
-WIDER = 1.1  # times: simple fractions may make an interval that much wider
+PRODUCT_FAVOURED = 1.5  # factor by which a sum's interval must be narrower than a product's
+WIDER = 1.1  # factor by which simple fractions as weights may widen an interval
 
 
 @dataclass(frozen=True)
 class Combination:
-    """An identifiable product of powers of keys, or sum of their multiples; none of them is identifiable alone.
+    """A product of powers of keys, or a weighted sum, that is identifiable although none of the keys is alone.
 
     Attributes
     ----------
     formula : str
-        As it is read.
+        Formula as text.
     form : str
         ``product`` or ``sum``.
     keys : tuple of str
-        A key that was fitted, then those fixed that it is seen with.
+        A fitted key, then the fixed keys that it is tied to.
     weights : tuple of float
-        Exponents of a product, of which keys count by their magnitude but for the first; factors of a sum.
+        Exponents of a product, of the magnitudes of all keys but the first; factors of a sum.
     within : dict of str to (float, float)
-        Ranges of fixed keys over which the interval holds.
+        Ranges of the fixed keys for which the interval is valid.
     """
 
     formula: str
@@ -47,27 +47,27 @@ class Combination:
     within: dict[str, tuple[float, float]]
 
     def of(self, values: Mapping[str, float]) -> float:
-        """Return the combination at values of its keys."""
+        """Return the value of the combination at values of its keys."""
         return _of(self.form, np.array([values[key] for key in self.keys]), np.array(self.weights))
 
     def applies(self, values: Mapping[str, float]) -> bool:
-        """Return whether the fixed keys lie in the ranges over which the interval holds."""
+        """Return whether the fixed keys lie in the ranges for which the interval is valid."""
         return all(low <= values[key] <= high for key, (low, high) in self.within.items())
 
     @property
     def condition(self) -> str:
-        """The ranges in words."""
+        """The ranges as text."""
         return ", ".join(f"{key} from {low:.4g} to {high:.4g}" for key, (low, high) in self.within.items())
 
 
 @dataclass(frozen=True)
 class Family:
-    """Equally good fits with other values of the keys held fixed.
+    """Fits of equal quality at other values of the fixed keys.
 
     Attributes
     ----------
     fitted, fixed : tuple of int
-        Keys of the family: those that follow, and those that were moved.
+        Indices of keys: those that were refitted, and those that were moved.
     points : ndarray
         Shape (points, keys): values of all keys; the first is the fit.
     """
@@ -80,18 +80,18 @@ class Family:
 def combinations(
     families: Sequence[Family], names: Sequence[str], units: Sequence[str], half_widths: Array
 ) -> list[Combination]:
-    """Return the identifiable combinations of each fitted key with fixed ones, the surest first.
+    """Return the identifiable combination of each fitted key with fixed ones, the most precise first.
 
     The weights minimise the change of the combination within its family; the remaining change is added to its interval.
 
     Parameters
     ----------
     families : sequence of Family
-        Of groups of keys that are tied together.
+        One family for each group of keys that are tied together.
     names, units
-        Of all keys.
+        Names and units of all keys.
     half_widths : ndarray
-        Shape (2, keys): down and up to the ends of the 95 % interval of each fitted key where the fixed ones stay.
+        Shape (2, keys): distances down and up to the ends of the 95 % interval of each fitted key, others fixed.
     """
     stated: list[tuple[float, Combination]] = []
     for each in families:
@@ -107,9 +107,9 @@ def combinations(
 
 
 def _stated(form: str, values: Array, names: Sequence[str], half_widths: Array) -> tuple[float, Combination] | None:
-    """Return a fitted key with fixed ones, after half its interval over the size of the key; None of no such form.
+    """Return the relative half width and the combination of a fitted key with fixed ones; None if impossible.
 
-    ``values`` are those of the keys over their family, shape (points, keys), the fitted key and the fit first.
+    ``values`` of the keys have the shape (points, keys): first row the fit, first column the fitted key.
     """
     here, sign = values[0], float(np.sign(values[0, 0]))
     size = abs(float(here[0])) or 1.0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One measured run ready for a fit: its channels in SI units, its events, and the command it was run with."""
+"""A measured run prepared for a fit: channels in SI units, events, and the command that was given."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.studies.identification.channel_prediction import POSITION, jumps
 
 COMMANDS = ("motor.command", "linkage.command")
-DIFFERENCES = (2, 3, 4, 5, 6)  # orders that tell the noise of a channel
+DIFFERENCES = (2, 3, 4, 5, 6)  # orders of the differences that estimate the noise of a channel
 FEWEST_DIFFERENCES = 8
-MOST_FITTED = 40_000  # samples of a channel in a run: more are thinned evenly
-LATEST_START_S = 600.0  # a run whose first stamp is later does not begin with the machine's own start
+MOST_FITTED = 40_000  # samples of a channel in a run: more are evenly decimated
+LATEST_START_S = 600.0  # a run with a later first stamp cannot begin at the machine's start
 
 
 @dataclass(frozen=True)
 class FitChannel:
-    """Samples of one channel in one run, as the fit compares them.
+    """Samples of one channel in one run, as used in the fit.
 
     Attributes
     ----------
     channel : Channel
-        Its line of the map.
+        Its entry in the map.
     times_s, values : ndarray
-        Shape (n,): known lag taken off; SI units of the machine, known zero and gain taken off.
+        Shape (n,): known lag subtracted; SI units of the machine, known zero and gain removed.
     noise : float
-        Standard deviation that the sensor is known or seen to have, SI units; 0 where nothing tells it.
+        Standard deviation of the sensor noise, given or estimated, SI units; 0 if unknown.
     """
 
     channel: Channel
@@ -46,53 +46,53 @@ class FitChannel:
 
     @property
     def name(self) -> str:
-        """The column of the machine, or its event."""
+        """Column of the machine, or event and its field."""
         return self.channel.quantity
 
     @property
     def of_events(self) -> bool:
-        """Whether it shows events."""
+        """Whether it holds events."""
         return is_event(self.name)
 
     @property
     def kind(self) -> str:
-        """The kind of event it shows."""
+        """Kind of event it holds."""
         return self.name.split(".")[1] if self.of_events else ""
 
     @property
     def field(self) -> str:
-        """What of the event it shows."""
+        """Field of the event it holds."""
         return self.name.rpartition(".")[2]
 
     @property
     def jumps(self) -> bool:
-        """Whether it may jump at an event of the machine."""
+        """Whether its value can jump at an event of the machine."""
         return not self.of_events and jumps(self.name)
 
     @property
     def turns(self) -> bool:
-        """Whether whole turns of it look the same."""
+        """Whether it is an angle that is known only up to whole turns."""
         return self.name.endswith(POSITION) and is_angle(self.name)
 
 
 @dataclass(frozen=True)
 class FitRun:
-    """One run.
+    """One measured run.
 
     Attributes
     ----------
     path : Path
-        File it came from.
+        File of the run.
     channels : tuple of FitChannel
-        In the order of the map, those of the command left out.
+        In the order of the map, without channels of the command.
     command : tuple of pairs
-        Time (s) and asked fraction of rated supply frequency from then on; empty: full supply throughout.
+        Time (s) and requested fraction of rated supply frequency from then on; empty: full supply throughout.
     begin_s : float or None
-        Time of the machine's own run at which the run's time 0 stands; None: unknown.
+        Time since the machine's start at the run's time 0; None: unknown.
     until_s : float
-        The fit does not look at samples after it.
+        The fit ignores samples after it.
     from_s : float
-        Nor at samples before it.
+        The fit ignores samples before it.
     """
 
     path: Path
@@ -113,25 +113,25 @@ class FitRun:
         return max(float(channel.times_s[-1]) for channel in self.channels)
 
     def within(self, from_s: float, until_s: float) -> FitRun:
-        """Return the run with the samples that count limited to a stretch of it."""
+        """Return the run with only the samples of a time interval used."""
         return replace(self, from_s=from_s, until_s=until_s)
 
 
 def fit_run(run: MeasuredRun, *, begin_known: bool) -> FitRun:
-    """Return a measured run ready for a fit.
+    """Return a measured run prepared for a fit.
 
     Parameters
     ----------
     run : MeasuredRun
-        As its map reads it.
+        The run, read with its map.
     begin_known : bool
-        Whether the run's times are those of the machine's own run from its start; else its time begins with the first
-        sample, and where that stands in the machine's run is unknown.
+        Whether the run's times count from the machine's start; else they count from the first sample, at an unknown
+        time after the start.
 
     Raises
     ------
     MeasurementError
-        The run begins before the machine's start or long after it; or it has no channel beside that of the command.
+        The run begins before the machine's start or long after it; or it has no channel besides the command.
     """
     channels = tuple(_fit_channel(each) for each in run.channels if each.name not in COMMANDS and len(each.times_s))
     commands = [(each.times_s, each.values) for each in run.channels if each.name in COMMANDS]
@@ -141,7 +141,7 @@ def fit_run(run: MeasuredRun, *, begin_known: bool) -> FitRun:
 def placed_run(
     path: Path, channels: Sequence[FitChannel], command: tuple[Array, Array] | None, *, begin_known: bool
 ) -> FitRun:
-    """Return the run of channels, and of times and values of the command; see `fit_run`."""
+    """Return the run from channels, and from times and values of the command; see `fit_run`."""
     if not channels:
         raise MeasurementError(path, "expected a channel beside that of the command")
     first = min(float(each.times_s[0]) for each in channels)
@@ -163,16 +163,16 @@ def _fit_channel(measured: MeasuredChannel) -> FitChannel:
 
 
 def fit_channel(channel: Channel, times_s: Array, values: Array, quantum: float) -> FitChannel:
-    """Return the samples of a channel, in SI units and in order, as a fit compares them.
+    """Return the samples of a channel in SI units and in order, as used in the fit.
 
     Parameters
     ----------
     channel : Channel
         Its line of the map.
     times_s, values : ndarray
-        Shape (n,): known lag, zero and gain taken off.
+        Shape (n,): known lag, zero and gain removed.
     quantum : float
-        Step of the sensor, in its own unit.
+        Resolution of the sensor, in its own unit.
     """
     own = abs(fixed(channel.gain, 1.0)) * channel.si_factor
     every = max(1, -(-len(times_s) // MOST_FITTED))
@@ -184,10 +184,10 @@ def fit_channel(channel: Channel, times_s: Array, values: Array, quantum: float)
 
 
 def seen_noise(values: Array) -> float:
-    """Return the standard deviation of the noise in a series, estimated from its differences.
+    """Return the standard deviation of the noise in a series, estimated from its higher differences.
 
-    Second differences still contain the curvature of a fast motion; higher ones less of it, and more of the noise.
-    White noise enlarges differences of order k by the root of (2k over k); the least of several orders counts.
+    Second differences still contain the curvature of a fast motion, higher ones less of it.  White noise of standard
+    deviation s gives differences of order k with s sqrt(binomial(2k, k)); the least estimate over the orders is taken.
     """
     found = []
     for order in DIFFERENCES:
@@ -203,6 +203,6 @@ def _earlier(channel: FitChannel, shift_s: float) -> FitChannel:
 
 
 def _changes(times_s: Array, values: Array, shift_s: float) -> Sequence[tuple[float, float]]:
-    """Return where the command changes, and to what."""
+    """Return the times (s) at which the command changes, and its new values, limited to 0 to 1."""
     changed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     return [(float(times_s[i]) - shift_s, float(np.clip(values[i], 0.0, 1.0))) for i in changed]

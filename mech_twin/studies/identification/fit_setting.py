@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What another process needs to set up the residuals of a fit anew, and the work that is spread so."""
+"""Everything another process needs to rebuild a fit problem, and the computations distributed this way."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from mech_twin.studies.spreading import spread
 
 @dataclass(frozen=True)
 class FitSetting:
-    """A question, those of its keys that are fitted, and the runs: plain values, which travel."""
+    """A question, the fitted subset of its keys, and the runs: plain values that can be pickled."""
 
     question: IdentificationQuestion
     keys: tuple[str, ...]
     runs: tuple[FitRun, ...]
 
     def problem(self) -> FitProblem:
-        """Return the residuals."""
+        """Return the fit problem."""
         keyed = KeyedConfiguration(self.question.machine, self.question.base, self.keys)
         return problem_of(self.question, keyed, self.runs)
 
 
 def problem_of(question: IdentificationQuestion, keyed: KeyedConfiguration, runs: Sequence[FitRun]) -> FitProblem:
-    """Return the residuals of runs with some of the keys of a question free."""
+    """Return the fit problem of runs with a subset of a question's keys."""
     bounds = keyed.bounds(question.bounds)
     unknowns = unknowns_of(keyed, bounds, runs, question.longest_begin_s)
     priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
@@ -57,7 +57,7 @@ def _stage(setting: FitSetting, share: float, start: tuple[int, Array]) -> tuple
 
 
 def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, scheduler: str) -> list[KeyProfile]:
-    """Return the profiles of the keys of a fit, each made by a worker of a cluster."""
+    """Return the profiles of the keys of a fit, each computed by a worker of a cluster."""
     places = list(map(int, fitted.problem.unknowns.places(KEY)))
     one = partial(_profile, _alone(setting), fitted.x, fitted.comparison, found)
     return sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
@@ -68,5 +68,5 @@ def _profile(setting: FitSetting, x: Array, comparison: Weighting, found: Linear
 
 
 def _alone(setting: FitSetting) -> FitSetting:
-    """Return a setting as a worker takes it: one thread, and no scheduler to ask in turn."""
+    """Return a setting for a worker: one thread, and no scheduler of its own."""
     return replace(setting, question=replace(setting.question, cores=1, scheduler=None))

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Lengths of a mechanism from measured positions: least squares over several runs, intervals that hold between runs.
+"""Lengths of a mechanism from measured positions: least squares over several runs, with intervals between runs.
 
-The crank angle drives the mechanism, every other measured position is compared with it at its own instants::
+The measured crank angle q drives the model x; every other measured position y is compared with it at its own stamps::
 
     y(t) = x(q(t - lag) - crank_zero; keys) + zero
 
-Keys are shared by all runs; the zero of the crank belongs to each run (``per_run``) or to all (``free``), and so do
-the zeros of the channels.  Errors of one run are alike from sample to sample, so the interval comes from leaving out
-one run at a time (jackknife, Student's t with runs - 1), where that is wider than the least squares' own.
+Keys are shared by all runs.  The zero of the crank is estimated for each run (``per_run``) or for all together
+(``free``), and so are the zeros of the channels.  Errors within one run are correlated.  So the interval is that of the
+jackknife over runs (Student's t with runs - 1 degrees of freedom), where it is wider than that of least squares.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from mech_twin.measurements.model_turn import TURNING
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.studies.identification.geometry_model import TURN, GeometryModel
 
-STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and those that a fit starts from
-COARSE_SAMPLES = 150  # of a channel while starts are compared
+STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and number of fits started from the best
+COARSE_SAMPLES = 150  # of a channel, while starts are compared
 COARSE_EVALUATIONS = 40
-REFUSED = 1e3  # residual in standard deviations where the configuration is refused
+REFUSED = 1e3  # residual, in standard deviations, of a rejected configuration
 LAG_SCALE_S = 1e-3
-UNSEEN = 1e-6  # of the largest singular value: a direction the channels do not see
-LOST = 3e-8  # of the same: beyond it a direction is rounding
+UNSEEN = 1e-6  # of the largest singular value: below it a direction is not observable
+LOST = 3e-8  # of the same: below it a direction is rounding error
 AUTOCORRELATED = 0.999
 
 
 @dataclass(frozen=True)
 class GeometryData:
-    """One run ready for the fit: the crank as a function of time, and the other positions."""
+    """One run prepared for the fit: crank angle as a function of time, and the other positions."""
 
     crank: CubicSpline
     first_s: float
@@ -51,13 +51,13 @@ class GeometryData:
     channels: tuple[MeasuredChannel, ...]
 
     def turning(self, sense: int) -> GeometryData:
-        """Return the same with the crank angle times 1 or -1."""
+        """Return the run with the crank angle multiplied by 1 or -1."""
         return self if sense > 0 else replace(self, crank=CubicSpline(self.crank.x, -self.crank(self.crank.x)))
 
 
 @dataclass(frozen=True)
 class GeometryFit:
-    """A fit over several runs: keys, zeros of the crank (rad), lags (s), residuals over the size of their channel."""
+    """A fit over several runs: keys, crank zeros (rad), lags (s), residuals over their channel's standard deviation."""
 
     keys: Array
     crank_zeros: Array
@@ -68,7 +68,7 @@ class GeometryFit:
 
 
 def geometry_data(run: MeasuredRun, columns: Sequence[str]) -> GeometryData:
-    """Return what the fit needs of a run.
+    """Return a run prepared for the fit.
 
     Raises
     ------
@@ -87,16 +87,16 @@ def geometry_data(run: MeasuredRun, columns: Sequence[str]) -> GeometryData:
 
 
 class GeometryProblem:
-    """Residuals of a fit over runs.
+    """Residuals of a fit over several runs.
 
     Parameters
     ----------
     model : GeometryModel
-        Keys and columns.
+        Machine, keys and columns.
     runs : sequence of GeometryData
-        At least one.
+        At least one run.
     fixed_keys : ndarray, optional
-        Values of the keys that are not fitted: only zeros and lags are.
+        Fixed values of all keys; then only zeros and lags are fitted.
     """
 
     def __init__(self, model: GeometryModel, runs: Sequence[GeometryData], fixed_keys: Array | None = None) -> None:
@@ -112,7 +112,7 @@ class GeometryProblem:
         self._scales = [np.mean([np.std(run.channels[i].values) for run in runs]) for i in range(len(channels))]
 
     def solved(self, start: Array | None = None) -> GeometryFit:
-        """Return the best fit; without a start, from several zeros of the crank."""
+        """Return the best fit; without a start, the best of several crank zeros."""
         if start is None:
             firsts = sorted(
                 map(self._first, self._start_zeros()), key=lambda x: float(np.sum(self._residuals(x, True) ** 2))
@@ -125,12 +125,12 @@ class GeometryProblem:
         return GeometryFit(keys, zeros, lags, parts, found.jac, float(found.cost))
 
     def packed(self, fit: GeometryFit, runs: Sequence[int]) -> Array:
-        """Return a fit over all runs as the start of one over some of them."""
+        """Return a fit over all runs as the start vector of a fit over some of them."""
         zeros = fit.crank_zeros[list(runs)] if len(fit.crank_zeros) > 1 else fit.crank_zeros
         return np.concatenate([fit.keys / self.key_scale() - 1.0, zeros[: self._zeros], fit.lags_s / LAG_SCALE_S])
 
     def key_scale(self) -> Array:
-        """Return the size of the keys in which steps are measured; of one that is 0, that of the largest."""
+        """Return the scale of each key: its magnitude; for a key of 0, the largest magnitude of all keys."""
         start = np.abs(self._model.values())
         return np.where(start > 0.0, start, max(float(start.max(initial=0.0)), 1e-3))
 
@@ -158,7 +158,7 @@ class GeometryProblem:
         return np.concatenate([part for parts in self._parts(x, coarse=coarse) for part in parts])
 
     def _parts(self, x: Array, *, coarse: bool) -> tuple[tuple[Array, ...], ...]:
-        """Return the residuals of each channel in each run over the channel's own size; unknown zeros are taken off."""
+        """Return the residuals of each channel in each run over its standard deviation; unknown zeros are removed."""
         keys, zeros, lags = self._unpacked(x)
         curves = self._curves(keys)
         found = []
@@ -181,7 +181,7 @@ class GeometryProblem:
         return tuple(tuple(parts) for parts in found)
 
     def _curves(self, keys: Array) -> Mapping[str, CubicSpline] | None:
-        """Return the positions, None where the machine refuses the keys; those of the last keys are kept."""
+        """Return the positions, None where the keys are rejected; the result for the last keys is cached."""
         wanted = tuple(keys.tolist())
         if self._known is None or self._known[0] != wanted:
             try:
@@ -199,13 +199,13 @@ class GeometryProblem:
 
 
 def fit_percent(problem_fit: GeometryFit, run: int, channel: int) -> float:
-    """Return 100 (1 - rms / standard deviation) of a channel in a run: residuals are in that size already."""
+    """Return 100 (1 - rms / standard deviation) of a channel in a run; residuals are already in that unit."""
     residual = problem_fit.residuals[run][channel]
     return 100.0 * (1.0 - float(np.sqrt(np.mean(residual**2))))
 
 
 def unseen(fit: GeometryFit, keys: int) -> Array:
-    """Return the share of each key in unobservable directions (0 to 1)."""
+    """Return, for each key, its share in directions that are not observable (0 to 1)."""
     size = np.linalg.norm(fit.jacobian, axis=0)
     scaled = fit.jacobian / np.where(size > 0.0, size, 1.0)
     _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
@@ -215,7 +215,7 @@ def unseen(fit: GeometryFit, keys: int) -> Array:
 
 
 def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
-    """Return the standard errors of the keys by least squares, for the effective number of correlated samples."""
+    """Return the least-squares standard errors of the keys, corrected for the autocorrelation of the residuals."""
     residuals = [part for parts in fit.residuals for part in parts]
     count = sum(len(part) for part in residuals)
     total = sum(float(part @ part) for part in residuals)
@@ -223,14 +223,14 @@ def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
     rho = sum(a for a, _ in following) / max(sum(b for _, b in following), 1e-300)
     rho = min(max(rho, 0.0), AUTOCORRELATED)
     inflation = np.sqrt((1.0 + rho) / (1.0 - rho))
-    # of J itself: the variances of pinv(J^T J) may come out below zero where some direction is hardly seen
+    # pinv of J itself: pinv(J^T J) may give negative variances if a direction is hardly observable
     variances = np.sum(np.linalg.pinv(fit.jacobian, rcond=LOST) ** 2, axis=1)
     variances *= total / max(count - fit.jacobian.shape[1], 1)
     return np.asarray(np.sqrt(variances[:keys]) * scale * inflation)
 
 
 def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> Array | None:
-    """Return the standard errors of the keys by leaving out one run at a time; None of fewer than two runs."""
+    """Return the standard errors of the keys by the jackknife over runs; None for fewer than two runs."""
     if len(runs) < 2:
         return None
     found = []
@@ -243,6 +243,6 @@ def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryF
 
 
 def half_width(error: Array, runs: int) -> Array:
-    """Return half the width of the 95 % interval: by Student's t with runs - 1, of one run by the normal."""
+    """Return half the width of the 95 % interval: Student's t with runs - 1; for one run, the normal quantile."""
     share = stats.t.ppf(0.975, runs - 1) if runs > 1 else stats.norm.ppf(0.975)
     return np.asarray(error * share)

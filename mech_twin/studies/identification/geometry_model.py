@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Positions of a mechanism that its crank leads, as functions of the crank angle and of free configuration keys."""
+"""Positions of a crank-driven mechanism as functions of the crank angle and of free configuration keys."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from mech_twin.studies.identification.free_keys import machine_keys
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, declared_field, unit_at
 
 TURN = 2.0 * np.pi
-LENGTHENED = 1e-3  # of a key: enough to move the positions of a mechanism
-ANGLES = 180  # of a turn at which the mechanism is solved; between them a periodic cubic spline
+LENGTHENED = 1e-3  # relative change of a key: enough to move the mechanism
+ANGLES = 180  # in a turn, at which the mechanism is solved; interpolated by a periodic cubic spline
 
 
 @dataclass(frozen=True)
 class GeometryModel(KeyedConfiguration):
-    """A machine whose joints follow from its crank, its lengths among the free keys.
+    """A machine whose joint positions are functions of its crank angle, with lengths as free keys.
 
     Parameters
     ----------
     columns : tuple of str
-        Positions asked for.
+        Requested positions.
     """
 
     columns: tuple[str, ...]
 
     def positions(self, values: Sequence[float] | Array) -> Mapping[str, CubicSpline]:
-        """Return each column as a periodic function of the crank angle (rad).
+        """Return each column as a periodic spline over the crank angle (rad).
 
         Raises
         ------
         ConfigurationError
-            The values are refused, or the machine's joints do not follow from its crank.
+            The values are rejected, or the joint positions are not functions of the crank angle.
         """
         machine = catalogue_entry(self.name).build(self.parameters(values))
         if not isinstance(machine.linkage, GuidedLinkage):
@@ -72,12 +72,12 @@ def lengths(name: str, base: Parameters, columns: tuple[str, ...]) -> tuple[str,
 
 
 def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tuple[dict[str, str], GeometryModel]]:
-    """Yield the mechanism as configured, then put together the other way, with the words that say so.
+    """Yield the mechanism as configured, then in its other assembly modes, each with the changed configuration words.
 
     Parameters
     ----------
     model : GeometryModel
-        As configured.
+        The configured mechanism.
     fixed : sequence of str
         Keys that stay as configured.
     """
@@ -107,7 +107,7 @@ def _words(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str
 
 
 def _moves(model: GeometryModel, values: Array, other: GeometryModel | None = None) -> bool:
-    """Return whether values of the keys, or another model, put a position elsewhere."""
+    """Return whether other key values, or another model, change a position."""
     before = model.positions(model.values())
     try:
         after = (other or model).positions(values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of a fit of lengths: verdict and interval for each key, and a score on a run held out."""
+"""Result of a fit of lengths: verdict and interval of each key, and the score on a held-out run."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from mech_twin.studies.identification.verdicts import (
     KeyVerdict,
 )
 
-CLEARLY = 1.02  # times the residual of the best: what fits so well is not another assembly
+CLEARLY = 1.02  # times the least residual: within it, the configured assembly is preferred
 TINY = 1e-300
-COMBINED = 0.1  # share of a key in directions that are not seen
-LEAST_FIT_PERCENT = 90.0  # of a channel: less, and the mechanism is another one
+COMBINED = 0.1  # share of a key in unobservable directions
+LEAST_FIT_PERCENT = 90.0  # of a channel: with less, the mechanism is probably different
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Fit (percent) of each channel in the run that was left out: estimated keys, configured keys, a constant."""
+    """Fit (percent) of a channel in the held-out run: with estimated keys, with configured keys, and a constant."""
 
     channel: str
     fit_percent: float
@@ -47,16 +47,16 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class FittedAssembly:
-    """Assembly mode and sense of rotation of the mechanism, as found from the positions.
+    """Assembly mode of the mechanism and sense of rotation that fit the measured positions.
 
     Attributes
     ----------
     configured : dict of str to str
-        Keys of the configuration that are other than before.
+        Configuration keys that differ from before, with their new words.
     sense : int
-        -1 where the crank turns against the sign that its channel has in the map.
+        -1 if the crank turns opposite to the sign of its channel in the map.
     margin, sense_margin : float
-        Residual (rms) of the best other assembly, and of the other sense, over that of the best; infinite of none.
+        Residual (rms) of the best other assembly, and of the other sense, over the least; infinite without another.
     """
 
     configured: dict[str, str]
@@ -67,7 +67,7 @@ class FittedAssembly:
 
 @dataclass(frozen=True)
 class GeometryReport:
-    """Keys, fits of the channels over the fitted runs, and the score on the run held out."""
+    """Keys, fits of the channels over the fitted runs, and scores on the held-out run."""
 
     keys: tuple[KeyVerdict, ...]
     fit_percent: dict[str, float]
@@ -77,7 +77,7 @@ class GeometryReport:
 
     @property
     def better(self) -> bool:
-        """Whether a key is identified, and all channels held out fit better than before, and than a constant."""
+        """Whether a key is identified, and every held-out channel fits better than before and than a constant."""
         ahead = (each.fit_percent > max(each.before_percent, each.constant_percent) for each in self.held_out)
         return any(key.verdict == IDENTIFIED for key in self.keys) and all(ahead)
 
@@ -85,9 +85,9 @@ class GeometryReport:
 def fitted_assembly(
     model: GeometryModel, runs: Sequence[GeometryData], fixed: Sequence[str] = ()
 ) -> tuple[FittedAssembly, GeometryModel]:
-    """Return the assembly and the sense of the crank that fit the runs best; another than configured only if clearly.
+    """Return the assembly mode and sense of rotation that fit best; the configured ones unless clearly worse.
 
-    ``fixed`` names keys that stay as configured.
+    ``fixed`` are keys that stay as configured.
     """
     tried = [
         (GeometryProblem(each, [run.turning(sense) for run in runs]).solved().cost, words, sense, each)
@@ -105,10 +105,10 @@ def fitted_assembly(
 def geometry_report(
     model: GeometryModel, runs: Sequence[GeometryData], held_out: GeometryData | None, fixed: Sequence[str] = ()
 ) -> tuple[GeometryReport, GeometryModel]:
-    """Return the fit over the runs, its intervals, and its score on a run that the fit never saw; and what was fitted.
+    """Return the fit over the runs with intervals and the score on a held-out run; and the fitted model.
 
-    On the run held out only what belongs to a run (zero of the crank, zeros of the channels, lags) is fitted, with the
-    keys estimated and with those configured.  ``fixed`` as in `fitted_assembly`.
+    On the held-out run, only the parameters of a run (zero of the crank, zeros of the channels, lags) are fitted, once
+    with the estimated and once with the configured keys.  ``fixed`` as in `fitted_assembly`.
     """
     configured = model
     assembly, model = fitted_assembly(configured, runs, fixed)

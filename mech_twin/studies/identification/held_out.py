@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Validation of a configuration on data held out: fit of each channel, events, whiteness of the residuals."""
+"""Prediction of data that was not fitted: fit of each channel, match of events, and whiteness of the residuals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mech_twin.studies.identification.model_runs import ModelRuns
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import unknowns_of
 
-LAGS = 20  # of the test of whiteness
+LAGS = 20  # of the whiteness test
 NO_BOUNDS = np.zeros((2, 0))
 
 
@@ -32,9 +32,9 @@ class ChannelScore:
     fit_percent : float
         100 (1 - rms of the residual over the standard deviation of the channel).
     rms : float
-        Of the residual, SI units.
+        Rms of the residual, SI units.
     white_p : float
-        Ljung and Box: probability of residuals at least as correlated if they were white.
+        p-value of the Ljung-Box test: probability of at least this autocorrelation in white residuals.
     """
 
     channel: str
@@ -50,11 +50,11 @@ class Score:
     Attributes
     ----------
     channels : tuple of ChannelScore
-        Those of samples.
+        Scores of the sampled channels.
     event_time_rms_s : float or None
-        Of the matched events, None where no channel shows times of events.
+        Rms time error of the matched events; None without a channel of event times.
     missed, false : int
-        Events of the model that no measured one matches, and the other way round.
+        Model events without a measured match, and measured events without a model match.
     """
 
     channels: tuple[ChannelScore, ...]
@@ -64,7 +64,7 @@ class Score:
 
     @property
     def misfit(self) -> float:
-        """Mean over the channels of the residual's rms over the channel's standard deviation."""
+        """Mean over the channels of the residual's rms, each relative to the channel's standard deviation."""
         shares = [1.0 - channel.fit_percent / 100.0 for channel in self.channels]
         return float(np.mean(shares)) if shares else np.inf
 
@@ -79,9 +79,9 @@ def scored(
     name, parameters
         Machine and configuration.
     known_from : sequence of FitRun
-        Stretches from which zeros, gains, lags and beginnings are found, with the configuration as it is.
+        Parts of the runs from which zeros, gains, lags and start times are estimated, with the configuration fixed.
     held : sequence of FitRun
-        Stretches that are predicted, one of each run.
+        Parts that are predicted, one of each run.
     longest_begin_s : float
         As in `ModelRuns`.
     """
@@ -92,7 +92,7 @@ def scored(
 def beside(
     name: str, parameters: Parameters, runs: Sequence[FitRun], longest_begin_s: float
 ) -> tuple[FitProblem, Array]:
-    """Return an unchanged configuration compared with runs, with best-fitting zeros, gains, lags and start times."""
+    """Return the fit problem of a fixed configuration, and its best-fitting zeros, gains, lags and start times."""
     keyed = KeyedConfiguration(name, parameters, ())
     unknowns = unknowns_of(keyed, NO_BOUNDS, runs, longest_begin_s)
     problem = FitProblem(ModelRuns(keyed, runs, longest_begin_s), unknowns)
@@ -100,7 +100,7 @@ def beside(
 
 
 def score(problem: FitProblem, x: Array) -> Score:
-    """Return the score of a fit's unknowns on the stretches of a problem."""
+    """Return the score of fitted unknowns on the runs of a problem."""
     comparison = problem.comparison(x, noise_floors(problem.runs))
     parts = problem.parts(x)
     found = []
@@ -121,7 +121,7 @@ def score(problem: FitProblem, x: Array) -> Score:
 
 
 def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
-    """Return the rms of the times of matched events, and how many of either side have no match."""
+    """Return the rms time error of matched events (s), and the numbers of unmatched model and measured events."""
     off: list[float] = []
     missed = false = 0
     any_times = False
@@ -146,7 +146,7 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
 
 
 def autocorrelations(residual: Array) -> Array:
-    """Return the correlations of a residual with itself over the first lags from 1 on; none of a few samples."""
+    """Return the autocorrelation of a residual at lags from 1 on; empty for too few samples."""
     n = len(residual)
     centred = residual - residual.mean() if n else residual
     power = float(centred @ centred)
@@ -157,7 +157,7 @@ def autocorrelations(residual: Array) -> Array:
 
 
 def ljung_box(residual: Array) -> float:
-    """Return the probability that white residuals are at least as correlated over the first lags."""
+    """Return the p-value of the Ljung-Box test of whiteness; 0 without a usable autocorrelation."""
     n, correlations = len(residual), autocorrelations(residual)
     lags = len(correlations)
     if not lags:

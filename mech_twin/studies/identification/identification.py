@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification: from measured runs to keys of a configuration, each with an interval and a verdict."""
+"""Identification: estimates configuration keys from measured runs, each with an interval and a verdict."""
 
 from __future__ import annotations
 
@@ -38,39 +38,39 @@ from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, O
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2
 FEWEST_RUNS_TO_HOLD_OUT = 3
-WORSE = 1.2  # times the misfit: a fit of fewer keys that the runs speak against
-CHOICES = 3  # of the keys to estimate, made again where the fit ended
+WORSE = 1.2  # times the misfit: a worse fit with fewer keys is rejected
+CHOICES = 3  # rounds of choosing the keys to estimate, each at the last fit
 
 
 @dataclass(frozen=True)
 class Identification:
-    """What was found.
+    """Result of an identification.
 
     Attributes
     ----------
     question : IdentificationQuestion
-        What was asked.
+        The question.
     parameters : Parameters
-        The configuration found: keys identified, bounded to one side, or carrying a combination that is, changed; the
-        others as before.
+        Resulting configuration: keys that are identified, one-sided, or part of an identified combination are changed;
+        the others are as before.
     keys : tuple of KeyVerdict
-        The keys that were free.
+        Verdict on each free key.
     combinations : tuple of Combination
-        What is seen of keys that are not seen alone.
+        Identifiable combinations of keys that are not identifiable alone.
     channels : tuple of ChannelFit
-        Over the fitted runs.
+        Result of each channel over the fitted runs.
     search : Search
-        How many starts were fitted, in how many valleys they ended, and how far the best is ahead.
+        Number of starts, of local minima that they reached, and the margin of the best.
     held_out, before : Score or None
-        On what the fit never saw, with the configuration found and with the one before; a constant has a fit of 0.
+        Scores on held-out data with the resulting and the previous configuration; a constant has a fit of 0.
     begins_s : dict of str to float
-        Beginnings that were found, by run.
+        Estimated start times, by run.
     correlation : ndarray
-        Shape (fitted keys, fitted keys), in the order of ``fitted_keys``.
+        Shape (fitted keys, fitted keys): correlation of the estimates, in the order of ``fitted_keys``.
     seconds : float
-        Time it took.
+        Computing time.
     fitted : Fitted or None
-        Where the fit ended, with the runs; None where this was read from a document, which holds no runs.
+        The final fit with its runs; None if this was read from a document, which holds no runs.
     """
 
     question: IdentificationQuestion
@@ -90,12 +90,12 @@ class Identification:
 
     @property
     def better(self) -> bool:
-        """Whether a key was found, and what was held out is predicted better than before, and than by a constant."""
+        """Whether a key is identified, and held-out data is predicted better than before and than by a constant."""
         return not self.lack
 
     @property
     def lack(self) -> str:
-        """Why it is no better than what was configured; empty where it is."""
+        """Why the result is no better than the previous configuration; empty if it is."""
         if not any(key.verdict in WRITTEN for key in self.keys):
             return "no key is identified"
         if self.held_out is None or self.before is None or self.held_out.misfit < min(self.before.misfit, 1.0):
@@ -110,20 +110,20 @@ def identified(
     share: float = 0.0,
     progress: Progress = quiet,
 ) -> Identification:
-    """Fit keys of a configuration to runs and return estimates with verdicts.
+    """Fit keys of a configuration to runs and return estimates, intervals and verdicts.
 
     Parameters
     ----------
     question : IdentificationQuestion
-        What is asked.
+        Machine, keys, bounds and priors.
     runs : sequence of FitRun
-        Runs to fit.
+        Runs that are fitted.
     held_runs : sequence of FitRun
-        Runs that score the fit.
+        Held-out runs that score the fit.
     share : float
-        Share at the end of each fitted run that is not fitted and scores the fit, where no run is held out.
+        Share at the end of each run that is held out to score the fit, if no whole run is.
     progress : callable, optional
-        Takes a line on the progress.
+        Called with a line of text on the progress.
     """
     began = time.monotonic()
     if not question.keys:
@@ -136,7 +136,7 @@ def identified(
     chosen = sensitivity_at(everything.roughly(), everything.unknowns.start).estimated(places)
     fitted, search = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, progress)
     if len(chosen) < len(places) and refutation(fitted) is not None:
-        # what a key does where the search began says little of what it does elsewhere
+        # the effect of a key at the start of the search may differ from that elsewhere
         with_all = _best_fit(question, question.keys, fitted_runs, progress)
         if noise_misfit(with_all[0]) < noise_misfit(fitted):
             (fitted, search), chosen = with_all, places
@@ -145,10 +145,10 @@ def identified(
         again, wanted = around.seen.estimated(places), False
         if set(again) != set(chosen):
             fewer = _fit_of_fewer(question, around, again, progress)
-            # the key that is left out is wanted where the runs speak against the fit without it
+            # a key is still needed if the fit without it is rejected
             wanted = refutation(fewer) is not None and noise_misfit(fewer) > WORSE * noise_misfit(around.fitted)
             if not wanted:
-                # where a key is fixed as configured the others may seem to be seen: it is not taken up again
+                # with one key fixed, the others may seem identifiable: it is not freed again
                 places = [i for i in places if i in again or i not in chosen]
                 chosen, around = again, around_fit(question, fewer)
         if wanted:
@@ -185,7 +185,7 @@ def identified(
 
 
 def same_channels(runs: Sequence[FitRun]) -> None:
-    """Raise unless all runs have the same channels."""
+    """Raise a StudyError unless all runs have the same channels."""
     names = [tuple(channel.name for channel in run.channels) for run in runs]
     for run, own in zip(runs, names, strict=True):
         if own != names[0]:
@@ -193,7 +193,7 @@ def same_channels(runs: Sequence[FitRun]) -> None:
 
 
 def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[FitRun]]:
-    """Return the runs without their last share, and that share."""
+    """Return the runs without the given share at their ends, and these ends."""
     first, rest = [], []
     for run in runs:
         border = run.last_s - share * (run.last_s - run.first_s)
@@ -205,7 +205,7 @@ def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[Fit
 def _best_fit(
     question: IdentificationQuestion, keys: Sequence[str], runs: Sequence[FitRun], progress: Progress
 ) -> tuple[Fitted, Search]:
-    """Return the best fit of some of the keys, and the statistics of the search."""
+    """Return the best fit of some of the keys, and a summary of its search."""
     problem = problem_of(question, KeyedConfiguration(question.machine, question.base, tuple(keys)), runs)
     fits = None
     if question.scheduler is not None:
@@ -216,7 +216,7 @@ def _best_fit(
 def _fit_of_fewer(
     question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress
 ) -> Fitted:
-    """Return the fit of other keys than those of a given fit, from an equally good start.
+    """Return the fit of a subset of the keys, started from a point of equal quality.
 
     The keys that are no longer estimated are fixed as configured.
     """
@@ -229,7 +229,7 @@ def _fit_of_fewer(
 
 
 def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict], fitted: Fitted) -> Parameters:
-    """Return the configuration found: unidentified keys are unchanged."""
+    """Return the resulting configuration: keys without a usable estimate keep their values."""
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
     keyed = KeyedConfiguration(question.machine, question.base, tuple(values))
     return keyed.parameters(list(values.values())) if values else question.base

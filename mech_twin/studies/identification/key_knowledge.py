@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence on all free keys of a fit: derivatives at its end, intervals, and a verdict on each key."""
+"""Uncertainty of all free keys at a fit: derivatives, intervals, and the evidence for each verdict."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from mech_twin.studies.identification.staged_search import BENDING, Search
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts, refuted
 
-REFITS = 2  # where a step or a profile shows that the fit had not ended
-PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs, where derivatives over the whole contradict each other
-OFFSET = 0.1  # of a half width: a step left over that is longer
+REFITS = 2  # at most, if a step or a profile shows that the fit had not converged
+PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs to try if derivatives over the whole runs are unreliable
+OFFSET = 0.1  # of a half width: with a longer next step, the fit has not converged
 
 
 @dataclass(frozen=True)
 class AroundFit:
-    """A fit of some of the free keys, and derivatives by all of them where it ended."""
+    """A fit of some of the free keys, and derivatives by all of them at its end."""
 
     fitted: Fitted
     whole: FitProblem
@@ -46,26 +46,26 @@ class AroundFit:
 
     @property
     def x(self) -> Array:
-        """What was found, as unknowns of the whole."""
+        """The fit's result as the unknowns of all free keys."""
         return carried_over(self.fitted, self.whole.unknowns)
 
     @property
     def bends(self) -> bool:
-        """Whether derivatives do not predict the effect of the keys, as a small error of one is strongly amplified."""
+        """Whether derivatives do not predict the effect of keys, since small errors of a key have grown large."""
         problem = self.fitted.problem
         return self.seen.contradicted or problem.curvature(self.fitted.x, self.fitted.comparison) > BENDING
 
     def refits(self) -> Refits:
-        """Return fits about it, by all free keys."""
+        """Return refits about this fit, by all free keys."""
         return Refits(Fitted(self.whole, self.x, self.fitted.comparison, self.fitted.cost), self.line)
 
     def with_all_of(self, chosen: Sequence[int]) -> AroundFit:
-        """Return the same where the runs speak against leaving any of these keys out."""
+        """Return the same with these keys marked as distinguishable, since the runs reject leaving one out."""
         return replace(self, seen=self.seen.with_all_of(chosen))
 
 
 def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
-    """Return the sensitivity of the channels to the keys before fitting."""
+    """Return the sensitivity of the channels to the keys before anything is fitted."""
     floors = noise_floors(problem.runs)
     sigmas = np.maximum(floors, spreads(problem, x, problem.comparison(x, floors)))
     return _sensitivity(Fitted(problem, x, problem.comparison(x, sigmas), 0.0))[0]
@@ -78,7 +78,7 @@ def _sensitivity(fitted: Fitted) -> tuple[Sensitivity, Linearised]:
 
 
 def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
-    """Return the start of other unknowns, with the values that a fit found."""
+    """Return the start vector of other unknowns, with the fitted values where they are the same."""
     found = {(u.kind, u.name, u.runs): fitted.x[i] * u.scale for i, u in enumerate(fitted.problem.unknowns.all)}
     pairs = zip(unknowns.all, unknowns.start, strict=True)
     return np.array([found.get((u.kind, u.name, u.runs), start * u.scale) / u.scale for u, start in pairs])
@@ -95,10 +95,10 @@ def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
 
 
 def predictable(question: IdentificationQuestion, around: AroundFit, progress: Progress = quiet) -> AroundFit:
-    """Return the fit of the longest first share of the runs over which derivatives predict the effect of the keys.
+    """Return the fit of the longest initial share of the runs for which derivatives are reliable.
 
-    An undamped or chaotic motion amplifies a small error of a key.  The minimum for the later part of a run is then
-    narrower than any difference step, and derivatives there give no interval of a key.
+    If the effect of the initial state does not decay, a small error of a key grows.  In the later part of a run, the
+    minimum is then narrower than any difference step, and derivatives there do not give a key's interval.
     """
     problem, here = around.fitted.problem, around
     for share in PREDICTABLE if around.bends else ():
@@ -114,7 +114,7 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
 
 
 def with_others_as_configured(question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int]) -> Array:
-    """Return values of the chosen keys that fit best where the other free keys are as configured, shape (chosen,)."""
+    """Return the best-fitting values of the chosen keys with the other free keys as configured, shape (chosen,)."""
     whole = around.whole.unknowns
     fixed = [i for i in range(len(question.keys)) if i not in chosen]
     before = (
@@ -133,11 +133,11 @@ def settled(
     Parameters
     ----------
     question : IdentificationQuestion
-        What is asked.
+        Machine, keys, bounds and priors.
     around : AroundFit
-        A fit and derivatives by all free keys.
+        A fit, and derivatives by all free keys.
     chosen : sequence of int
-        Which of the free keys it estimates; the others it holds.
+        Indices of the free keys that it estimates; the others are fixed.
     progress : callable, optional
         Takes a line on the progress.
     """
@@ -171,7 +171,7 @@ def _profiles(
 
 
 def _left_over(fitted: Fitted, own: Linearised) -> Array:
-    """Return the remaining Gauss-Newton step of a fit; unknowns at a bound take none."""
+    """Return the next Gauss-Newton step of a fit; 0 for unknowns at a bound."""
     low, high = fitted.problem.unknowns.bounds()
     inside = np.flatnonzero((fitted.x > low) & (fitted.x < high))
     found = np.zeros(len(fitted.x))
@@ -187,7 +187,7 @@ def _widened(
     left_over: Array,
     profiles: Sequence[KeyProfile],
 ) -> Uncertainty:
-    """Return intervals widened by the effects of fixed keys, remaining steps and profiles."""
+    """Return intervals widened by the errors of fixed keys, remaining steps and profiles."""
     ends = np.full(known.half_widths.shape, np.nan)
     for each in profiles:
         ends[:, each.place] = each.lower, each.upper
@@ -213,20 +213,20 @@ def combined(
     half_widths: Array,
     progress: Progress = quiet,
 ) -> list[Combination]:
-    """Return what is seen of keys that are tied together, from fits in which those that are fixed move.
+    """Return the identifiable combinations of tied keys, from refits with the fixed ones moved.
 
     Parameters
     ----------
     question : IdentificationQuestion
-        What is asked.
+        Machine, keys, bounds and priors.
     refits : Refits
-        About the fit, its first unknowns the free keys.
+        Refits about the fit; the free keys are its first unknowns.
     seen : Sensitivity
-        How the channels see them.
+        Sensitivity of the channels to the keys.
     chosen : sequence of int
-        Those that are fitted.
+        Indices of the fitted keys.
     half_widths : ndarray
-        Shape (2, keys): of the 95 % interval of each where the fixed ones stay.
+        Shape (2, keys): half widths of the 95 % intervals, the fixed keys held.
     progress : callable, optional
         Takes a line on the progress.
     """
@@ -253,7 +253,7 @@ def verdicts_of(
     search: Search,
     progress: Progress = quiet,
 ) -> tuple[list[KeyVerdict], list[Combination]]:
-    """Return the verdict on each free key, and the identifiable combinations of the others."""
+    """Return the verdict on each free key, and the identifiable combinations."""
     count, seen = len(question.keys), around.seen
     scales = around.whole.unknowns.scales[:count]
     keyed = KeyedConfiguration(question.machine, question.base, question.keys)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration as a function of some of its keys: values in, parameters and machine out, with scale and bounds."""
+"""A configuration as a function of some keys: from values to parameters and machine, with scales and bounds."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.studies.identification.acting_keys import acting_tree, number_in
 
-SEARCHED = 20.0  # times larger and smaller than configured, where nothing else bounds a positive key
-SHARE_OF_LIKE = 0.1  # of the largest key in the same unit: the scale of a key that is 0
+SEARCHED = 20.0  # factor of the search range about the configured value, where no bounds are given
+SHARE_OF_LIKE = 0.1  # of the largest key in the same unit: scale of a key that is 0
 
 
 @dataclass(frozen=True)
 class KeyedConfiguration:
-    """A machine whose configuration follows from the values of free keys.
+    """A machine whose configuration is a function of the values of its free keys.
 
     Parameters
     ----------
     name : str
         Machine of the catalogue.
     base : Parameters
-        Every key that is not free.
+        Configuration with the values of all keys that are not free.
     keys : tuple of str
         Free keys, dotted.
     """
@@ -46,12 +46,12 @@ class KeyedConfiguration:
 
     @cached_property
     def tree(self) -> dict[str, Any]:
-        """The base as a tree of values."""
+        """The base configuration as a tree of values."""
         return configuration_tree(self.base)
 
     @cached_property
     def acting(self) -> dict[str, Any]:
-        """The same without the values that follow from a free key.
+        """The tree without the values that are derived from a free key.
 
         Raises
         ------
@@ -61,17 +61,17 @@ class KeyedConfiguration:
         return acting_tree(self.name, self.base, self.keys)
 
     def check(self) -> None:
-        """Raise a ConfigurationError where a key is unknown, or the machine accepts no other value of it."""
+        """Raise a ConfigurationError if a key is unknown, or cannot be changed."""
         self.values()
         self.acting  # noqa: B018
 
     def values(self) -> Array:
-        """Return the free keys as configured, shape (keys,).
+        """Return the configured values of the free keys, shape (keys,).
 
         Raises
         ------
         ConfigurationError
-            A key is unknown or no number.
+            A key is unknown or not a number.
         """
         return np.array([number_at(self.tree, key, self.name) for key in self.keys])
 
@@ -81,18 +81,18 @@ class KeyedConfiguration:
         Raises
         ------
         ConfigurationError
-            The machine refuses them.
+            The values are rejected.
         """
         flat = dict(zip(self.keys, map(float, values), strict=True))
         tree = merged_tree(self.acting, tree_from_flat(flat, "--free"))
         return validated(catalogue_entry(self.name), tree, f"{self.name} with --free {', '.join(self.keys)}")
 
     def scales(self) -> Array:
-        """Return the size of each key; of one that is 0, a share of the largest key in its unit, shape (keys,)."""
+        """Return the scale of each key, shape (keys,): its magnitude; for 0, a share of the largest in its unit."""
         return np.array([_scale(self.tree, self.base, key) for key in self.keys])
 
     def bounds(self, given: Mapping[str, tuple[float, float]] | None = None) -> Array:
-        """Return the least and largest value of each key, shape (2, keys): as given, else as declared and searched."""
+        """Return lower and upper bounds, shape (2, keys): as given, else the search range; within the declared ones."""
         found = []
         for key, value in zip(self.keys, self.values().tolist(), strict=True):
             low, high = declared_bounds(type(self.base), key)
@@ -111,7 +111,7 @@ class KeyedConfiguration:
 
 
 def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:
-    """Return the number a dotted key has in a tree of values."""
+    """Return the number at a dotted key in a tree of values."""
     found = number_in(tree, key)
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise ConfigurationError(f"--free {key}: expected a key of {machine} that is a number")
@@ -119,7 +119,7 @@ def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:
 
 
 def numbers_of(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
-    """Yield every dotted key of a tree that holds a number that is not whole by declaration, and the number."""
+    """Yield every dotted key of a tree with a floating-point number, and the number."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from numbers_of(value, f"{prefix}{name}.")
@@ -128,7 +128,7 @@ def numbers_of(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
 
 
 def declared_bounds(model: type[BaseModel], key: str) -> tuple[float, float]:
-    """Return the bounds a key is declared with; infinite where it has none."""
+    """Return the declared bounds of a key; infinite without any."""
     field = declared_field(model, key)
     marks = [] if field is None else field.metadata
     low = max((v for mark in marks if (v := _bound(mark, "ge", "gt")) is not None), default=-np.inf)
@@ -141,7 +141,7 @@ def _bound(mark: Any, *names: str) -> float | None:
 
 
 def declared_field(model: type[BaseModel], key: str) -> Any:
-    """Return the declaration of a dotted key, None where it has none."""
+    """Return the field declaration of a dotted key; None without one."""
     first, _, rest = key.partition(".")
     field = model.model_fields.get(first)
     if field is None or not rest:
@@ -155,7 +155,7 @@ def declared_field(model: type[BaseModel], key: str) -> Any:
 
 
 def unit_at(model: type[BaseModel], key: str) -> str:
-    """Return the unit a dotted key is declared in, an empty word where it has none."""
+    """Return the declared unit of a dotted key; empty without one."""
     field = declared_field(model, key)
     extra = None if field is None else field.json_schema_extra
     return str(extra.get("unit", "")) if isinstance(extra, dict) else ""

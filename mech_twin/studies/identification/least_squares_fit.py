@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The fit: robust least squares in stages, from the first part of the runs to the whole of them.
+"""The fit: robust least squares in stages, from the first part of the runs to the whole runs.
 
-With wrong keys a long motion runs out of phase, and the residual has many local minima.  Its first part has only one;
-the result starts the fit of the next, longer part.  Standard deviations are updated from the residuals between rounds.
+With wrong keys, a long simulated motion gets out of phase, and the cost has many local minima.  Over a first, short
+part it has one; its solution is the start for the next, longer part.  Standard deviations are re-estimated between
+rounds.
 """
 
 from __future__ import annotations
@@ -20,18 +21,18 @@ from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, ZERO
 
 HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # shares of the run, one stage each
-NEAR = 0.3  # of the scale of a key: standard deviation of its prior about its start while few data tell it
-FEWEST_STEPS = 60  # coupling steps of a stage
+NEAR = 0.3  # of a key's scale: standard deviation of its prior about the start of an early stage
+FEWEST_STEPS = 60  # coupling steps of a stage, at least
 EVALUATIONS, FEWEST = 30, 10
 ROUNDS = 3  # of the last stage
-SETTLED = 0.02  # change of a standard deviation between rounds
-STAGE_ENDS = 1e-3  # relative change of cost or unknowns with which an earlier stage ends
+SETTLED = 0.02  # relative change of a standard deviation between rounds that ends them
+STAGE_ENDS = 1e-3  # relative change of cost or unknowns that ends an early stage
 TRIED_BEGINS = 4000
 BEGIN_SAMPLES = 200
-FORETOLD = 0.03  # of what the rows change by in a step: derivatives that are less off go on
-FORETOLD_ROW = 0.01  # standard deviations of a row, likewise
+FORETOLD = 0.03  # of the residuals' change in a step: with less prediction error, derivatives are updated only
+FORETOLD_ROW = 0.01  # the same bound in standard deviations of a row
 LOSS, LOSS_SCALE = "soft_l1", 3.0
-LEAST_NOISE = 1e-6  # of the size of a channel
+LEAST_NOISE = 1e-6  # of a channel's standard deviation
 NORMAL_MEDIAN = 0.6745
 
 Progress = Callable[[str], None]
@@ -39,18 +40,18 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Fitted:
-    """End of a fit.
+    """Result of a fit.
 
     Attributes
     ----------
     problem : FitProblem
-        What was fitted.
+        The fit problem.
     x : ndarray
-        Unknowns over their scales.
+        Shape (unknowns,): unknowns in scales.
     comparison : Weighting
-        What was compared.
+        Weighting of the residuals.
     cost : float
-        Sum of squared residuals over their number, in the standard deviations of the comparison.
+        Mean of the squared residuals, in standard deviations of the weighting.
     """
 
     problem: FitProblem
@@ -69,26 +70,26 @@ def quiet(_: str) -> None:
 
 
 def stage_fit(problem: FitProblem, x: Array, share: float, progress: Progress = quiet) -> Fitted:
-    """Return the fit of the first share of the runs from a start; zeros and gains are first found in closed form."""
+    """Return the fit of the first share of the runs; zeros and gains are initialised in closed form."""
     part = stage_part(problem, share, x)
     return rounds(part, with_offsets(part, x), progress, last=share == 1.0)
 
 
 def refined(problem: FitProblem, x: Array, progress: Progress = quiet) -> Fitted:
-    """Return the fit of the whole runs from where another one ended."""
+    """Return the fit of the whole runs, started at the end of another fit."""
     return rounds(problem, x, progress, last=True)
 
 
 def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
-    """Return the shares of the runs that the stages look at, rising to 1; ``step_s`` is the coupling step."""
+    """Return the shares of the runs used in the stages, rising to 1; ``step_s`` is the coupling step."""
     longest = max(min(run.last_s, run.until_s) - max(run.first_s, run.from_s) for run in runs)
     return [share for share in HORIZONS if share == 1.0 or share * longest >= FEWEST_STEPS * step_s]
 
 
 def stage_part(problem: FitProblem, share: float, x: Array) -> FitProblem:
-    """Return the problem on the first share of each run, the whole at 1; its roll-outs are as much shorter.
+    """Return the problem on the first share of each run, with simulations of that length.
 
-    Each key has a prior about its present value, so that a part too short to determine it does not move it far.
+    For a share below 1, each key has a prior about its present value, since a short part determines few keys.
     """
     if share == 1.0:
         return problem
@@ -104,7 +105,7 @@ def stage_part(problem: FitProblem, share: float, x: Array) -> FitProblem:
 
 
 def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> Fitted:
-    """Return the fit of a stage from a start; of the last one in rounds, until standard deviations settle."""
+    """Return the fit of a stage; in the last stage in rounds, until the standard deviations converge."""
     sigmas = noise_floors(problem.runs)
     low, high = problem.unknowns.bounds()
     fitted: Fitted | None = None
@@ -137,19 +138,19 @@ def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> 
 
 
 class _Followed:
-    """Residuals, and derivatives updated after each step (Broyden) while they predict the changes of the rows."""
+    """Residuals, and derivatives updated from step to step as long as they predict the change of the residuals."""
 
     def __init__(self, problem: FitProblem, comparison: Weighting) -> None:
         self._problem, self._comparison, self._tried = problem, comparison, 0
         self._last: tuple[Array, Array, Array] | None = None
 
     def residuals(self, x: Array) -> Array:
-        """Return the residuals that count."""
+        """Return the weighted residuals."""
         self._tried += 1
         return self._problem.residuals(x, self._comparison)
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives at a point, where a step has led."""
+        """Return the derivatives at a point, updated if the last step was predicted well, else recomputed."""
         rows, found = self._problem.residuals(x, self._comparison), None
         if self._last is not None and self._tried == 1:
             from_x, from_rows, jacobian = self._last
@@ -163,9 +164,9 @@ class _Followed:
 
 
 def brought_on(jacobian: Array, moved: Array, changed: Array) -> Array:
-    """Return the Broyden update of the derivatives after a step.
+    """Return Broyden's update of derivatives, which reproduces the change of the residuals over a step.
 
-    Changes are relative to the size of each column, so that no unknown is favoured by its scale.
+    The norm of each column scales its unknown, so that the update does not depend on the unknowns' scales.
     """
     sizes = np.linalg.norm(jacobian, axis=0)
     step = moved * sizes**2
@@ -179,7 +180,7 @@ def _fitted(problem: FitProblem, x: Array, comparison: Weighting) -> Fitted:
 
 
 def noise_floors(runs: Sequence[FitRun]) -> Array:
-    """Return the least standard deviation of each channel, over all runs: known noise, or a trace of its size."""
+    """Return the least standard deviation of each channel over all runs: given noise, or a small share of its own."""
     found = []
     for place in range(len(runs[0].channels)):
         channels = [run.channels[place] for run in runs]
@@ -191,7 +192,7 @@ def noise_floors(runs: Sequence[FitRun]) -> Array:
 
 
 def spreads(problem: FitProblem, x: Array, comparison: Weighting) -> Array:
-    """Return the spread of the residuals of each channel, SI units: robust, and no less than a third of their rms."""
+    """Return the robust standard deviation of each channel's residuals, SI units, at least a third of their rms."""
     parts, found = problem.parts(x), []
     for place in range(len(problem.runs[0].channels)):
         kept = [parts[run][place][comparison.masks[run][place]] for run in range(len(problem.runs))]
@@ -206,7 +207,7 @@ def spreads(problem: FitProblem, x: Array, comparison: Weighting) -> Array:
 
 
 def with_offsets(problem: FitProblem, x: Array) -> Array:
-    """Return the unknowns with the zeros and gains that fit best at these keys, channel by channel in closed form."""
+    """Return the unknowns with the best-fitting zeros and gains for these keys, by channel in closed form."""
     x = x.copy()
     unknowns = problem.unknowns
     for i, unknown in enumerate(unknowns.all):
@@ -214,7 +215,7 @@ def with_offsets(problem: FitProblem, x: Array) -> Array:
             continue
         gain = unknowns.of_channel(GAIN, unknown.runs[0], unknown.place)
         if unknown.kind == GAIN and unknowns.of_channel(ZERO, unknown.runs[0], unknown.place) is not None:
-            continue  # found together with the zero
+            continue  # estimated together with the zero
         measured, column = _paired(problem, x, unknown.runs, unknown.place)
         if not len(measured):
             continue
@@ -229,7 +230,7 @@ def with_offsets(problem: FitProblem, x: Array) -> Array:
 
 
 def _paired(problem: FitProblem, x: Array, runs: Sequence[int], place: int) -> tuple[Array, Array]:
-    """Return measured values of a channel and the model's column beside them, over runs, where both count."""
+    """Return measured values of a channel and the model's values at the same samples, over runs."""
     plain = x.copy()
     for i, unknown in enumerate(problem.unknowns.all):
         if unknown.place == place and unknown.kind in (ZERO, GAIN):
@@ -245,7 +246,7 @@ def _paired(problem: FitProblem, x: Array, runs: Sequence[int], place: int) -> t
 
 
 def with_begins(problem: FitProblem, x: Array) -> Array:
-    """Return the unknowns with the beginning of each run where the model's run fits it best."""
+    """Return the unknowns with the start time of each run that fits the simulation best."""
     x, places = x.copy(), problem.unknowns.places(BEGIN).tolist()
     curves = problem.model.at(problem.unknowns.keys(x)) if places else None
     if curves is None:
@@ -259,7 +260,7 @@ def with_begins(problem: FitProblem, x: Array) -> Array:
 
 
 def _begin_costs(run: FitRun, curves: ColumnCurves, begins_s: Array) -> Array:
-    """Return the misfit of the run for each start time in the model's run, over the size of its channels."""
+    """Return the mean absolute residual for each start time, over the standard deviations of the channels."""
     cost = np.zeros(len(begins_s))
     for channel in run.channels:
         if channel.of_events:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The model's own runs for values of the free keys, under the command of each measured run; the last are kept."""
+"""Simulations for values of the free keys, with the command of each measured run; the last ones are cached."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Curves = tuple[ColumnCurves, ...]
 
 
 class ModelRuns:
-    """Roll-outs of a machine beside measured runs.
+    """Simulations of a machine for comparison with measured runs.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class ModelRuns:
     runs : sequence of FitRun
         The measured runs.
     longest_begin_s : float
-        Latest time of the machine's own run in which a run of unknown beginning may begin.
+        Latest start of a run whose start is unknown, as time since the machine's start.
     cores : int, optional
         Threads; all cores if absent.
     """
@@ -46,18 +46,18 @@ class ModelRuns:
         self._kept: tuple[bytes, Curves | None] | None = None
 
     def over(self, runs: Sequence[FitRun]) -> ModelRuns:
-        """Return the same machine beside other stretches of the runs."""
+        """Return the same machine with other parts of the runs."""
         return ModelRuns(self.keyed, runs, self._longest_begin_s, self._cores)
 
     def at(self, values: Array) -> Curves | None:
-        """Return the columns of each run with these values of the keys, None where the machine refuses them."""
+        """Return the columns of each run for these values of the keys; None if they are rejected or a run fails."""
         key = values.tobytes()
         if self._kept is None or self._kept[0] != key:
             self._kept = (key, self.many([values])[0])
         return self._kept[1]
 
     def many(self, members: Sequence[Array]) -> list[Curves | None]:
-        """Return the same for several values, computed on all cores."""
+        """Return the same for several sets of values, computed on all cores."""
         configured = [self._parameters(values) for values in members]
         legal = [each for each in configured if each is not None]
         columns: list[list[ColumnCurves | None]] = [[] for _ in legal]
@@ -78,7 +78,7 @@ class ModelRuns:
         return number_at(self.keyed.tree, "coupling.step_s", self.keyed.name)
 
     def duration_s(self, run: FitRun) -> float:
-        """Return how long the model has to run beside a measured run."""
+        """Return the duration of the simulation that a measured run needs (s)."""
         begin = self._longest_begin_s if run.begin_s is None else run.begin_s
         return max(min(run.last_s, run.until_s), 0.0) + begin
 
@@ -89,7 +89,7 @@ class ModelRuns:
         command = run.command or 1.0
         self.rolled_out += len(configured)
         members: Iterable[RollOut]
-        if len(configured) == 1 or self._cores == 1:  # no threads to begin and to end
+        if len(configured) == 1 or self._cores == 1:  # without the overhead of threads
             entry = catalogue_entry(self.keyed.name)
             members = [roll_out(entry.build(each), duration_s, self._columns, None, command) for each in configured]
         else:

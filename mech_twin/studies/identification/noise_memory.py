@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Coloured noise: standard errors of a fit from an autoregression of each channel's residuals.
+"""Autocorrelated noise: standard errors of a fit from an autoregression of each channel's residuals.
 
-A sensor's own filter, or an unmodelled motion, correlates neighbouring residuals.  In a short run blocks are too short
-to show that; an autoregression needs few numbers.  It is Burg's (BurgSpectrum1967), its order that of the least
-Bayesian information criterion (SchwarzDimension1978).  First order is corrected for the bias of a short series,
-(1 + 3 a)/n (KendallBias1954).  It gives the middle of the sandwich::
+A sensor's filter, or an unmodelled motion, correlates neighbouring residuals.  Blocks of a short run do not show that,
+but an autoregression has few parameters.  It is fitted by Burg's recursion (BurgSpectrum1967), with the order of least
+Bayesian information criterion (SchwarzDimension1978).  At first order, the bias (1 + 3 a)/n of a short series is
+corrected (KendallBias1954).  It gives the sandwich estimate::
 
     C = H^-1 (sum over channels of s^2 J' R J) H^-1,    H = J' J
 
-with R the correlations of the autoregression at every distance, and s^2 the variance of the channel's residuals.
+with R the correlation matrix of the autoregression, and s^2 the variance of the channel's residuals.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.studies.burg import burg_orders
 
 MOST_ORDER = 4
-LONGEST = 0.995  # of the correlation of neighbours, corrected
-LEAST_LEFT = 1e-8  # of the variance: residuals that repeat themselves exactly are no noise
-FEWEST = 20  # residuals of a channel; fewer tell no memory
+LONGEST = 0.995  # upper bound of the corrected first-order coefficient
+LEAST_LEFT = 1e-8  # of the variance: residuals that are predicted better are not noise
+FEWEST = 20  # residuals of a channel; fewer do not determine an autoregression
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class Autoregression:
     coefficients : ndarray
         Shape (p,): x_t = sum_i coefficients[i - 1] x_(t-i) + innovation.
     first : ndarray
-        Shape (p + 1,): correlations at distances 0 to p.
+        Shape (p + 1,): correlations at lags 0 to p.
     """
 
     coefficients: Array
     first: Array
 
     def correlations(self, count: int) -> Array:
-        """Return the correlations at distances 0 to ``count`` - 1."""
+        """Return the correlations at lags 0 to ``count`` - 1."""
         order = len(self.coefficients)
         if order == 0 or count <= order + 1:
             found = np.zeros(count)
@@ -58,7 +58,7 @@ class Autoregression:
 
 
 def autoregression(residuals: Array) -> Autoregression:
-    """Return the autoregression of residuals in the order of their times, by Burg's recursion; of few, order 0."""
+    """Return the autoregression of residuals in order of time, by Burg's recursion; order 0 for too few."""
     best = Autoregression(np.zeros(0), np.ones(1))
     count, power = len(residuals), float(residuals @ residuals)
     if count < FEWEST or power == 0.0:
@@ -75,7 +75,7 @@ def autoregression(residuals: Array) -> Autoregression:
 
 
 def _corrected(found: Autoregression, count: int) -> Autoregression:
-    """Return a first-order autoregression corrected for its mean bias with this many samples."""
+    """Return a first-order autoregression corrected for the bias of a series of this length."""
     near = float(found.coefficients[0])
     if near <= 0.0:
         return found
@@ -85,14 +85,14 @@ def _corrected(found: Autoregression, count: int) -> Autoregression:
 
 @dataclass(frozen=True)
 class RememberedNoise:
-    """The middle of the sandwich, shape (unknowns, unknowns), and how many independent samples the rows are."""
+    """Middle of the sandwich, shape (unknowns, unknowns), and the effective number of independent samples."""
 
     middle: Array
     samples: float
 
 
 def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> RememberedNoise:
-    """Return the middle of the sandwich for channels with correlated residuals.
+    """Return the sandwich's middle for autocorrelated residuals of each channel.
 
     Parameters
     ----------
@@ -101,8 +101,7 @@ def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np
     residuals : ndarray
         Shape (rows,): in standard deviations.
     channels : ndarray
-        Shape (rows,): channel of each row, in the order of their times; -1 of a prior, which has its own standard
-        deviation and no memory.
+        Shape (rows,): index of each row's channel, rows in order of time; -1 for a prior, whose rows are independent.
     """
     priors = jacobian[channels < 0]
     middle, samples = priors.T @ priors, float(len(priors))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is asked of an identification."""
+"""Specification of an identification."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from mech_twin.declarations.quantity import Parameters
 
 @dataclass(frozen=True)
 class IdentificationQuestion:
-    """What is asked of a fit.
+    """Specification of a fit: machine, free keys, and what is known of them.
 
     Attributes
     ----------
     machine : str
         Machine of the catalogue.
     base : Parameters
-        Configuration to start from; keys that are not found keep its values.
+        Configuration to start from; keys that are not estimated keep its values.
     keys : tuple of str
         Keys that may change.
     bounds : mapping
-        Least and largest value of some of them.
+        Lower and upper bounds of some keys.
     priors : mapping
-        Mean and standard deviation of some of them.
+        Mean and standard deviation of some keys.
     longest_begin_s : float
-        Latest beginning of a run of unknown beginning, in the machine's own run.
+        Latest start of a run whose start is unknown, as time since the machine's start.
     seed : int
-        Of further starts.
+        Seed of the random further starts.
     cores : int, optional
         Threads; all cores if absent.
     scheduler : str, optional
-        Address of a Dask scheduler, over which starts and profiles are spread.
+        Address of a Dask scheduler that distributes starts and profiles.
     """
 
     machine: str

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification from the last minutes of a machine that is followed: what is kept of them, and what a fit says."""
+"""Identification from the last minutes of a live machine: buffer of its samples, and result of the fit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FEWEST_SAMPLES = 20  # of a channel, to be fitted
 
 
 class _KeptSeries:
-    """Times and values of one channel; what is older than asked for is let go now and then."""
+    """Times and values of one channel; older samples are dropped from time to time."""
 
     def __init__(self) -> None:
         self.times_s, self.values = array("d"), array("d")
@@ -39,21 +39,21 @@ class _KeptSeries:
             del self.times_s[:first], self.values[:first]
 
     def after(self, from_s: float) -> tuple[Array, Array]:
-        """Return times and values from a time on, in order, each time once."""
+        """Return times and values from a time on, in order and without duplicate times."""
         times, places = np.unique(np.array(self.times_s), return_index=True)
         first = np.searchsorted(times, from_s)
         return times[first:], np.array(self.values)[places][first:]
 
 
 class RecentSamples:
-    """The last minutes of a machine.
+    """Samples of the last minutes of a machine.
 
     Parameters
     ----------
     channels : sequence of Channel
-        Of the map, in the order of the samples' channel numbers.
+        Channels of the map, in the order of the samples' channel numbers.
     longest_s : float
-        For how long samples are kept at least.
+        Duration for which samples are kept, at least.
     """
 
     def __init__(self, channels: Sequence[Channel], longest_s: float) -> None:
@@ -61,29 +61,29 @@ class RecentSamples:
         self.forget()
 
     def forget(self) -> None:
-        """Forget all: the machine's time has become another."""
+        """Drop all samples, since the machine's time has jumped."""
         self._series = [_KeptSeries() for _ in self._channels]
         self._commands: list[tuple[float, float]] = []
         self._first_s, self._newest_s = np.inf, -np.inf
 
     @property
     def span_s(self) -> float:
-        """How much is kept."""
+        """Duration of the samples that are kept, at most ``longest_s``."""
         return min(max(0.0, self._newest_s - self._first_s), self._longest_s)
 
     def add(self, sample: SeenSample) -> None:
-        """Keep a sample."""
+        """Store a sample."""
         self._first_s, self._newest_s = min(self._first_s, sample.time_s), max(self._newest_s, sample.time_s)
         for place, value in zip(sample.channels, sample.values, strict=True):
             self._series[place].add(sample.time_s, value, self._longest_s)
 
     def command(self, share: float) -> None:
-        """Keep a command that was heard beside the channels of the map."""
+        """Store a command that was received besides the channels of the map."""
         if np.isfinite(self._newest_s):
             self._commands.append((self._newest_s, share))
 
     def run(self, span_s: float) -> FitRun:
-        """Return the last of it as a run whose beginning in the machine's own run is unknown.
+        """Return the last ``span_s`` as a run whose start is unknown.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class RecentSamples:
         return placed_run(path, channels, command, begin_known=False)
 
     def _commanded(self, from_s: float) -> tuple[Array, Array] | None:
-        """Return the command in force at a time, and the later ones."""
+        """Return times and values of the command in force at a time, and of the later ones."""
         before = [share for time_s, share in self._commands if time_s <= from_s]
         later = [(time_s, share) for time_s, share in self._commands if time_s > from_s]
         if not before and not later:
@@ -115,22 +115,22 @@ class RecentSamples:
 
 
 class RecentFit(NamedTuple):
-    """What a fit to the last minutes says.
+    """Result of a fit to the last minutes.
 
     Attributes
     ----------
     keys : tuple of KeyVerdict
-        The keys that were free.
+        Verdict on each free key.
     better : bool
-        Whether what was held out is predicted better than before.
+        Whether a key is identified and held-out data is predicted better than before.
     held_out : tuple of (str, float, float)
-        Channel, and its fit in percent with what was found and with what was before.
+        Channel, and its fit in percent with the resulting and with the previous configuration.
     parameters : Parameters
-        The configuration found.
+        The resulting configuration.
     text : str
-        The same as a parameter file.
+        The configuration as text of a parameter file.
     seconds : float
-        Time it took.
+        Computing time.
     """
 
     keys: tuple[KeyVerdict, ...]
@@ -142,7 +142,7 @@ class RecentFit(NamedTuple):
 
 
 def fitted_recent(question: IdentificationQuestion, run: FitRun, progress: Progress = quiet) -> RecentFit:
-    """Return what a fit to a run says; the last fifth of it is held out."""
+    """Return the result of a fit to a run; its last fifth is held out."""
     found = identified(question, [run], (), HOLD_OUT_SHARE, progress)
     text = configuration_text(found, [str(run.path)])
     return RecentFit(found.keys, found.better, _held_out(found), found.parameters, text, found.seconds)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Profile likelihood: fits with some unknowns held at other values and the others fitted anew.
+"""Refits with some unknowns held at other values: likelihood profiles of keys, and families of equal fits.
 
 A profile moves one key until the cost has risen by ``t^2`` times the variance of the residuals (Raue et al. 2009,
-doi:10.1093/bioinformatics/btp358).  It is computed for keys whose misfit is no parabola up to the ends of the interval.
-A family moves keys held fixed because others have the same effect, by up to half their value.  If the misfit rises by
-more than derivatives predict, the runs contradict the move.
+doi:10.1093/bioinformatics/btp358).  It is computed for keys whose cost is not a parabola at the ends of the interval,
+so that derivatives do not give it.  A family moves fixed keys, whose effect others repeat, by up to half of their
+values; where the cost rises by more than derivatives predict, the runs reject the move.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from mech_twin.studies.identification.intervals import FIXED_OFF, Linearised, in
 from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Progress, brought_on, quiet
 from mech_twin.studies.identification.unknowns import KEY
 
-LEAST_RISE, MOST_RISE = 0.6, 1.6  # of the rise that a parabola has: another one is followed
-WEAK = 0.03  # of the effect of a key that no other unknown repeats: less is followed whatever the rise
-WIDE = 0.5  # half width over value: may be open to one side
-POINTS = 8  # on either side
-CLOSE = 0.1  # of the root of the threshold: an end
-LEAST_GROWTH, MOST_GROWTH = 1.3, 3.0  # of the distance from point to point
-STEPS = 4  # with the same derivatives
-DERIVED = 3  # times that they are taken
-SETTLED = 0.02  # of the threshold: a step that wins less is the last
-IMPROVED = 0.1  # of the threshold: a point lower than the fit by more shows that the fit had not ended
-MOST_FIXED = 3  # keys of a family
-SHARES = (0.5, 1.0)  # of the way to where they go
-SHORTER = (1.0, 0.5, 0.25)  # of that way where its end is not reached
-MORE_RISE = 2.0  # times the root of the rise that derivatives predict
-FARTHEST = 2.0  # logarithm by which an unknown may follow
+LEAST_RISE, MOST_RISE = 0.6, 1.6  # times the rise of a parabola: outside, a profile is computed
+WEAK = 0.03  # share of a key's effect that is its own: with less, a profile is computed in any case
+WIDE = 0.5  # half width over value: wider, the interval may be one-sided
+POINTS = 8  # of a profile on each side, at most
+CLOSE = 0.1  # of the root of the threshold: tolerance of an end
+LEAST_GROWTH, MOST_GROWTH = 1.3, 3.0  # factors of the distance from point to point
+STEPS = 4  # descent steps between computations of the derivatives
+DERIVED = 3  # rounds of descent, each but the first with new derivatives
+SETTLED = 0.02  # of the threshold: a step with less gain is the last
+IMPROVED = 0.1  # of the threshold: a point lower by more shows that the fit had not converged
+MOST_FIXED = 3  # fixed keys of a family, at most
+SHARES = (0.5, 1.0)  # of the way to the end of a range
+SHORTER = (1.0, 0.5, 0.25)  # of the range, if its end cannot be reached
+MORE_RISE = 2.0  # times the root of the predicted rise that is tolerated
+FARTHEST = 2.0  # largest change of an unknown's logarithm in a start
 
 Mask = npt.NDArray[np.bool_]
 
 
 class Refit(NamedTuple):
-    """Unknowns that fit best with some of them held, the rise of the cost there, and derivatives."""
+    """Best-fitting unknowns with some of them held, the rise of the cost there, and derivatives."""
 
     x: Array
     rise: float
@@ -52,16 +52,16 @@ class Refit(NamedTuple):
 
 
 class Refits:
-    """Fits about one fit in which some unknowns are held at other values; remembers the best point met.
+    """Refits about one fit with some unknowns held at other values; keeps the best point found.
 
     Parameters
     ----------
     fitted : Fitted
-        Where the fit ended.
+        The fit.
     found : Linearised
-        Derivatives there.
+        Derivatives at its end.
     variance : float, optional
-        Of the rows; that of the residuals if absent.
+        Variance of the rows; that of the residuals if absent.
     """
 
     def __init__(self, fitted: Fitted, found: Linearised, variance: float | None = None) -> None:
@@ -82,9 +82,9 @@ class Refits:
     def with_held(
         self, held: Sequence[int], values: Array, follows: Mask, way: Sequence[Refit], most: float | None = None
     ) -> Refit:
-        """Return the fit with unknowns held at values, others following, from fits on the way there.
+        """Return the fit with some unknowns held at values and others refitted, started from earlier fits ``way``.
 
-        A rise of at most ``most`` is enough: no other start is tried then, and one above it takes further derivatives.
+        With a rise of at most ``most``, no other start is tried; above it, descent continues with new derivatives.
         """
         starts: list[tuple[float, Array]] = []
         for start in self._starts(list(held), values, follows, way):
@@ -93,7 +93,7 @@ class Refits:
                 break
         rise, x = min(starts, key=lambda each: each[0])
         jacobian, settled = way[-1].jacobian, SETTLED * self.threshold
-        for again in range(DERIVED if rise > settled else 0):  # else the others repeat what is held
+        for again in range(DERIVED if rise > settled else 0):  # else the others compensate for the held ones
             if again:
                 jacobian = self.problem.jacobian(x, self.comparison) * _weights(self._rows(x))[:, None]
             x, won, jacobian = self._descended(x, follows, jacobian)
@@ -103,20 +103,20 @@ class Refits:
         return Refit(x, rise, jacobian)
 
     def rise(self, x: Array) -> float:
-        """Return how much higher the cost is than where the fit ended, and remember the point if it is the best."""
+        """Return the rise of the cost above that of the fit; store the point if it is the best."""
         rise = _cost(self._rows(x)) - self.least
         if rise < self.lowest:
             self.better, self.lowest = x.copy(), rise
         return rise
 
     def slopes(self, held: Sequence[int], follows: Mask) -> tuple[Array, Array]:
-        """Return derivatives by held unknowns, the others following: of those that follow, and of the rows."""
+        """Return derivatives by held unknowns, the others refitted: of the refitted unknowns, and of the rows."""
         own, moved = self.jacobian[:, follows], self.jacobian[:, list(held)]
         slopes = -inverse_information(own) @ (own.T @ moved)
         return slopes, moved + own @ slopes
 
     def _starts(self, held: list[int], values: Array, follows: Mask, way: Sequence[Refit]) -> Iterator[Array]:
-        """Yield where the other unknowns may be: by derivatives, straight on or by powers, and as on the way."""
+        """Yield starts for the other unknowns: linear and power-law extrapolation, and from the earlier fits."""
         here, now = self.x, way[-1].x
         slopes, _ = self.slopes(held, follows)
         moved, size = values - here[held], np.where(here == 0.0, 1.0, here)
@@ -137,7 +137,7 @@ class Refits:
             yield np.asarray(np.clip(x, *self.bounds))
 
     def _descended(self, x: Array, follows: Mask, jacobian: Array) -> tuple[Array, float, Array]:
-        """Return the point reached by steps while the cost falls, the last reduction, and updated derivatives."""
+        """Return the end of descent steps, the gain of the last step, and the updated derivatives."""
         rows, won = self._rows(x), np.inf
         for _ in range(STEPS):
             weights, moved, own = _weights(rows), x.copy(), jacobian[:, follows]
@@ -159,9 +159,9 @@ class Refits:
 
 @dataclass(frozen=True)
 class KeyProfile:
-    """How far a key can go, down and up, over its scale: nan where derivatives tell, inf where nothing ends it.
+    """Interval of a key, down and up, in scales: nan if derivatives give it, inf if it is open.
 
-    ``better`` fits better than where the fit ended by ``won``, if any such point was met.
+    ``better`` is a point whose cost is lower than the fit's by ``won``, if one was found.
     """
 
     place: int
@@ -172,7 +172,7 @@ class KeyProfile:
 
 
 def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
-    """Return the profile of one key, if derivatives do not tell its interval."""
+    """Return the profile of one key, computed only if derivatives do not give its interval."""
     refits, lower, upper = Refits(fitted, found), np.nan, np.nan
     if refits.threshold > 0.0 and _is_doubtful(refits, place):
         lower, upper = _end(refits, place, -1.0), _end(refits, place, 1.0)
@@ -180,7 +180,7 @@ def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
 
 
 def key_profiles(fitted: Fitted, found: Linearised, progress: Progress = quiet) -> list[KeyProfile]:
-    """Return the profiles of the keys of a fit, of which ``found`` are the derivatives where it ended."""
+    """Return the profiles of the keys of a fit; ``found`` are the derivatives at its end."""
     profiles = []
     for place in map(int, fitted.problem.unknowns.places(KEY)):
         progress(f"profile of {fitted.problem.unknowns.all[place].name}")
@@ -207,7 +207,7 @@ def _is_doubtful(refits: Refits, place: int) -> bool:
 
 
 def _end(refits: Refits, place: int, sign: float) -> float:
-    """Return the distance at which the cost has risen by the threshold, inf where it does not."""
+    """Return the distance at which the cost has risen by the threshold; inf if it never does."""
     goal, others, way = float(np.sqrt(refits.threshold)), np.arange(len(refits.x)) != place, [refits.fit]
 
     @cache
@@ -227,24 +227,23 @@ def _end(refits: Refits, place: int, sign: float) -> float:
 
 
 def family(refits: Refits, fixed: Sequence[int], follows: Mask, bounds: Array) -> Array | None:
-    """Return equally good fits for other values of fixed keys, moved singly and together.
+    """Return fits of equal quality with fixed keys moved, each alone and all together.
 
     Parameters
     ----------
     refits : Refits
-        About the fit, its first unknowns the free keys.
+        Refits about the fit; the free keys are its first unknowns.
     fixed : sequence of int
-        Places of the keys to move.
+        Indices of the keys to move.
     follows : ndarray of bool
-        Shape (unknowns,): those that follow.
+        Shape (unknowns,): the unknowns that are refitted.
     bounds : ndarray
-        Shape (2, keys), over the scales.
+        Shape (2, keys): bounds, in scales.
 
     Returns
     -------
     ndarray or None
-        Shape (points, unknowns), over the scales; the first is the fit.  None where the keys cannot be moved, or are
-        too many.
+        Shape (points, unknowns), in scales; the first is the fit.  None if the keys cannot be moved, or are too many.
     """
     here = refits.x[list(fixed)]
     if not 0 < len(fixed) <= MOST_FIXED or np.any(here == 0.0):
@@ -258,7 +257,7 @@ def family(refits: Refits, fixed: Sequence[int], follows: Mask, bounds: Array) -
 
 
 def _moved(refits: Refits, fixed: Sequence[int], follows: Mask, ends: Array) -> list[Array] | None:
-    """Return the fits on the way to either end of each range and to all corners; None where the runs speak against."""
+    """Return the fits halfway and at the ends of each range and at all corners; None if the runs reject one."""
     here, found = refits.x[list(fixed)], []
     sides = [np.where(np.arange(len(fixed)) == i, end, here) for i, both in enumerate(ends.T) for end in both]
     corners = [np.array(corner) for corner in product(*ends.T)] if len(fixed) > 1 else []

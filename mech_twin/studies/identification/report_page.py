@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of an identification: one HTML file that needs no network, with its pictures inside."""
+"""The report of an identification: one self-contained HTML file with embedded figures."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_POINTS = 1500  # of a curve
-MOST_PICTURES, MOST_SENSORS = 4, 4  # so that the report fits two pages
-SHOWN_SHARE = 0.2  # of a run, at its end
+MOST_PICTURES, MOST_SENSORS = 4, 4  # so that the report has two pages
+SHOWN_SHARE = 0.2  # of a run, at its end, that is plotted
 CAPTION = (
     "<p>The end of each run; the band holds 95 % of the samples about the fit. Of white residuals 95 % of the "
     f"autocorrelations lie within the dashed lines. At most {MOST_PICTURES} channels, those that fit worst.</p>"
@@ -42,11 +42,11 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
     Parameters
     ----------
     found : Identification
-        What was found.
+        The result.
     runs, held_out : sequence of str
-        Names of the runs that were fitted, and of those that were not.
+        Names of the fitted runs, and of the held-out ones.
     helps : sequence of Help, optional
-        What further sensors would give.
+        Benefit of further sensors.
     """
     title = f"{found.question.machine}: identification"
     outcome = f"{found.lack}: nothing was written" if found.lack else "predicted better than before"
@@ -60,7 +60,7 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
 
 
 def search_words(search: Search) -> str:
-    """Return what the search has seen, as a sentence."""
+    """Return a summary of the search as a sentence."""
     if search.starts == 1:
         return "The first start ended where the sensors' noise explains the residuals; no other was tried."
     ends = f"{search.starts} starts ended in {search.valleys} local minima, {search.agreeing} of them in the best"
@@ -136,7 +136,7 @@ def _further_sensors(helps: Sequence[Help]) -> str:
 
 
 def _pictures(found: Identification) -> list[str]:
-    """Return the pictures with their headings."""
+    """Return the figures with their headings."""
     with house_style():
         pair = [_svg(interval_figure(found)), *([_correlation(found)] if len(found.fitted_keys) > 1 else [])]
         shown = ["<h2>Intervals, and correlation of the estimates</h2>", f'<div class="row">{"".join(pair)}</div>']
@@ -157,7 +157,7 @@ def _pictures(found: Identification) -> list[str]:
 def beside_whole_runs(
     found: Identification, fitted: Fitted
 ) -> tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]]:
-    """Return the fit, and the configuration before, beside the whole of the fitted runs, what was held out included."""
+    """Return the fit and the previous configuration as problems over the whole fitted runs, held-out parts included."""
     problem, asked = fitted.problem, found.question
     other, offsets = beside(asked.machine, asked.base, problem.runs, asked.longest_begin_s)
     whole = [run.within(-np.inf, np.inf) for run in problem.runs]
@@ -180,7 +180,7 @@ def _svg(figure: Any) -> str:
 
 
 def interval_figure(found: Identification) -> Figure:
-    """Return the estimates of the keys that were identified, with their intervals, over the values before."""
+    """Return a figure of the identified keys: estimates with intervals, relative to the previous values."""
     shown = [key for key in found.keys if key.verdict == IDENTIFIED and key.before != 0.0]
     figure, axes = _figure(5.5, 0.8 + 0.32 * len(shown))
     for row, key in enumerate(reversed(shown)):
@@ -208,7 +208,7 @@ def _correlation(found: Identification) -> str:
 def _channel(
     found: Identification, both: tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]], run: int, place: int
 ) -> str:
-    """Return measured and model at the end of a run, with the band of the fit, its residuals, and their memory."""
+    """Return a figure of a run's end: measured and model with the 95 % band, residuals, and their autocorrelation."""
     measured = both[1][0].runs[run]
     channel, fit = measured.channels[place], found.channels[place]
     last = channel.times_s[-1]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Residuals of measured channels against roll-outs, and their derivatives inside one order of events.
+"""Residuals of measured channels against simulations, and their derivatives for a fixed order of events.
 
-A sample is compared where no event of the model is near, if its column jumps at events; an event by its time and by
-the speeds across it, with the nearest one of its kind.  Everything is in standard deviations of its channel.
+Samples close to an event of the model are left out.  A measured event is compared with the nearest model event of its
+kind, by its time and the velocities before and after.  Residuals are in standard deviations of their channel.
 """
 
 from __future__ import annotations
@@ -21,34 +21,34 @@ from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.model_runs import Curves, ModelRuns
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
 
-REFUSED = 1e3  # standard deviations where the machine refuses the values, or its motion ends
-GUARD_STEPS = 2.5  # coupling steps on either side of an event
-BEND_GUARD_STEPS = 1.5  # of a position, which bends there
-KEY_STEP = 1e-4  # of the scale of a key, in central differences
-STEPS = 3.0  # times as long, or as short: from differences over several steps those over none follow
-DOUBTED = 1e-4  # of the effect of a key: more difference between two step lengths
-HALVED = 8.0  # times shorter: steps of a key within which many rows are bent
-LEAST_BEND = 1e-3  # standard deviations: less is rounding
-CURVED = 0.3  # of the slopes on either side: more difference between them, and the order of events changed
-MOST_BENT = 0.2  # of the rows of a channel
-LEAST_EFFECT = 2.0  # standard deviations of all rows together if a key changes by all of itself: less is none
-SMALL = 0.05  # of the usual derivative of a key: a contradiction that does not matter
+REFUSED = 1e3  # residual, in standard deviations, if the values are rejected or the simulation fails
+GUARD_STEPS = 2.5  # coupling steps left out on either side of an event
+BEND_GUARD_STEPS = 1.5  # the same for a position, which has a kink there
+KEY_STEP = 1e-4  # step of central differences, in scales of a key
+STEPS = 3.0  # ratio of the step lengths that are extrapolated to zero
+DOUBTED = 1e-4  # of a key's effect: larger differences between two step lengths are examined
+HALVED = 8.0  # factor by which a key's step is shortened if many rows have a kink within it
+LEAST_BEND = 1e-3  # standard deviations: a smaller kink is rounding error
+CURVED = 0.3  # of the sum of the slopes on either side: a larger difference is a change of the order of events
+MOST_BENT = 0.2  # largest share of a channel's rows with a kink
+LEAST_EFFECT = 2.0  # standard deviations of all rows for a change of a key by its scale: less is no effect
+SMALL = 0.05  # of a key's rms derivative: smaller differences are ignored
 Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Weighting:
-    """What is compared, fixed while a fit moves: standard deviations and samples that count."""
+    """Standard deviations and masks of the samples used, fixed during a fit."""
 
     sigmas: Array
     masks: tuple[tuple[Mask, ...], ...]
 
 
 def contradicting(first: Array, other: Array) -> Mask:
-    """Return the rows in which derivatives of two step lengths contradict each other, shape (rows,).
+    """Return the rows in which derivatives of two step lengths disagree, shape (rows,).
 
-    Keys without an effect are ignored.  If there are many such rows none are returned: then no derivative is reliable,
-    and leaving rows out would hide that.
+    Keys without effect are ignored.  If many rows disagree, none is returned: no derivative is reliable then, and
+    leaving rows out would hide it.
     """
     off, sizes = np.abs(first - other), np.linalg.norm(first, axis=0)
     usual = np.where(sizes >= LEAST_EFFECT, sizes, np.inf) / np.sqrt(max(len(first), 1))
@@ -58,22 +58,22 @@ def contradicting(first: Array, other: Array) -> Mask:
 
 
 def romberg(longest: Array, middle: Array, shortest: Array) -> tuple[Array, Array]:
-    """Return the Romberg extrapolation to step 0 of central differences over three (or two) steps, ratio `STEPS`."""
+    """Return Romberg extrapolations to step 0 of central differences: over three steps, and over the longer two."""
     coarse, fine = (b + (b - a) / (STEPS**2 - 1.0) for a, b in ((longest, middle), (middle, shortest)))
     return fine + (fine - coarse) / (STEPS**4 - 1.0), coarse
 
 
 class FitProblem:
-    """Residuals of a fit.
+    """Residuals of a fit, and their derivatives.
 
     Parameters
     ----------
     model : ModelRuns
         Machine, keys and measured runs.
     unknowns : Unknowns
-        What is fitted.
+        Unknowns of the fit.
     priors : mapping
-        Mean and standard deviation of keys that are known from elsewhere.
+        Mean and standard deviation of keys with prior knowledge.
     """
 
     def __init__(
@@ -85,17 +85,17 @@ class FitProblem:
         self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
 
     def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
-        """Return the same problem on other stretches of its runs, with priors about keys of which nothing is known."""
+        """Return the problem on other parts of its runs; ``near`` adds priors for keys without one."""
         return FitProblem(self.model.over(runs), self.unknowns, {**(near or {}), **self.priors})
 
     def roughly(self) -> FitProblem:
-        """Return the same problem with `two_jacobians` over two steps, at two thirds of the price."""
+        """Return the problem with `two_jacobians` over two step lengths, at two thirds of the cost."""
         found = FitProblem(self.model, self.unknowns, self.priors)
         found._rough = True
         return found
 
     def comparison(self, x: Array, sigmas: Array) -> Weighting:
-        """Return what is compared near ``x``: samples beside an event of the model are left out."""
+        """Return the weighting near ``x``: samples close to an event of the model are masked out."""
         curves = self.model.at(self.unknowns.keys(x))
         masks = []
         for i, run in enumerate(self.runs):
@@ -116,17 +116,17 @@ class FitProblem:
         return counts & ~curves.beside_event(at, guard * curves.step_s)
 
     def _model_times(self, x: Array, run: int, place: int, times_s: Array) -> Array:
-        """Return the times of the machine's own run at which samples were taken."""
+        """Return the times since the machine's start at which the samples were taken."""
         return times_s + self.begin(x, run) - self.unknowns.value(x, LAG, run, place, 0.0)
 
     def begin(self, x: Array, run: int) -> float:
-        """Return the time of the machine's own run at which time 0 of a measured one stands."""
+        """Return the time since the machine's start at a measured run's time 0."""
         return self.unknowns.value(x, BEGIN, run, 0, self.runs[run].begin_s or 0.0)
 
     def parts(self, x: Array, curves: Curves | None = None) -> list[list[Array]]:
-        """Return measured less predicted of every sample of each channel in each run, in SI units.
+        """Return measured minus predicted for every sample of each channel in each run, in SI units.
 
-        ``curves`` are the roll-outs at the keys of ``x``, where they are known already.
+        ``curves`` are the simulations at the keys of ``x``, if already computed.
         """
         curves = self.model.at(self.unknowns.keys(x)) if curves is None else curves
         return [
@@ -157,7 +157,7 @@ class FitProblem:
     def _event_values(
         self, x: Array, run: int, channel: FitChannel, curves: ColumnCurves, at_s: Array
     ) -> tuple[Array, Array]:
-        """Return the value and time of the matched event of the model; an unmatched one is off by the limit."""
+        """Return the values and times of the matched model events; without a match, measured plus a limit, and nan."""
         every = curves.of_events(channel.kind, "time")
         begins = first_of_series(every)
         times, values = every[begins], curves.of_events(channel.kind, channel.field)[begins]
@@ -170,7 +170,7 @@ class FitProblem:
         return np.where(hit, values[found], channel.values + limit), np.where(hit, times[found], np.nan)
 
     def residuals(self, x: Array, comparison: Weighting) -> Array:
-        """Return the residuals that count, in standard deviations, shape (rows,)."""
+        """Return the residuals of the unmasked samples and the priors, in standard deviations, shape (rows,)."""
         rows = []
         for run, parts in enumerate(self.parts(x)):
             for place, off in enumerate(parts):
@@ -183,16 +183,16 @@ class FitProblem:
         return np.array([(keys[i] - mean) / deviation for i, mean, deviation in self._priors])
 
     def jacobian(self, x: Array, comparison: Weighting, step: float = KEY_STEP) -> Array:
-        """Return the derivatives of `residuals`, shape (rows, unknowns); the keys move by ``step`` of their scales."""
+        """Return the derivatives of `residuals`, shape (rows, unknowns); ``step`` is the step of keys, in scales."""
         return self._with_others(x, comparison, self._straightened(x, comparison, step)[0])
 
     def two_jacobians(self, x: Array, comparison: Weighting) -> tuple[Array, Array]:
-        """Return the derivatives of `residuals`, and the same less exactly: they differ by the error, or by more.
+        """Return the derivatives of `residuals`, and a less accurate version: they differ by at least the error.
 
-        Central differences over three steps are extrapolated to none (Romberg 1955), the other ones are so from the
-        longer two.  Where the motion bends within these, all steps are shorter; where rounding makes both differ, both
-        are the differences themselves.  A row in which they still contradict each other lies behind a change of the
-        order of events within the steps: it tells no derivative, and has none in either.
+        Central differences over three steps are extrapolated to step 0 (Romberg 1955), the second version from the
+        longer two.  If a key's response is strongly curved, its steps are shortened; if rounding dominates, plain
+        differences are used.  In rows that still disagree, the order of events changes within the steps: the
+        derivatives by the keys are set to 0 in both.
         """
         if self._rough:
             longer, steps = self._straightened(x, comparison, KEY_STEP)
@@ -211,13 +211,13 @@ class FitProblem:
         return self._trusted(x, comparison, first, other)
 
     def _trusted(self, x: Array, comparison: Weighting, first: Array, other: Array) -> tuple[Array, Array]:
-        """Return derivatives by all unknowns, without the rows in which those by the keys contradict each other."""
+        """Return derivatives by all unknowns, those by the keys set to 0 in rows where the versions disagree."""
         lost = contradicting(first, other)
         first[lost] = other[lost] = 0.0
         return self._with_others(x, comparison, first), self._with_others(x, comparison, other)
 
     def curvature(self, x: Array, comparison: Weighting) -> float:
-        """Return how much the slopes on either side of a step differ, over their sum: the median over the keys."""
+        """Return the median over keys of the relative difference between the slopes on either side of a step."""
         centre, places = self.model.at(self.unknowns.keys(x)), range(len(self.unknowns.places(KEY)))
         found = []
         for up, down in self._members(x, places, np.full(len(places), KEY_STEP)):
@@ -229,7 +229,7 @@ class FitProblem:
         return float(np.median(found)) if found else 0.0
 
     def _with_others(self, x: Array, comparison: Weighting, keys: Array) -> Array:
-        """Return derivatives by the keys with those by the other unknowns, and with the rows of priors."""
+        """Return the derivatives by the keys, complemented by those by other unknowns and the rows of priors."""
         rows = [self._columns(x, comparison, run, place) for run, place in self.places()]
         found = np.concatenate([*rows, np.zeros((len(self._priors), len(x)))])
         found[: len(found) - len(self._priors), self.unknowns.places(KEY)] = keys
@@ -238,11 +238,11 @@ class FitProblem:
         return found
 
     def places(self) -> list[tuple[int, int]]:
-        """Return run and channel of each stretch of rows, in order."""
+        """Return the indices (run, channel) of each group of rows, in order."""
         return [(run, place) for run, each in enumerate(self.runs) for place in range(len(each.channels))]
 
     def _columns(self, x: Array, comparison: Weighting, run: int, place: int) -> Array:
-        """Return the derivatives by the unknowns that are no keys, of one channel in one run."""
+        """Return the derivatives by all unknowns but keys, of one channel in one run."""
         channel, mask = self.runs[run].channels[place], comparison.masks[run][place]
         found = np.zeros((int(mask.sum()), len(x)))
         curves = self.model.at(self.unknowns.keys(x))
@@ -272,7 +272,7 @@ class FitProblem:
         return found
 
     def _straightened(self, x: Array, comparison: Weighting, step: float) -> tuple[Array, Array]:
-        """Return the derivatives by the keys, and the steps taken: shorter ones where too many rows were bent."""
+        """Return the derivatives by the keys, and the steps used: shorter ones where too many rows had a kink."""
         steps = np.full(len(self.unknowns.places(KEY)), step)
         found, bent = self._key_columns(x, comparison, steps)
         again = np.flatnonzero(bent > MOST_BENT)
@@ -285,9 +285,9 @@ class FitProblem:
     def _key_columns(
         self, x: Array, comparison: Weighting, steps: Array, among: npt.NDArray[np.intp] | None = None
     ) -> tuple[Array, Array]:
-        """Return differences of the rows over a step of each key, and the largest share of bent rows in a channel.
+        """Return central differences of the rows by each key, and the largest share of rows with a kink in a channel.
 
-        ``among`` are the places of those wanted, all if absent; the columns of the others are 0.
+        ``among`` are the indices of the keys to compute, all if absent; other columns are 0.
         """
         centre = self.model.at(self.unknowns.keys(x))
         found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), len(steps)))
@@ -299,7 +299,7 @@ class FitProblem:
         return found, bent
 
     def _members(self, x: Array, places: Sequence[int], steps: Array) -> list[tuple[Curves | None, Curves | None]]:
-        """Return the roll-outs on either side of the centre for each key."""
+        """Return the simulations with each key stepped up and down."""
         keys, scales = self.unknowns.keys(x), self.unknowns.scales[self.unknowns.places(KEY)]
         asked = []
         for place in places:
@@ -313,10 +313,10 @@ class FitProblem:
     def _difference(
         self, x: Array, comparison: Weighting, members: tuple[Curves | None, Curves, Curves | None], step: float
     ) -> tuple[Array, float]:
-        """Return the derivative of the rows by a key over its scale, and the largest share of bent rows in a channel.
+        """Return the derivative of the rows by a scaled key, and the largest share of rows with a kink in a channel.
 
-        Where the slopes on either side of the centre disagree, the order of events changed on one of them: the
-        smaller slope is that of the centre's own order.
+        Where the slopes on either side of the centre disagree, the order of events changed on one side; the smaller
+        slope is taken as that of the centre's order.
         """
         slopes, bent = [], 0.0
         for run, place in self.places():
@@ -339,7 +339,7 @@ class FitProblem:
         members: tuple[Curves | None, Curves, Curves | None],
         step: float,
     ) -> list[Array]:
-        """Return the slopes of a channel in a run on either side of the centre, of the sides that are there."""
+        """Return the one-sided slopes of a channel in a run, for each side whose simulation succeeded."""
         (run, place), centre = at, members[1]
         mask, sigma = comparison.masks[run][place], comparison.sigmas[place]
         middle = self._moved(x, run, place, centre[run], centre[run], mask)
@@ -350,7 +350,7 @@ class FitProblem:
         ]
 
     def _moved(self, x: Array, run: int, place: int, curves: ColumnCurves, centre: ColumnCurves, mask: Mask) -> Array:
-        """Return what a channel shows of a roll-out near the centre: of events, those next to the centre's."""
+        """Return the prediction of a channel by a neighbouring simulation, events matched with those of the centre."""
         channel = self.runs[run].channels[place]
         if not channel.of_events:
             at = self._model_times(x, run, place, channel.times_s)[mask]

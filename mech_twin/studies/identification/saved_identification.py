@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An identification with the files it came from: as a table, drawn, and saved."""
+"""An identification with its source files: as a table, as a figure, and saved."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SavedIdentification:
-    """What an identification found, and the files of its runs.
+    """Result of an identification, with the files of its runs.
 
     Attributes
     ----------
     found : Identification
         Verdicts, channels and scores.
     runs, held_out : tuple of Path
-        Runs that were fitted, and those that were not.
+        Fitted runs, and held-out ones.
     map_file : Path or None
-        Their map; None where it was proposed.
+        Map of the runs; None if it was proposed automatically.
     """
 
     found: Identification
@@ -44,27 +44,27 @@ class SavedIdentification:
 
     @property
     def parameters(self) -> Parameters:
-        """The configuration found."""
+        """The resulting configuration."""
         return self.found.parameters
 
     @property
     def better(self) -> bool:
-        """Whether what was held out is predicted better than before, and than by a constant."""
+        """Whether a key is identified, and held-out data is predicted better than before and than by a constant."""
         return self.found.better
 
     @property
     def table(self) -> list[dict[str, Any]]:
-        """A row a key: before, estimate, standard error, interval, verdict and reason."""
+        """One row per key: before, estimate, standard error, interval, verdict and reason."""
         return [asdict(key) for key in self.found.keys]
 
     @property
     def document(self) -> dict[str, Any]:
-        """Everything as plain values, as ``identification.json`` holds it."""
+        """The complete result as plain values, as in ``identification.json``."""
         return document(self.found, self.runs, self.held_out, self.map_file)
 
     @cached_property
     def helps(self) -> list[Help]:
-        """What each further sensor would give beside those of the first run; nothing where no run is at hand."""
+        """Benefit of each further sensor beside those of the first run; empty without a run."""
         fitted, asked = self.found.fitted, self.found.question
         if fitted is None or not fitted.problem.runs[0].channels:
             return []
@@ -87,11 +87,11 @@ class SavedIdentification:
 
     @property
     def _with_helps(self) -> dict[str, Any]:
-        """The document, with what further sensors would give, which takes more runs of the model."""
+        """The document with the benefit of further sensors, which takes more simulations."""
         return {**self.document, "further_sensors": [asdict(each) for each in self.helps]}
 
     def plot(self) -> Figure:
-        """Return the estimates with their intervals, over the values before; needs the extra 'plots'."""
+        """Return a figure of the estimates with intervals, relative to the previous values; needs the extra 'plots'."""
         require_extra("plots")
         from mech_twin.capabilities.plots import house_style
         from mech_twin.studies.identification.report_page import interval_figure
@@ -100,12 +100,12 @@ class SavedIdentification:
             return interval_figure(self.found)
 
     def save(self, out: Path | str, *, force: bool = False) -> list[Path]:
-        """Write configuration, JSON and report into a directory, or the configuration alone into a ``.yaml`` file.
+        """Write configuration, JSON and report into a directory, or only the configuration into a ``.yaml`` file.
 
         Returns
         -------
         list of Path
-            What was written; the report only where matplotlib is installed.
+            Files written; the report only if matplotlib is installed.
         """
         out = Path(out)
         check_out(out, force=force)
@@ -127,12 +127,12 @@ class SavedIdentification:
 
 
 def is_file(out: Path) -> bool:
-    """Return whether an output is one file, the configuration, and no directory."""
+    """Return whether an output path is a single configuration file, not a directory."""
     return out.suffix in YAML_SUFFIXES
 
 
 def check_out(out: Path, *, force: bool = False) -> None:
-    """Raise an OutputError where an identification could not be written."""
+    """Raise an OutputError if an identification cannot be written there."""
     if is_file(out):
         check_output_file(out, force=force)
     else:
@@ -144,7 +144,7 @@ def _json(tree: Mapping[str, Any]) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """Return a value with null in place of each number that is not finite, which JSON does not know."""
+    """Return a value with null for each number that is not finite, which JSON cannot represent."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):

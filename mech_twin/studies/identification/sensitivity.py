@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identifiability of the keys: unobservable directions, and the keys to estimate.
+"""Sensitivity of the channels to the keys: unobservable directions, and the keys to estimate.
 
-Derivatives by the logarithm of each key, projected off the effects of zeros, gains, lags and start times, are analysed
-by singular values.  A direction whose effect is small against those of its single keys may be a model error, so
-it counts as unobservable.
+The derivatives by the logarithm of each key are projected orthogonally to the effects of zeros, gains, lags and start
+times, then decomposed by singular values.  A direction with a small share of its keys' single effects may be due to
+model errors alone, so it counts as unobservable.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
 
-UNSEEN = 1.5e-3  # of the effect of its keys singly: an effect of a direction that is not to be trusted
-PART = 0.1  # of a unit vector: a key with less has no part in a direction
-LEAST_EFFECT = 2.0  # standard deviations that all channels together change by if a key changes by all of itself
+UNSEEN = 1.5e-3  # of the single effects of its keys: a smaller effect of a direction is not reliable
+PART = 0.1  # of a unit vector: a key with a smaller component is not part of a direction
+LEAST_EFFECT = 2.0  # standard deviations of all channels together for a change of a key by its own value
 LEAST_OF_ZERO = 1e-3
-ALONE = 1e-3  # of the effect of a key that zeros, gains, lags and beginnings leave
-UNSURE = 0.3  # of an effect: where two step lengths differ by more, it is of the differences alone
+ALONE = 1e-3  # share of a key's effect that zeros, gains, lags and start times cannot explain
+UNSURE = 0.3  # of an effect: if two step lengths differ by more, it is an artefact of the differences
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,18 @@ class Sensitivity:
     effects : ndarray
         Shape (keys,): norm of the derivatives by the logarithm of each key, in standard deviations.
     left : ndarray
-        Shape (keys,): share of it that zeros, gains, lags and beginnings do not explain.
+        Shape (keys,): share of it that zeros, gains, lags and start times do not explain.
     unseen : ndarray
-        Shape (keys, directions): unit vectors, in keys over their effects, that the channels do not see.
+        Shape (keys, directions): unobservable unit vectors, in keys scaled by their effects.
     jacobian : ndarray
-        Shape (rows, keys): the cleared derivatives by logarithms.
+        Shape (rows, keys): the projected derivatives by logarithms.
     least_effects : ndarray
-        Shape (keys,): less counts as none.  Of a key that is 0 nobody knows what much is.
+        Shape (keys,): a smaller effect counts as none.  It differs for a key of 0, which has no scale of its own.
     contradicted : bool
-        Whether derivatives over two step lengths contradict each other in a direction that is seen: a motion that
-        forgets nothing, or a change of the order of events.
+        Whether derivatives over two step lengths disagree in an observable direction: a motion without decay, or a
+        change of the order of events.
     distinguished : bool
-        Whether the runs speak against leaving out a key that derivatives hardly tell from others.
+        Whether the runs reject leaving out a key that derivatives hardly distinguish from others.
     """
 
     effects: Array
@@ -56,18 +56,18 @@ class Sensitivity:
     distinguished: bool = False
 
     def with_all_of(self, chosen: Sequence[int]) -> Sensitivity:
-        """Return the same with the directions seen that lie among these keys, if derivatives can be trusted."""
+        """Return the same with the directions among these keys observable, unless derivatives are unreliable."""
         if self.contradicted:
             return self
         among = np.array([part <= set(chosen) for part in self.parts()], bool)
         return replace(self, unseen=self.unseen[:, ~among], distinguished=True)
 
     def parts(self) -> list[set[int]]:
-        """Return the keys of each unseen direction."""
+        """Return the keys of each unobservable direction."""
         return [set(np.flatnonzero(np.abs(direction) > PART).tolist()) for direction in self.unseen.T]
 
     def groups(self) -> list[list[int]]:
-        """Return the keys that unseen directions tie together, group by group."""
+        """Return the groups of keys that unobservable directions tie together."""
         groups: list[set[int]] = []
         for part in self.parts():
             touching = [group for group in groups if group & part]
@@ -75,10 +75,10 @@ class Sensitivity:
         return [sorted(group) for group in groups]
 
     def estimated(self, among: Sequence[int]) -> list[int]:
-        """Return which of these keys to estimate so that every direction is observable; the rest are fixed.
+        """Return which of these keys to estimate so that no direction is unobservable; the rest stay fixed.
 
-        Of keys with the same effect the one with the largest effect is kept: one with a small effect would have to go
-        to a bound to compensate an error of the others.
+        Of keys with the same effect, the one with the largest effect is kept: one with a small effect would move to a
+        bound to compensate for an error of the others.
         """
         kept: list[int] = []
         rest = {i: self.jacobian[:, i] for i in among if self.effects[i] >= self.least_effects[i]}
@@ -90,7 +90,7 @@ class Sensitivity:
                 kept.append(best)
                 rest = {i: other - column * float(column @ other) / size**2 for i, other in rest.items()}
         for part in self.parts():
-            if part and part <= set(kept):  # else one of them stays as configured already, and the direction with it
+            if part and part <= set(kept):  # else one of them is already fixed, and the direction with it
                 kept.remove(min(part, key=lambda i: float(np.linalg.norm(self.jacobian[:, i]))))
         return sorted(kept)
 
@@ -101,13 +101,13 @@ def sensitivity(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], value
     Parameters
     ----------
     jacobian : ndarray
-        Shape (rows, unknowns): derivatives by unknowns over their scales.
+        Shape (rows, unknowns): derivatives by scaled unknowns.
     other : ndarray
         The same from another step length of the differences.
     keys : ndarray of int
-        Which of them are keys.
+        Indices of the keys among the unknowns.
     values : ndarray
-        Shape (keys,): the keys over their scales; that of a key that is 0 stands for its logarithm.
+        Shape (keys,): the keys in scales; for a key of 0, its scale replaces the logarithm.
     """
     zero = values == 0.0
     logs = np.where(zero, 1.0, np.abs(values))

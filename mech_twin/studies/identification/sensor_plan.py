@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Experiment design: keys that given sensors would identify, and the most useful additions, from simulated runs.
+"""Which keys given sensors would identify, and what would help most, from the information of simulated runs.
 
-The rows of the derivatives are those that a fit would have: sensors at their rates, over their own noise.  A further
-sensor adds rows, a manoeuvre replaces the run.
+The derivatives have the rows of a real fit: sensors at their rates, divided by their noise.  A further sensor adds
+rows, a manoeuvre replaces the run.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from mech_twin.studies.identification.sensitivity import sensitivity
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
 from mech_twin.studies.identification.verdicts import IDENTIFIED, KeyEvidence, KeyVerdict, key_verdicts
 
-ADDED_NOISE = 1e-3  # of its swing: noise of a sensor that might be added
+ADDED_NOISE = 1e-3  # noise of a further sensor, in standard deviations of its signal
 ADDED_RATE_HZ = 500.0
 Command = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
 class Help:
-    """What a further sensor or a manoeuvre would bring.
+    """Benefit of a further sensor or a manoeuvre.
 
     Attributes
     ----------
     what : str
-        The sensor's column, or the manoeuvre.
+        Column of the sensor, or name of the manoeuvre.
     identified : tuple of str
-        Keys that it would add to those that are found.
+        Keys that would be identified in addition.
     narrowed : float
-        By which factor it would narrow the intervals of those found already, in the median.
+        Median factor by which the intervals of already identified keys would narrow.
     """
 
     what: str
@@ -60,7 +60,7 @@ class Help:
 
 @dataclass(frozen=True)
 class SensorPlan:
-    """What the sensors would find of a run: verdicts with intervals, combinations, and what would help, best first."""
+    """Expected result of a run: verdicts with intervals, combinations, and what would help, best first."""
 
     keys: tuple[KeyVerdict, ...]
     combinations: tuple[Combination, ...]
@@ -69,7 +69,7 @@ class SensorPlan:
 
 @dataclass(frozen=True)
 class _PlannedRun:
-    """A run to be planned: its name, what it is configured and commanded with, and its keys' derivatives."""
+    """A run to be planned: its name, its question with the configuration, and its command."""
 
     name: str
     question: IdentificationQuestion
@@ -84,7 +84,7 @@ def sensor_plan(
     *,
     helps: bool = True,
 ) -> SensorPlan:
-    """Return which keys these sensors would identify in a run of the machine.
+    """Return the expected identification from these sensors in a run of the machine.
 
     Parameters
     ----------
@@ -93,16 +93,16 @@ def sensor_plan(
     sensors : MeasurementMap
         The sensors, each with ``sigma`` or ``quantum``, as for ``simulate --sensors``.
     duration_s : float
-        Length of the run.
+        Duration of the run.
     opened : MeasurementMap, optional
-        The map of the fit, where zeros, gains and lags are open; the sensors' own if absent.
+        Map of the fit, with free zeros, gains and lags; the sensors' own if absent.
     helps : bool
-        Whether to look for what would help as well.
+        Whether to evaluate further sensors and manoeuvres too.
 
     Raises
     ------
     ConfigurationError
-        A sensor has neither ``sigma`` nor ``quantum``: without noise, everything would be found.
+        A sensor has neither ``sigma`` nor ``quantum``: without noise, everything would be identified.
     """
     channels = (opened or sensors).channels
     noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
@@ -117,16 +117,16 @@ def sensor_plan(
 
 
 def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: float) -> list[Help]:
-    """Return what each further sensor of a joint's motion or effort would bring, best first.
+    """Return the benefit of each further sensor of a joint's motion or effort, best first.
 
     Parameters
     ----------
     question : IdentificationQuestion
         Machine, configuration and free keys.
     samples : FitRun
-        The run as the sensors sample it, with their noise.
+        The run as sampled by the sensors, with their noise.
     duration_s : float
-        Length of the run.
+        Duration of the run.
     """
     own = _PlannedRun("as it is", question, samples.command)
     added = _further_sensors(own, samples, duration_s)
@@ -141,7 +141,7 @@ def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: 
 
 
 def _help(what: str, before: Sequence[KeyVerdict], after: Sequence[KeyVerdict]) -> Help:
-    """Return which keys are identified more, and by how much the intervals of the others narrow in the median."""
+    """Return the additionally identified keys, and the median factor by which the other intervals narrow."""
     first = {key.key: key.high_95 - key.low_95 for key in before if key.verdict == IDENTIFIED}
     then = {key.key: key.high_95 - key.low_95 for key in after if key.verdict == IDENTIFIED}
     shares = [first[key] / max(then[key], 1e-300) for key in first if key in then]
@@ -153,7 +153,7 @@ def _worth(each: Help) -> tuple[int, float]:
 
 
 def _noise(channel: Channel, place: int) -> float:
-    """Return the standard deviation of a sensor in SI units of its column."""
+    """Return the standard deviation of a sensor's noise, quantisation included, in SI units of its column."""
     shown = float(np.hypot(channel.sigma or 0.0, channel.quantum / 12.0**0.5))
     if shown == 0.0:
         raise ConfigurationError(
@@ -171,7 +171,7 @@ def _samples(
     noises: Sequence[float],
     duration_s: float,
 ) -> FitRun:
-    """Return the run as the sensors would sample it: instants, and the model's own values."""
+    """Return the run as sampled by the sensors: their instants, and the model's values."""
     machine = catalogue_entry(run.question.machine).build(run.question.base)
     rolled = roll_out(machine, duration_s, command=run.command or 1.0)
     found = []
@@ -191,7 +191,7 @@ def _samples(
 
 
 def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
-    """Return the problem with the values, of events too, that the model itself shows in place of measured ones."""
+    """Return the problem with measured values, of events too, replaced by the model's."""
     runs = [
         replace(
             run,
@@ -205,7 +205,7 @@ def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
 
 
 class _Derived:
-    """Derivatives by the keys of a planned run, those of each first share of it computed once."""
+    """Derivatives by the keys of a planned run, cached for each initial share of it."""
 
     def __init__(self, run: _PlannedRun, samples: FitRun) -> None:
         self.question, self._samples = run.question, samples
@@ -214,7 +214,7 @@ class _Derived:
         self._known: dict[float, tuple[FitProblem, Weighting, Array, Array, Array]] = {}
 
     def over(self, share: float) -> tuple[FitProblem, Weighting, Array, Array, Array]:
-        """Return problem, weighting, derivatives over two step lengths, and the channel of each row (-1: a prior)."""
+        """Return problem, weighting, derivatives of two step lengths, and the channel of each row (-1: a prior)."""
         if share not in self._known:
             first, last = self._samples.first_s, self._samples.last_s
             part = self._samples.within(-np.inf, first + share * (last - first))
@@ -235,9 +235,9 @@ class _Derived:
 def _verdicts(
     derived: _Derived, channels: Sequence[int] | None = None, *, together: bool = False
 ) -> tuple[list[KeyVerdict], list[Combination]]:
-    """Return what a fit would say, over the first share of the run in which derivatives tell where the keys lead.
+    """Return the expected verdicts, over the longest initial share of the run with reliable derivatives.
 
-    ``channels`` are those that are looked at, all if absent.
+    ``channels`` are the indices of the channels used, all if absent.
     """
     for share in (1.0, *PREDICTABLE):
         found = _verdicts_of(derived, share, channels, together=together)
@@ -256,10 +256,10 @@ def _verdicts_of(
     together: bool = False,
     contradicted: bool = False,
 ) -> tuple[list[KeyVerdict], list[Combination]] | None:
-    """Return what a fit of the keys would say, from the derivatives at the configuration itself.
+    """Return the expected verdicts from the derivatives at the configuration itself.
 
-    ``together``: also what it would say of keys that are not seen alone.  None where derivatives over two step lengths
-    contradict each other, unless that is allowed.
+    ``together``: also the identifiable combinations of keys.  None if derivatives of two step lengths disagree, unless
+    ``contradicted`` allows it.
     """
     question, keyed, bounds = derived.question, derived.keyed, derived.bounds
     problem, weighting, jacobian, other, labels = derived.over(share)
@@ -294,12 +294,12 @@ def _verdicts_of(
 
 
 def _open(bounds: Array) -> Array:
-    """Return bounds that no value stands on: a plan has no fit that could have stopped there."""
+    """Return infinite bounds: in a plan, no fit can stop at a bound."""
     return np.array([np.full(bounds.shape[1], -np.inf), np.full(bounds.shape[1], np.inf)])
 
 
 def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[FitChannel]:
-    """Return what could be added: a sensor of each joint's motion and effort."""
+    """Return the sensors that could be added: of each joint's motion and effort."""
     measured = {channel.name for channel in samples.channels}
     machine = catalogue_entry(own.question.machine).build(own.question.base)
     rolled = roll_out(machine, duration_s, command=own.command or 1.0)
@@ -328,7 +328,7 @@ def _again(run: _PlannedRun, samples: FitRun, duration_s: float) -> FitRun:
 
 
 def _manoeuvres(own: _PlannedRun, duration_s: float) -> list[_PlannedRun]:
-    """Return other ways to run the machine: from rest, with a step of the speed, with the supply off at half time."""
+    """Return other runs of the machine: a step of the speed, the supply off at half time, a start from rest."""
     base, half = own.question.base, 0.5 * duration_s
     found = [
         _PlannedRun("speed step to 0.6 at half time", own.question, ((0.0, 1.0), (half, 0.6))),

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Global search for the fit: stage by stage, with further starts if the best residual exceeds the sensors' noise.
+"""The global search of a fit: stage by stage, with further starts if sensor noise does not explain the residuals.
 
-The first part of a run has few local minima, and determines most keys.  If the residual of a stage exceeds the noise of
-the sensors, the fit is in a wrong minimum.  Then points of a Sobol sequence, over the box of the keys and near the
-result, are scored by roll-outs as long as the stage.  The best of them are fitted as well, and the next, longer stage
-continues from the best few.
+Over the first part of a run, the cost has few local minima, and most keys have effect.  If the residuals of a stage
+exceed the sensor noise, the fit is in a wrong minimum.  Then points of a Sobol sequence, over the box of the keys and
+about the best fits, are scored by simulations as long as the stage.  The best of them are fitted too, and the next,
+longer stage starts from the best few fits.
 
-An undamped or chaotic motion amplifies a small error of a key: for the later part of a run the minimum is narrower than
-any difference step.  A longer stage then adds no information.
+If the effect of the initial state does not decay, a small error of a key grows: in the later part of a run, the minimum
+is narrower than any difference step.  If the response is strongly curved within that step, a longer stage adds no
+information.
 """
 
 from __future__ import annotations
@@ -33,34 +34,34 @@ from mech_twin.studies.identification.least_squares_fit import (
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import GAIN, KEY, ZERO
 
-MOST_POINTS, FEWEST_POINTS = 256, 32  # of a sequence: as many as make up one roll-out of this many whole runs
-FITTED = 4  # of them
-SURVIVORS = 3  # that go on into the next stage
-WITHIN = 2.0  # times the misfit of the best
-BOX = 2.5  # times larger and smaller than configured, where nothing narrower is given
-ABOUT = 0.2  # of a key: points about one that was found
-SAME = 0.3  # of a residual, or of the noise: fits that differ by less ended in one valley
-ATTEMPTS = 3  # searches, while the noise refutes the best fit and the starts do not agree
-AGREEING = 3  # starts that end in the best valley
-SHORTEST = 0.1  # of the runs: at least so much is fitted
-BENDING = 0.01  # of a derivative: more difference between the slopes on either side of a step
-FAR = 3.0  # of the size of a channel: a sample that is farther off counts no more
+MOST_POINTS, FEWEST_POINTS = 256, 32  # of a sequence; they cost FEWEST_POINTS simulations of whole runs
+FITTED = 4  # points that are fitted, the best
+SURVIVORS = 3  # fits that start the next stage
+WITHIN = 2.0  # times the misfit of the best, for a fit to start the next stage
+BOX = 2.5  # factor of the box about the configured value, within the bounds
+ABOUT = 0.2  # relative half width of the box about a fit
+SAME = 0.3  # of a residual, or of the noise: fits that differ by less are in the same local minimum
+ATTEMPTS = 3  # searches, while noise does not explain the best fit and the starts do not agree
+AGREEING = 3  # starts that end in the best minimum
+SHORTEST = 0.1  # share of the runs that is fitted, at least
+BENDING = 0.01  # relative difference of the slopes on either side of a step that is strongly curved
+FAR = 3.0  # standard deviations of a channel: bound of a residual in the score
 
 
 @dataclass(frozen=True)
 class Search:
-    """Statistics of a search over several starts.
+    """Summary of a search over several starts.
 
     Attributes
     ----------
     starts : int
-        Fits of the whole runs.
+        Number of fits of the whole runs.
     valleys : int
-        Different motions of the model in which they ended.
+        Number of local minima that they reached, distinguished by the model's motion.
     agreeing : int
-        How many of them ended in the best.
+        Number of starts that reached the best one.
     margin : float
-        Misfit of the second best valley over that of the best; infinite where only one was seen.
+        Misfit of the second best minimum over that of the best; infinite with only one.
     """
 
     starts: int
@@ -70,7 +71,7 @@ class Search:
 
     @property
     def agreed(self) -> bool:
-        """Whether the best valley is that in which most starts end: then there is hardly a better one."""
+        """Whether most starts reached the best minimum: then a better one is unlikely."""
         return self.agreeing >= AGREEING and 2 * self.agreeing > self.starts
 
 
@@ -81,20 +82,20 @@ def searched(
     progress: Progress = quiet,
     further_fits: Callable[[list[Array], float], list[Fitted]] | None = None,
 ) -> tuple[Fitted, Search]:
-    """Return the best fit, and the statistics of the search.
+    """Return the best fit, and a summary of its search.
 
     Parameters
     ----------
     problem : FitProblem
-        What is fitted.
+        The fit problem.
     x : ndarray
-        Where to start.
+        Start vector.
     seed : int
-        Of the sequences.
+        Seed of the sequences.
     progress : callable, optional
-        Takes a line on the progress.
+        Called with a line of text on the progress.
     further_fits : callable, optional
-        Returns the fits from further starts of a share of the runs, computed elsewhere.
+        Returns the fits of a share of the runs from further starts, for example computed on a cluster.
     """
     fits = further_fits or (lambda starts, share: [stage_fit(problem, each, share, progress) for each in starts])
     ended: list[Fitted] = []
@@ -115,9 +116,9 @@ def _ends(
     progress: Progress,
     fits: Callable[[list[Array], float], list[Fitted]],
 ) -> tuple[list[Fitted], bool]:
-    """Return the fits in which one search ends, and whether it ended before the whole runs.
+    """Return the final fits of one search, and whether it ended before the whole runs.
 
-    ``widely``: with further starts at once.
+    ``widely``: with further starts in the first stage in any case.
     """
     survivors = [with_begins(problem, x)]
     for stage, share in enumerate(stage_shares(problem.runs, problem.model.step_s)):
@@ -137,18 +138,18 @@ def _ends(
 
 
 def _bends(best: Fitted) -> bool:
-    """Return whether a fit has found the motion, but amplifies small errors of the keys strongly at its end."""
+    """Return whether noise explains the fit, and the response to the keys is strongly curved at its end."""
     return refutation(best) is None and best.problem.curvature(best.x, best.comparison) > BENDING
 
 
 def _distinct(found: list[Fitted]) -> list[Array]:
-    """Return where the best fits ended, one a valley."""
+    """Return the unknowns of the best fits, one for each local minimum."""
     near = [each for each in found if noise_misfit(each) <= WITHIN * noise_misfit(found[0])]
     return [valley[0].x for valley in _valleys(near)[:SURVIVORS]]
 
 
 def _valleys(found: list[Fitted]) -> list[list[Fitted]]:
-    """Return fits by the valleys in which they ended, the best first: in one valley the model moves alike."""
+    """Return the fits grouped by local minimum, the best first; in one minimum the residuals are alike."""
     valleys: list[list[Fitted]] = []
     for each in found:
         own = next((valley for valley in valleys if _alike(valley[0], each)), None)
@@ -160,7 +161,7 @@ def _valleys(found: list[Fitted]) -> list[list[Fitted]]:
 
 
 def _alike(one: Fitted, other: Fitted) -> bool:
-    """Return whether the residuals of two fits differ by no more than a small share of themselves, or the noise."""
+    """Return whether the residuals of two fits differ by less than a share of themselves, or of the noise."""
     pairs = zip(one.problem.parts(one.x), other.problem.parts(other.x), strict=True)
     for run, (ones, others) in enumerate(pairs):
         for place, (left, right) in enumerate(zip(ones, others, strict=True)):
@@ -180,7 +181,7 @@ def _seen(found: list[Fitted]) -> Search:
 
 
 def _further(part: FitProblem, found: list[Fitted], share: float, seed: int) -> list[Array]:
-    """Return the best of many points, over the box of the keys and about what was found."""
+    """Return the best of many points, over the box of the keys and about the best fits."""
     places = part.unknowns.places(KEY)
     if not len(places):
         return []
@@ -204,9 +205,9 @@ def _further(part: FitProblem, found: list[Fitted], share: float, seed: int) -> 
 
 
 def coarse_misfits(problem: FitProblem, tried: list[Array]) -> Array:
-    """Return how far the model is off at each point, over the sizes of the channels, zeros and gains as they fit best.
+    """Return the mean absolute residual at each point, over the channels' deviations, with zeros removed.
 
-    The mean of magnitudes, which grows with a difference in time as well as with one in size.
+    The mean absolute value grows with errors in time as well as in amplitude.
     """
     scales = problem.unknowns.scales[problem.unknowns.places(KEY)]
     keys = [x[problem.unknowns.places(KEY)] * scales for x in tried]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The unknowns of a fit: keys, beginnings of runs, and what the map leaves open of each channel."""
+"""The unknowns of a fit: keys, start times of runs, and sensor parameters that the map leaves free."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ class Unknown:
     Attributes
     ----------
     kind : str
-        ``key``, ``begin``, ``zero`` (SI units, added to the column over the gain), ``gain`` (its inverse) or ``lag``.
+        ``key``, ``begin`` (start), ``zero`` (SI units, added to column over gain), ``gain`` (its inverse) or ``lag``.
     name : str
-        The key, or the column of the channel.
+        The key, the file of the run, or the column of the channel.
     runs : tuple of int
-        Runs it belongs to.
+        Indices of the runs it applies to.
     place : int
-        Of a key among the keys, of a channel among the channels.
+        Index of the key among the keys, or of the channel among the channels.
     scale, low, high : float
-        Size in which steps are measured, and bounds.
+        Scale of the unknown, and its bounds.
     """
 
     kind: str
@@ -48,7 +48,7 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """All unknowns of a fit, in the order of its vector; a vector holds each over its scale."""
+    """All unknowns of a fit, in the order of its vector; a vector holds each divided by its scale."""
 
     all: tuple[Unknown, ...]
     start: Array
@@ -59,7 +59,7 @@ class Unknowns:
         return np.array([each.scale for each in self.all])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return least and largest vector."""
+        """Return the lower and upper bounds as vectors."""
         scales = self.scales
         return np.array([u.low for u in self.all]) / scales, np.array([u.high for u in self.all]) / scales
 
@@ -69,16 +69,16 @@ class Unknowns:
         return x[chosen] * self.scales[chosen]
 
     def places(self, *kinds: str) -> npt.NDArray[np.intp]:
-        """Return where the unknowns of these kinds stand in the vector."""
+        """Return the indices of the unknowns of these kinds in the vector."""
         return np.array([i for i, each in enumerate(self.all) if each.kind in kinds], dtype=np.intp)
 
     def of_channel(self, kind: str, run: int, place: int) -> int | None:
-        """Return where the unknown of a channel in a run stands, None where the map knows it."""
+        """Return the index of the unknown of a channel in a run; None if the map gives its value."""
         found = (i for i, u in enumerate(self.all) if u.kind == kind and run in u.runs and u.place == place)
         return next(found, None)
 
     def value(self, x: Array, kind: str, run: int, place: int, known: float) -> float:
-        """Return the unknown of a channel in a run, or what is known in its place."""
+        """Return the value of the unknown of a channel in a run; ``known`` if it is not an unknown."""
         found = self.of_channel(kind, run, place)
         return known if found is None else float(x[found] * self.all[found].scale)
 

@@ -16,13 +16,13 @@ from mech_twin.studies.identification.staged_search import Search
 IDENTIFIED, ONE_SIDED, COMBINATION = "identified", "one-sided", "only_in_combination"
 NOT_EXCITED, AT_BOUND = "not_excited", "at_bound"
 MODEL_ERROR, NOT_CONVERGED = "model_error", "not_converged"
-WIDEST = 0.5  # half width over value: wider says no more than the order of magnitude
+WIDEST = 0.5  # half width over value: a wider interval gives only the order of magnitude
 NEAR_BOUND = 1e-6
 
 
 @dataclass(frozen=True)
 class KeyVerdict:
-    """A key with its interval and verdict."""
+    """A key with its estimate, interval, verdict and reason."""
 
     key: str
     before: float
@@ -36,7 +36,7 @@ class KeyVerdict:
 
 @dataclass(frozen=True)
 class KeyEvidence:
-    """All that a verdict on the keys looks at; arrays have one entry a key, in SI units, half widths two: down, up."""
+    """Evidence for the verdicts; arrays have one entry per key, in SI units; half widths have two rows: down, up."""
 
     names: Sequence[str]
     before: Array
@@ -51,9 +51,9 @@ class KeyEvidence:
 
 
 def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
-    """Return verdict and reason of all keys if the residual exceeds the noise; None if the noise explains it.
+    """Return the common verdict and reason if noise does not explain the residuals; None if it does.
 
-    If most starts ended in the best minimum, the model lacks something; else the search may have missed the minimum.
+    If most starts ended in the best minimum, the model is incomplete; else the search may have missed the minimum.
     """
     if off is None:
         return None
@@ -114,7 +114,7 @@ def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tu
 def _not_seen_alone(
     evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]
 ) -> tuple[str, str] | None:
-    """Return the verdict on a key that has no effect, or none of its own."""
+    """Return the verdict on a key without effect, or without an effect of its own; else None."""
     sensitivity = evidence.sensitivity
     if sensitivity.effects[i] < sensitivity.least_effects[i]:
         return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"

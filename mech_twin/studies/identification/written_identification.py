@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What an identification leaves behind: a configuration with intervals beside its numbers, and everything as JSON."""
+"""Output of an identification: a configuration file with intervals as comments, and the complete result as JSON."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ASKED = ("keys", "bounds", "priors", "longest_begin_s", "cores", "scheduler")  #
 
 
 def configuration_text(found: Identification, runs: Sequence[str]) -> str:
-    """Return the configuration found as a parameter file; beside each key that was free stands what is known of it."""
+    """Return the resulting configuration as a parameter file, with a comment of the result beside each free key."""
     text = description_text(found.question.machine, found.parameters)
     notes = {key.key: _note(key, runs) for key in found.keys}
     lines = text.splitlines()
@@ -54,7 +54,7 @@ def _note(key: KeyVerdict, runs: Sequence[str]) -> str:
 
 
 def _scalar_lines(text: str) -> Iterator[tuple[str, int]]:
-    """Yield each dotted key of a parameter file that has one value, and the line it stands in."""
+    """Yield each dotted key with a scalar value in a parameter file, and the index of its line."""
 
     def below(node: yaml.Node, prefix: str) -> Iterator[tuple[str, int]]:
         if not isinstance(node, yaml.MappingNode):
@@ -74,7 +74,7 @@ def _scalar_lines(text: str) -> Iterator[tuple[str, int]]:
 def document(
     found: Identification, runs: Sequence[Path], held_out: Sequence[Path], map_file: Path | None
 ) -> dict[str, Any]:
-    """Return everything as plain values."""
+    """Return the complete result as plain values."""
     files = [*runs, *held_out, *([] if map_file is None else [map_file])]
     asked = found.question
     return {
@@ -108,7 +108,7 @@ def document(
 
 
 def intervals_before(asked: IdentificationQuestion) -> dict[str, tuple[float, float]]:
-    """Return what was known of each free key: the 95 % of its prior, else the bounds within which it was looked for."""
+    """Return the prior knowledge of each free key: the 95 % interval of its prior, else its search bounds."""
     bounds = KeyedConfiguration(asked.machine, asked.base, asked.keys).bounds(asked.bounds)
     priors = {key: (mean - NORMAL * sd, mean + NORMAL * sd) for key, (mean, sd) in asked.priors.items()}
     return {**{key: (float(low), float(high)) for key, low, high in zip(asked.keys, *bounds, strict=True)}, **priors}
@@ -120,7 +120,7 @@ def _channel(each: ChannelFit) -> dict[str, Any]:
 
 
 def held_out_record(found: Identification) -> dict[str, Any]:
-    """Return the score on what was held out, beside those of the configuration before and of a constant."""
+    """Return the score on held-out data, with those of the previous configuration and of a constant."""
     assert found.held_out is not None
     assert found.before is not None
     constant = {channel.channel: 0.0 for channel in found.held_out.channels}
@@ -139,7 +139,7 @@ def _score(each: Score) -> dict[str, Any]:
 
 
 def identification_read(document: Mapping[str, Any]) -> Identification:
-    """Return what was found as a document holds it, where null stands for a number that was not finite."""
+    """Return the identification from a document, where null stands for a number that is not finite."""
     machine, asked, search = document["machine"], document["asked"], document["search"]
     found, base = (configuration_read(machine, document[name], name) for name in ("config", "before"))
     bounds = {key: (_or(low, -inf), _or(high, inf)) for key, (low, high) in asked["bounds"].items()}

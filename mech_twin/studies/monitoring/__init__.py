@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Monitoring: features once a cycle, a frozen baseline, charts with a stated rate of false alarms, named faults."""
+"""Monitoring: features of each cycle, a frozen baseline, control charts with a set false-alarm rate, diagnosis."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Alerts on faults for other systems: one for each fault, the same for every outlet."""
+"""Alerts that are sent out of the process: one per fault, the same for every outlet."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from mech_twin.studies.monitoring.findings import Findings
 
 
 class Alert(NamedTuple):
-    """A fault as reported to other systems.
+    """A fault as it is shown to people who are not at the terminal.
 
     Attributes
     ----------
     machine, name, state : str
-        Which, and the state of its life.
+        Name of the machine, of the fault, and the fault's state.
     since_s : float
-        The machine's clock at which it came into that state.
+        Time by the machine's clock at which it entered that state.
     size, low_95, high_95 : float or None
-        Of the best candidate, in ``unit``; None where nothing has a size.
+        Estimate and 95 % interval of the best candidate, in ``unit``; None where there is no estimate.
     unit : str
         Of the size.
     acknowledged : bool
-        Whether it is acknowledged.
+        Whether an operator has acknowledged it.
     alarm : bool
-        Whether attention is required: active or latched, neither acknowledged nor shelved.
+        Whether it calls for action: active or latched, neither acknowledged nor shelved.
     """
 
     machine: str
@@ -45,20 +45,20 @@ class Alert(NamedTuple):
 def alerts_of(
     machine: str, lives: Iterable[FaultLife], found: Findings, now_s: float, origin_s: float = 0.0
 ) -> tuple[Alert, ...]:
-    """Return an alert of each fault, cleared ones too, so that an outlet takes them away.
+    """Return one alert per fault, cleared ones included, so that an outlet can remove them.
 
     Parameters
     ----------
     machine : str
-        Whose faults.
+        Name of the machine.
     lives : iterable of FaultLife
-        All faults that there were.
+        All faults so far.
     found : Findings
-        Of the newest cycle, whose candidates tell sizes.
+        Findings of the newest cycle; its candidates give the sizes.
     now_s : float
-        Stamp by which shelved faults are judged.
+        Current stamp; it decides whether a fault is still shelved.
     origin_s : float
-        The machine's clock at stamp 0.
+        Time by the machine's clock at stamp 0.
     """
     alerts = []
     for life in lives:

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The frozen reference of a healthy machine: mean, autoregression and covariance of its features.
 
-The charts count on values that are independent from cycle to cycle.  So each feature is prewhitened by an
-autoregression of a common order p, found by the Bayesian information criterion, fitted by Burg's recursion::
+The charts assume values that are independent from cycle to cycle.  So each feature is prewhitened by an
+autoregression.  Burg's recursion fits it; the Bayesian information criterion selects the common order p::
 
     e_t = (x_t - m) - sum_i a_i (x_(t-i) - m),     i = 1 .. p
 
-and what is left, the innovations e, has the covariance S across the features.
+The residuals e are the innovations; S is their covariance across the features.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ from mech_twin.studies.monitoring.cycle_features import FeatureVector
 LARGEST_ORDER = 4
 LEAST_CYCLES = 30
 CYCLES_PER_FEATURE = 3
-SMALLEST_SPREAD = 1e-6  # of the mean: a feature steadier than that counts as this steady
-RIDGE = 1e-6  # of the unit correlation
+SMALLEST_SPREAD = 1e-6  # lower bound of a standard deviation, as a share of the mean
+RIDGE = 1e-6  # added to the diagonal, as a share of each variance
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Statistics of the features of a healthy machine; they are frozen.
+    """Statistics of the features of a healthy machine; they are not updated after the fit.
 
     Attributes
     ----------
     names : tuple of str
-        Features, d of them.
+        Names of the d features.
     mean : ndarray
-        Shape (d,), SI.
+        Shape (d,), SI: mean of each feature.
     coefficients : ndarray
         Shape (p, d): the autoregression of each feature.
     covariance : ndarray
         Shape (d, d), of the innovations.
     cycles : int
-        Healthy cycles it comes from.
+        Number of healthy cycles it was fitted to.
     period_s : float
-        Their mean duration.
+        Mean duration of these cycles.
     """
 
     names: tuple[str, ...]
@@ -60,7 +60,7 @@ class Baseline:
     period_s: float
 
     def __post_init__(self) -> None:
-        """Give an autoregression of order 0 its width."""
+        """Reshape the coefficients to (p, d), also for order p = 0."""
         object.__setattr__(self, "coefficients", self.coefficients.reshape(-1, len(self.names)))
 
     @property
@@ -78,7 +78,7 @@ class Baseline:
         return innovations_of(self.coefficients, rows - self.mean)
 
     def features(self, innovations: Array) -> Array:
-        """Return the features (n, d) that innovations drive from rest at the mean: the inverse of `innovations`."""
+        """Return the features (n, d) that innovations produce, starting at the mean: the inverse of `innovations`."""
         return features_of(self.coefficients, innovations) + self.mean
 
     def whitened(self, innovations: Array) -> Array:
@@ -89,7 +89,7 @@ class Baseline:
 
 @kernel
 def innovations_of(coefficients: Array, rows: Array) -> Array:
-    """Return the innovations (n - p, d) of features without mean (n, d); ``coefficients`` is (p, d)."""
+    """Return the innovations (n - p, d) of zero-mean features (n, d); ``coefficients`` is (p, d)."""
     order, (count, width) = len(coefficients), rows.shape
     found = np.empty((max(count - order, 0), width))
     for t in range(len(found)):
@@ -103,7 +103,7 @@ def innovations_of(coefficients: Array, rows: Array) -> Array:
 
 @kernel
 def features_of(coefficients: Array, innovations: Array) -> Array:
-    """Return the features (n, d) that innovations drive from rest: the inverse of `innovations_of`."""
+    """Return the zero-mean features (n, d) that innovations produce from zero: the inverse of `innovations_of`."""
     order, found = len(coefficients), np.empty(innovations.shape)
     for t in range(len(found)):
         for i in range(innovations.shape[1]):
@@ -115,7 +115,7 @@ def features_of(coefficients: Array, innovations: Array) -> Array:
 
 
 def feature_runs(vectors: Sequence[FeatureVector], names: Sequence[str]) -> list[Array]:
-    """Return the features as matrices of consecutive complete cycles, (n, d) each."""
+    """Return one matrix (n, d) for each run of consecutive cycles whose features are all finite."""
     runs: list[list[Array]] = [[]]
     number = None
     for vector in vectors:
@@ -130,9 +130,9 @@ def feature_runs(vectors: Sequence[FeatureVector], names: Sequence[str]) -> list
 
 
 def fitted_baseline(vectors: Sequence[FeatureVector]) -> tuple[Baseline, list[Array]]:
-    """Return the baseline of healthy cycles, and its innovations run by run.
+    """Return the baseline fitted to healthy cycles, and its innovations for each run.
 
-    A feature that half of the cycles do not have is left out.
+    A feature that is finite in at most half of the cycles is left out.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def fitted_baseline(vectors: Sequence[FeatureVector]) -> tuple[Baseline, list[Ar
 
 
 def baseline_of_runs(names: tuple[str, ...], runs: Sequence[Array], period_s: float) -> tuple[Baseline, list[Array]]:
-    """Return the baseline of matrices of consecutive cycles, (n, d) each, and its innovations run by run."""
+    """Return the baseline fitted to matrices of consecutive cycles, (n, d) each, and the innovations of each run."""
     mean = np.concatenate(runs).mean(axis=0)
     coefficients = _autoregression([run - mean for run in runs])
     found = Baseline(names, mean, coefficients, np.eye(len(names)), sum(map(len, runs)), period_s)
@@ -162,7 +162,7 @@ def baseline_of_runs(names: tuple[str, ...], runs: Sequence[Array], period_s: fl
 
 
 def covariance_of(innovations: Array, mean: Array) -> Array:
-    """Return the covariance of innovations (n, d), its diagonal kept off zero so that it has a root."""
+    """Return the covariance of innovations (n, d), regularised to be positive definite."""
     found = innovations.T @ innovations / max(len(innovations) - 1, 1)
     floor = np.maximum(SMALLEST_SPREAD * np.abs(mean), 1e-12) ** 2
     spread = np.maximum(np.diag(found), floor)
@@ -170,7 +170,7 @@ def covariance_of(innovations: Array, mean: Array) -> Array:
 
 
 def _autoregression(runs: Sequence[Array]) -> Array:
-    """Return the coefficients (p, d) of the order that the summed information criterion prefers."""
+    """Return the coefficients (p, d) of the order with the least information criterion, summed over features."""
     cycles, best, coefficients = sum(map(len, runs)), np.inf, np.empty((0, runs[0].shape[1]))
     for found in burg_orders(runs, LARGEST_ORDER):
         score = cycles * float(np.log(found.left).sum()) + found.coefficients.size * log(cycles)

@@ -5,18 +5,18 @@ With u the innovation of a feature over its standard deviation and z the whitene
 
     up_t = max(0, up_(t-1) + u_t - k),   down_t = max(0, down_(t-1) - u_t - k),   k = 0.5      (drift)
     glr_t = max over n <= N of |z_(t-n+1) + ... + z_t|^2/n                                   (jump n cycles ago)
-    chi_t = |z_t|^2                                                                    (one cycle that is off)
+    chi_t = |z_t|^2                                                                      (single outlying cycle)
 
-Thresholds come from one stated mean time between false alarms (ARL0) over all charts together.  The charts run over
-long sequences drawn from the healthy innovations.  Moving blocks, several times as long as the charts look back, keep
-what the prewhitening left of the dependence.  Each sequence is judged by a baseline fitted anew to a draw of the
-baseline's own length.  With M the largest value in a block of B cycles, the rate of alarms at a threshold h is
-nominally r(h) = -ln P(M <= h)/B.  Charts share the rate evenly.
+The thresholds follow from one required mean time between false alarms (ARL0) of all charts together.  The charts run
+over long bootstrap sequences of the healthy innovations.  Moving blocks, several times as long as the window of the
+charts, keep the dependence that prewhitening left.  Each sequence is evaluated with a baseline refitted to a draw of
+the original baseline's length.  With M the largest value in a block of B cycles, the nominal rate of alarms at a
+threshold h is r(h) = -ln P(M <= h)/B.  All charts have the same nominal rate.
 
-Nominally, since the baseline has seen the cycles that the draws are made of: on independent normal values, 19 features
-and 10 000 cycles, alarms came 1.1 times as often as stated.  So baselines of the same length are drawn from the
-innovations, each makes curves of its own and judges further draws of what it was drawn from.  How often these fall
-below which nominal rate, on any chart, is the rate that is stated.
+The nominal rate is too low, since the baseline was fitted to the cycles that are drawn: on independent normal values,
+19 features and 10 000 cycles, alarms were 1.1 times as frequent as required.  A second bootstrap corrects it.
+Baselines of the same length are drawn; each gets its own curves and evaluates further draws from the original
+innovations.  The rate at which any chart falls below a nominal rate estimates the true rate of alarms.
 
 Sources: PageInspection1954, SiegmundSequential1985 (run length), LaiSequential1995 (window), HotellingQuality1947;
 KunschBootstrap1989 (moving blocks), BeranPrepivoting1987 (second bootstrap), JensenEstimated2006 (estimated values).
@@ -37,24 +37,24 @@ from mech_twin.kernels.kernel import kernel
 from mech_twin.studies.monitoring.baseline import LARGEST_ORDER, Baseline, baseline_of_runs
 
 ALLOWANCE = 0.5  # k, in standard deviations: best against a drift of one
-WINDOW = 60  # cycles that the jump chart looks back
+WINDOW = 60  # N, cycles that the jump chart looks back
 SEQUENCES, SEQUENCE_CYCLES = 40, 10_000
-REDRAWN, REDRAWN_SEQUENCES, JUDGED_SEQUENCES = 16, 16, 4  # baselines drawn anew, sequences for and before each of them
-MOST_CALIBRATED = 1000.0  # of few cycles, or of features without noise, baselines drawn anew are no likeness
+REDRAWN, REDRAWN_SEQUENCES, JUDGED_SEQUENCES = 16, 16, 4  # redrawn baselines; sequences for the curves, and to evaluate
+MOST_CALIBRATED = 1000.0  # largest correction: with few cycles or no noise, redrawn baselines are not representative
 BLOCK_CYCLES = 250  # over which the largest value is taken
-MOVING_BLOCK = 4 * WINDOW  # cycles that are drawn together: a joint within the window hides what is slower than a block
-SHORTEST_BLOCK, LEAST_BLOCKS = 20, 20  # of a short baseline, which needs blocks enough to draw from
-SETTLING = 500  # cycles of a draw that are left out: it begins at the mean
-LONGEST_REDRAWN = 20_000  # cycles of a baseline that is drawn anew: of a longer one, errors count as of this one
-GAUSSIAN_BELOW = 200  # cycles: a shorter baseline cannot show its own tails
-CLEAR_CYCLES = 50.0  # mean run length of the level below which a chart counts as quiet
-LEAST_OVER = 10  # blocks over a level, for its rate to count as measured
-RAREST = -100.0  # ln of the rate to which a curve is drawn out
+MOVING_BLOCK = 4 * WINDOW  # cycles per block: a joint inside the window hides dependence that is slower than a block
+SHORTEST_BLOCK, LEAST_BLOCKS = 20, 20  # for a short baseline, which needs enough blocks to draw from
+SETTLING = 500  # cycles dropped at the start of a draw, which begins at the mean
+LONGEST_REDRAWN = 20_000  # cycles of a redrawn baseline; a longer one counts with the estimation error of this length
+GAUSSIAN_BELOW = 200  # cycles: a shorter baseline cannot show its tails, so normal values are drawn
+CLEAR_CYCLES = 50.0  # mean run length at the level below which a chart counts as quiet
+LEAST_OVER = 10  # blocks above a level, for its rate to count as measured
+RAREST = -100.0  # ln of the rate to which a curve is extrapolated
 LEAST_ALARM_CYCLES = 3.0
 
 
 class ChartValues(NamedTuple):
-    """The charts at a cycle: the largest CUSUM, jump and chi-square; which feature drifts, how old the jump is."""
+    """Statistics of a cycle: largest CUSUM, jump, chi-square; index of the drifting feature, age of the jump."""
 
     cusum: float
     glr: float
@@ -70,7 +70,7 @@ class ChartValues(NamedTuple):
 
 @kernel
 def advance_cusum(u: Array, allowance: float, cap: float, up: Array, down: Array) -> tuple[float, int]:
-    """Advance the sums of each feature by one cycle, bounded by ``cap``; return the largest and its feature."""
+    """Advance both sums of each feature by one cycle, at most ``cap``; return the largest and its feature's index."""
     largest, feature = 0.0, 0
     for i in range(len(u)):
         up[i] = min(max(0.0, up[i] + u[i] - allowance), cap)
@@ -83,7 +83,7 @@ def advance_cusum(u: Array, allowance: float, cap: float, up: Array, down: Array
 
 @kernel
 def jump_statistic(recent: Array, newest: int, count: int, total: Array) -> tuple[float, int]:
-    """Return the largest |sum of the last n|^2/n over n up to ``count``, and that n; ``recent`` is a ring (N, d)."""
+    """Return the largest |sum of the last n|^2/n for n up to ``count``, and n; ``recent`` is a ring buffer (N, d)."""
     length, width = recent.shape
     total[:] = 0.0
     best, age = 0.0, 0
@@ -117,14 +117,14 @@ def chart_rows(u: Array, z: Array, allowance: float, window: int) -> Array:
 
 @dataclass
 class ChartState:
-    """The charts of one monitor; `advance` takes one cycle.
+    """State of the charts of one monitor; `advance` takes one cycle.
 
     Parameters
     ----------
     width : int
         Number of features.
     cap : float
-        Bound of the sums: a long fault must not take as long to be forgotten.
+        Upper bound of the sums, so that they fall back soon after a long fault.
     """
 
     width: int
@@ -134,13 +134,13 @@ class ChartState:
         self.restart()
 
     def restart(self) -> None:
-        """Begin anew, as after a fault has gone."""
+        """Reset the charts, for example after a fault has gone."""
         self._up, self._down, self._total = (np.zeros(self.width) for _ in range(3))
         self._recent = np.zeros((WINDOW, self.width))
         self._cycles = 0
 
     def advance(self, u: Array, z: Array) -> ChartValues:
-        """Return the charts after a cycle of standardised (d,) and whitened (d,) innovations."""
+        """Return the statistics after a cycle of standardised (d,) and whitened (d,) innovations."""
         cusum, feature = advance_cusum(u, ALLOWANCE, self.cap, self._up, self._down)
         newest = self._cycles % WINDOW
         self._recent[newest] = z
@@ -150,7 +150,7 @@ class ChartState:
 
 
 def siegmund_run_length(threshold: float, allowance: float = ALLOWANCE, shift: float = 0.0) -> float:
-    """Return Siegmund's approximate mean run length of the two-sided CUSUM of unit normal values.
+    """Return Siegmund's approximate mean run length of the two-sided CUSUM of normal values of unit variance.
 
     One-sided, with D = shift - k and b = h + 1.166: (exp(-2 D b) + 2 D b - 1)/(2 D^2), b^2 for D = 0; two-sided,
     1/ARL = 1/ARL+ + 1/ARL-.  Source: SiegmundSequential1985; MontgomeryQuality2013, chapter 9.
@@ -166,7 +166,7 @@ def siegmund_run_length(threshold: float, allowance: float = ALLOWANCE, shift: f
 
 
 class Thresholds(NamedTuple):
-    """A limit of each chart's statistic."""
+    """One threshold for each chart's statistic."""
 
     cusum: float
     glr: float
@@ -178,10 +178,10 @@ CHARTS = Thresholds._fields
 
 @dataclass(frozen=True)
 class ChartLimits:
-    """Where the charts give alarm, and below what they count as quiet.
+    """Alarm thresholds of the charts, and the levels below which they count as quiet.
 
-    ``arl0_cycles`` is the stated mean number of healthy cycles between alarms of any chart; ``extrapolated`` says that
-    the baseline is shorter than three of them.
+    ``arl0_cycles`` is the required mean number of healthy cycles between alarms of any chart; ``extrapolated`` is true
+    if the baseline is shorter than three times that.
     """
 
     alarm: Thresholds
@@ -191,24 +191,24 @@ class ChartLimits:
 
 
 class RateCurve(NamedTuple):
-    """Thresholds, ascending, and ln of the rate of alarms (per cycle) at them; the last ones lie on a straight line."""
+    """Thresholds, ascending, and ln of the alarm rate (per cycle) at each; the tail is a straight line."""
 
     levels: Array
     log_rates: Array
 
     def level(self, rate: float) -> float:
-        """Return the threshold at which alarms come at this rate."""
+        """Return the threshold with this alarm rate."""
         return float(np.interp(-np.log(rate), -self.log_rates, self.levels))
 
     def log_rate(self, values: Array) -> Array:
-        """Return ln of the rate at these thresholds."""
+        """Return ln of the alarm rate at these thresholds."""
         return np.asarray(np.interp(values, self.levels, self.log_rates))
 
 
 def rate_curve(maxima: Array) -> RateCurve:
-    """Return the rate of alarms over the threshold, from the largest values of blocks of `BLOCK_CYCLES`.
+    """Return the alarm rate as a function of the threshold, from the maxima of blocks of `BLOCK_CYCLES`.
 
-    It is measured where at least `LEAST_OVER` blocks lie over; beyond, ln r goes on as in the upper half of these.
+    It is measured where at least `LEAST_OVER` blocks exceed the level; a line through its upper half extends ln r.
     """
     ordered, over = np.sort(maxima), np.arange(len(maxima) - 1, LEAST_OVER - 1, -1)
     levels, rates = ordered[: len(over)], np.log(-np.log1p(-over / len(maxima)) / BLOCK_CYCLES)
@@ -220,18 +220,18 @@ def rate_curve(maxima: Array) -> RateCurve:
 
 
 def chart_limits(baseline: Baseline, innovations: Sequence[Array], arl0_cycles: float, seed: int = 0) -> ChartLimits:
-    """Return the thresholds of a baseline.
+    """Return the thresholds for a baseline.
 
     Parameters
     ----------
     baseline : Baseline
         The reference.
     innovations : sequence of ndarray
-        Its innovations, (n, d) a run.
+        Its innovations, (n, d) for each run.
     arl0_cycles : float
-        Stated mean number of healthy cycles between alarms, of all charts together.
+        Required mean number of healthy cycles between alarms, of all charts together.
     seed : int
-        Of the draws.
+        Seed of the random draws.
     """
     if not arl0_cycles >= LEAST_ALARM_CYCLES:
         raise ValueError(f"arl0_cycles = {arl0_cycles!r}; expected at least {LEAST_ALARM_CYCLES:g}")
@@ -251,7 +251,7 @@ def chart_limits(baseline: Baseline, innovations: Sequence[Array], arl0_cycles: 
 
 
 def _curves(baseline: Baseline, pool: Array, sequences: int, random: np.random.Generator) -> list[RateCurve]:
-    """Return the nominal rate of each chart over its threshold, each sequence judged by a baseline fitted anew."""
+    """Return the nominal rate curve of each chart, each sequence evaluated with a refitted baseline."""
     found = [
         _maxima(_redrawn(baseline, pool, random)[0], _drawn(baseline, pool, SEQUENCE_CYCLES, random))
         for _ in range(sequences)
@@ -260,16 +260,16 @@ def _curves(baseline: Baseline, pool: Array, sequences: int, random: np.random.G
 
 
 def _redrawn(baseline: Baseline, pool: Array, random: np.random.Generator) -> tuple[Baseline, Array]:
-    """Return a baseline of a draw as long as the pool, and its innovations."""
+    """Return a baseline fitted to a draw as long as the pool, and its innovations."""
     rows = _drawn(baseline, pool, min(len(pool), LONGEST_REDRAWN), random)
     again, (own,) = baseline_of_runs(baseline.names, [rows], baseline.period_s)
     return again, own
 
 
 def _drawn(baseline: Baseline, pool: Array, cycles: int, random: np.random.Generator) -> Array:
-    """Return features of drawn healthy cycles, settled: so many, and as many before as an autoregression looks back.
+    """Return the features (n, d) of n = ``cycles`` + `LARGEST_ORDER` drawn healthy cycles, after settling.
 
-    They are driven by innovations in blocks of consecutive ones from the pool, closed to a ring.
+    The innovations are blocks of consecutive rows of the pool, which wraps around; normal values if the pool is short.
     """
     count = cycles + LARGEST_ORDER + SETTLING
     if len(pool) < GAUSSIAN_BELOW:
@@ -282,7 +282,7 @@ def _drawn(baseline: Baseline, pool: Array, cycles: int, random: np.random.Gener
 
 
 def _maxima(judge: Baseline, rows: Array) -> Array:
-    """Return the largest value of each chart in blocks of cycles, shape (blocks, 3), as this baseline judges them."""
+    """Return the largest value of each chart in each block, shape (blocks, 3), evaluated with this baseline."""
     left = judge.innovations(rows)[-SEQUENCE_CYCLES:]
     charts = chart_rows(left / judge.sigma, judge.whitened(left), ALLOWANCE, WINDOW)
     return np.asarray(charts.reshape(-1, BLOCK_CYCLES, len(CHARTS)).max(axis=1))

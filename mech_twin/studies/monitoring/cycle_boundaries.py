@@ -11,19 +11,19 @@ import numpy as np
 from mech_twin.capabilities.cycle import CycleReference
 from mech_twin.capabilities.cycle_kernels import TURN, Array, crossed_turn, first_rise
 
-CROSSING_RAD = pi / 12.0  # on either side of a boundary: the samples whose line gives the instant of crossing
+CROSSING_RAD = pi / 12.0  # on either side of a boundary: a line through these samples gives the crossing
 
 
 @dataclass
 class ChannelBuffer:
-    """Samples of a channel that may still be needed, and the newest stamp."""
+    """Samples of a channel that may still be needed, and its newest stamp."""
 
     times_s: Array = field(default_factory=lambda: np.empty(0))
     values: Array = field(default_factory=lambda: np.empty(0))
     newest_s: float = -np.inf
 
     def add(self, times_s: Array, values: Array) -> None:
-        """Append samples that are later than what is there; others, and what is no number, are left out."""
+        """Append samples later than the newest one; drop earlier ones and those that are not finite."""
         latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
         kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
         self.times_s = np.concatenate([self.times_s, times_s[kept]])
@@ -32,12 +32,12 @@ class ChannelBuffer:
             self.newest_s = float(self.times_s[-1])
 
     def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
-        """Return the samples of [begin, end)."""
+        """Return stamps and values of the samples in [begin, end)."""
         first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s)
         return self.times_s[first:last], self.values[first:last]
 
     def forget(self, before_s: float) -> None:
-        """Drop the samples before an instant."""
+        """Drop the samples before an instant (s)."""
         first = int(self.times_s.searchsorted(before_s))
         if first > 0:
             self.times_s, self.values = self.times_s[first:], self.values[first:]
@@ -46,9 +46,9 @@ class ChannelBuffer:
 def turn_crossing(
     reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
 ) -> tuple[float, float] | None:
-    """Return when the angle first crosses the boundary, from the line through the samples about it; and the next one.
+    """Return when the angle (rad) first crosses the boundary, by a line through nearby samples; and the next boundary.
 
-    None while samples are missing.  The first boundary is the first one ahead of the first sample.
+    None while samples are missing.  Without a boundary, the first one ahead of the first sample is taken.
     """
     angles = buffer.values
     if boundary is None:
@@ -62,7 +62,7 @@ def turn_crossing(
 def rise_crossing(
     reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
 ) -> tuple[float, float] | None:
-    """Return the first rise through the level after the boundary before, between two samples."""
+    """Return when the signal first rises through the level at or after ``since_s``, interpolated between samples."""
     place = first_rise(buffer.values, int(buffer.times_s.searchsorted(since_s)), reference.begin)
     if place < 0:
         return None

@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Features of each cycle from a stream of samples: the same code live, on a recording and on a roll-out.
+"""Features of each cycle from streamed samples: the same code live, on a recording and on a simulation.
 
-Feed what comes, channel by channel, in chunks of any length and in any interleaving::
+Feed the samples channel by channel, in chunks of any length and in any order of channels::
 
     feed = FeatureFeed(declared, columns)
     for vector in feed.feed("linkage.crank.position", times_s, values): ...
 
-A cycle is given out when every channel has passed its end; one that is silent is waited for until the reference has
-gone on for ``PATIENCE_S``.  Features of a channel that is silent or has a gap are nan.  What a vector holds depends on
-the samples and their stamps alone, not on how they were cut into chunks.  Samples are in SI units, a known lag taken
-off their stamps.
+A cycle is returned when every channel has passed its end, or when the reference channel is ``PATIENCE_S`` past it.
+Features of a channel that is silent or has a gap are nan.  The result depends only on the samples and their stamps,
+not on the chunks.  Samples are in SI units; a known lag is subtracted from their stamps.
 """
 
 from __future__ import annotations
@@ -33,16 +32,16 @@ from mech_twin.studies.monitoring.cycle_boundaries import (
 )
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality
 
-PATIENCE_S = 1.0  # stamps by which the reference may run ahead of another channel
-EVENT_WAIT_S = 0.1  # and ahead of an event channel, which is silent while nothing happens
-FARTHEST_RAD = 1e9  # of an angle: beyond it a turn drowns in rounding, and those already counted would be lost
-LEAST_SAMPLES = 6  # of a channel in a cycle; events need one
+PATIENCE_S = 1.0  # by which the reference may run ahead of another channel
+EVENT_WAIT_S = 0.1  # the same for an event channel, which is silent while nothing happens
+FARTHEST_RAD = 1e9  # largest angle: beyond it, rounding destroys the count of turns
+LEAST_SAMPLES = 6  # of a channel in a cycle; an event channel needs one
 LARGEST_GAP = 0.25  # of a cycle, between samples of a channel
-ORDINARY_GAP, SPACINGS = 0.02, 5.0  # of a cycle, and of the usual spacing: what the larger of both exceeds is a gap
-CLOCK_GAIN = 0.02  # by which a rise corrects the clock, once as many have been averaged
-CLOCK_RISES = 20  # that are averaged before the first cycle is counted
-CLOCK_TRUST = 0.25  # of a cycle: a rise farther from where the clock expects it begins the clock anew
-LONGEST_CYCLE = 10.0  # of the cycle before: a longer one is a standstill
+ORDINARY_GAP, SPACINGS = 0.02, 5.0  # shares of a cycle, and of the usual spacing; a gap exceeds the larger of both
+CLOCK_GAIN = 0.02  # gain of the clock's correction by a rise, after 1/gain rises
+CLOCK_RISES = 20  # averaged before the first cycle is counted
+CLOCK_TRUST = 0.25  # of a cycle: a rise farther from its expected instant resets the clock
+LONGEST_CYCLE = 10.0  # times the previous cycle: a longer one is a standstill
 
 
 class FeatureVector(NamedTuple):
@@ -51,15 +50,15 @@ class FeatureVector(NamedTuple):
     Attributes
     ----------
     number : int
-        Of the cycle, counted by the feed; a cycle that had to be left out has a number too.
+        Index of the cycle, counted by the feed; cycles that are left out are counted too.
     begin_s, end_s : float
-        Stamps of its ends.
+        Stamps of its start and end.
     names : tuple of str
-        Of the features, units in `FeatureFeed.features`.
+        Names of the features; their units are in `FeatureFeed.features`.
     values : ndarray
         Shape (features,), SI; nan where a channel was silent or has a gap.
     quality : mapping
-        Column: what its samples were, events left out.
+        Sample statistics of each column except events.
     """
 
     number: int
@@ -72,28 +71,28 @@ class FeatureVector(NamedTuple):
 
 @dataclass
 class FeatureFeed:
-    """Samples in, feature vectors of complete cycles out.
+    """Turns samples into feature vectors of complete cycles.
 
     Parameters
     ----------
     declared : CycleFeatures
-        What the machine tells of a cycle (`Capabilities.features`).
+        Cycle reference and features that the machine declares (`Capabilities.features`).
     columns : sequence of str
-        Columns of the machine that are measured.
+        Measured columns of the machine.
 
     Attributes
     ----------
     features : tuple of CycleFeature
-        Those that these columns give.
+        Features that can be computed from these columns.
     skipped : int
-        Cycles left out: a gap in the reference, or a standstill.
+        Number of cycles left out: a gap in the reference, or a standstill.
     run_up_s : float
-        Cycles that begin so soon after the first sample of the reference are left out, uncounted.
+        Cycles that begin sooner than this after the first reference sample are left out and not counted as skipped.
 
     Raises
     ------
     StudyError
-        The column that cycles are counted by is not among them.
+        The reference column is not among the measured ones.
     """
 
     declared: CycleFeatures
@@ -123,12 +122,12 @@ class FeatureFeed:
     def feed(
         self, column: str, times_s: Sequence[float] | Array, values: Sequence[float] | Array
     ) -> list[FeatureVector]:
-        """Take samples of a channel, events too; return the cycles that are complete by now.
+        """Take samples of a channel, or events; return the cycles that are now complete.
 
         Parameters
         ----------
         column : str
-            Which channel; one that was not declared is passed over.
+            Name of the channel; one that was not declared is ignored.
         times_s, values : sequence of float
             Shape (n,): stamps and SI values, in the order they came.
         """
@@ -146,15 +145,15 @@ class FeatureFeed:
         return self._complete(final=False)
 
     def begun_anew(self) -> FeatureFeed:
-        """Return a feed that knows nothing of the samples before; the number it leaves out tells of the gap."""
+        """Return a feed without the previous samples; it skips one cycle number to mark the gap."""
         return FeatureFeed(self.declared, self.columns, self.skipped, self.run_up_s, _number=self._number + 1)
 
     def finish(self) -> list[FeatureVector]:
-        """Return the cycles that only waited for more samples, at the end of a run."""
+        """Return the remaining cycles at the end of a run, without waiting for more samples."""
         return self._complete(final=True)
 
     def _without_jumps(self, angles: Array) -> Array:
-        """Return angles without their jumps by a turn, each step the shortest way round; what is no angle is nan."""
+        """Return unwrapped angles (rad), each step taken the shortest way round; nan where there is no valid angle."""
         finite = np.abs(angles) <= FARTHEST_RAD
         known = angles[finite]
         found = np.full(len(angles), np.nan)
@@ -162,7 +161,7 @@ class FeatureFeed:
             return found
         steps = np.diff(known, prepend=known[0] if self._last_raw is None else self._last_raw)
         turns = self._turns - np.cumsum(np.round(steps / TURN))
-        found[finite] = known + TURN * turns  # from whole turns, so that no rounding depends on the chunks
+        found[finite] = known + TURN * turns  # from whole turns, so that rounding does not depend on the chunks
         self._last_raw, self._turns = float(known[-1]), float(turns[-1])
         return found
 
@@ -182,9 +181,9 @@ class FeatureFeed:
                     self._boundaries.append(begun_s)
 
     def _clocked(self, crossed_s: float) -> float | None:
-        """Return when the clock that leads the signal says the cycle began, None until it is known well enough.
+        """Return the start of the cycle (s) by the clock that drives the signal; None until that is known well enough.
 
-        The crossing itself where there is no clock.
+        Without a clock, the start is the crossing itself.
         """
         period_s = self.declared.reference.period_s
         if not period_s:
@@ -216,7 +215,7 @@ class FeatureFeed:
         return found
 
     def _passed(self, end_s: float) -> bool:
-        """Return whether every channel has samples beyond the end, or has been waited for long enough."""
+        """Return whether every channel has a sample at or beyond the end, or its waiting time has passed."""
         ahead_s = self._buffers[self.declared.reference.column].newest_s - end_s
         return all(
             buffer.newest_s >= end_s or ahead_s > (EVENT_WAIT_S if is_event_channel(column) else PATIENCE_S)
@@ -224,7 +223,7 @@ class FeatureFeed:
         )
 
     def _vector(self, begin_s: float, end_s: float) -> FeatureVector | None:
-        """Return the features of the samples between two boundaries; None where they are no whole cycle."""
+        """Return the features of the samples between two boundaries; None for a standstill or a gap."""
         reference = self.declared.reference
         times, values = self._buffers[reference.column].between(begin_s, end_s)
         period_s = end_s - begin_s
@@ -258,7 +257,7 @@ class FeatureFeed:
 
 
 def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
-    """Return whether the samples of a cycle are enough and have no gap, which would be taken for a change."""
+    """Return whether a cycle has enough samples and no gap, which would look like a change of the machine."""
     if len(times_s) < LEAST_SAMPLES:
         return False
     largest_s, spacing_s = gap_limits(times_s, begin_s, end_s)
@@ -268,31 +267,31 @@ def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
 
 
 def available_features(declared: CycleFeatures, columns: Iterable[str]) -> tuple[CycleFeature, ...]:
-    """Return the features for which there are channels."""
+    """Return the features whose columns are all measured."""
     known = set(columns)
     return tuple(feature for feature in declared.features if known.issuperset(feature.needs))
 
 
 def is_event_channel(column: str) -> bool:
-    """Return whether a column is one of events: `event.blow.time`."""
+    """Return whether a column holds events, such as `event.blow.time`."""
     return column.startswith("event.")
 
 
 def feed_channels(
     feed: FeatureFeed, channels: Mapping[str, tuple[Array, Array]], slice_s: float = 0.5, *, final: bool = True
 ) -> list[FeatureVector]:
-    """Return the cycles of a whole run: its channels fed slice by slice, as they would have come.
+    """Return the cycles of a whole run; its channels are fed in time slices, as they would have arrived.
 
     Parameters
     ----------
     feed : FeatureFeed
-        A fresh one.
+        A new feed.
     channels : mapping
-        Column: stamps (s) and values (SI), shape (n,) each; that of the reference is fed last in each slice.
+        Stamps (s) and values (SI) of each column, shape (n,) each; the reference is fed last in each slice.
     slice_s : float
-        Length of a slice.
+        Duration of a slice.
     final : bool
-        Whether nothing comes after: cycles that wait for more samples are given out too.
+        Whether the run ends here: then cycles that wait for more samples are returned too.
     """
     reference = feed.declared.reference.column
     order = [*(column for column in channels if column != reference), reference]
@@ -311,10 +310,10 @@ def feed_channels(
 
 
 def _slice_ends(times: Sequence[Array], slice_s: float) -> Array:
-    """Return where the slices end that hold a sample, ascending; one stamp years ahead makes no more of them."""
+    """Return the ends (s) of the slices that hold a sample, ascending; one outlying stamp adds no empty slices."""
     first = min(each[0] for each in times if len(each))
     held = np.unique(np.concatenate([np.unique(np.floor((each - first) / slice_s)) for each in times]))
-    ends = np.unique(np.concatenate([held, held + 1.0, held + 2.0]))  # a stamp may round into the slice beside its own
+    ends = np.unique(np.concatenate([held, held + 1.0, held + 2.0]))  # a stamp may round into a neighbouring slice
     return np.append(first + slice_s * ends[ends > 0.0], np.inf)
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of a planned sensor set: effects of faults, detection delays, and isolability of faults.
+"""Evaluates a sensor set by simulation: effect of each fault, delay of its detection, and isolability.
 
-An effect r (d,) of a fault counts by w = sqrt(r' D S^-1 D r) standard deviations in every cycle, D = 1 - sum of a_i.
-Two faults i and j look alike by the share of i's effect that j can explain at its best size::
+An effect r (d,) of a fault has the Mahalanobis norm w = sqrt(r' D S^-1 D r) in every cycle, D = diag(1 - sum of a_i).
+Two faults i and j look alike if j at its best size explains i's effect; the share left unexplained is::
 
     open_ij = min over s of |r_i - r_j(s)|^2/|r_i|^2      in that metric
 """
@@ -30,26 +30,26 @@ from mech_twin.studies.monitoring.signatures import machine_signatures
 
 DESIGN_CYCLES = 300
 PROMPT_CYCLES = 50
-INVISIBLE = 0.05  # standard deviations a cycle: less is not seen in thousands of cycles
+INVISIBLE = 0.05  # standard deviations a cycle: less is not detected in thousands of cycles
 
 
 class FaultDesign(NamedTuple):
-    """Detectability of one fault with the sensors.
+    """How well the sensors detect one fault.
 
     Attributes
     ----------
     name, meaning, unit : str
-        Of the fault.
+        Name, description, and unit of the size.
     size : float
-        At which the effect is told: the size halfway through those of the fault, the smaller of two.
+        Size at which the effect is given: the median of the declared sizes, the smaller of two.
     effect_sigma : float
-        Its weight in every cycle, in standard deviations.
+        Norm w of the effect in every cycle, in standard deviations.
     delay_cycles : float
-        Cycles to expect until the alarm, beyond the one in which it happens.
+        Expected number of cycles from the fault to the alarm.
     smallest : float
-        The smallest size that is found within `PROMPT_CYCLES`; nan where none is.
+        Smallest size that is detected within `PROMPT_CYCLES`; nan if none is.
     alike : tuple of str
-        Faults that explain this one within what the model may be off.
+        Faults that explain this one within the model error.
     """
 
     name: str
@@ -63,7 +63,7 @@ class FaultDesign(NamedTuple):
 
 
 class SensorDesign(NamedTuple):
-    """A sensor set judged: each fault, and the share of each row's fault that each column's leaves open."""
+    """Evaluation of a sensor set: each fault, and the share of row fault's effect that column fault cannot explain."""
 
     faults: tuple[FaultDesign, ...]
     isolability: Array
@@ -72,7 +72,7 @@ class SensorDesign(NamedTuple):
 
 
 def simulated_vectors(monitored: MonitoredMachine, cycles: int, seed: int) -> list[FeatureVector]:
-    """Return healthy cycles of the simulated machine under these sensors."""
+    """Return healthy cycles of the simulated machine, measured with these sensors."""
     begin_s = monitored.declared.run_up_s
     duration_s = begin_s + (cycles + 3) * mean_period_s(monitored)
     machine = monitored.entry.build(monitored.parameters)
@@ -81,7 +81,7 @@ def simulated_vectors(monitored: MonitoredMachine, cycles: int, seed: int) -> li
 
 
 def arl0_cycles(arl0_h: float, period_s: float) -> float:
-    """Return the mean number of cycles between false alarms, not below ten."""
+    """Return the mean number of cycles between false alarms from that in hours, at least ten."""
     return max(3600.0 * arl0_h / period_s, 10.0)
 
 
@@ -91,9 +91,9 @@ def fitted_setup(
     arl0_h: float,
     seed: int = 0,
 ) -> MonitorSetup:
-    """Return the setup of a monitor from healthy cycles, for a stated time between false alarms (h).
+    """Return the setup of a monitor from healthy cycles, for a required mean time between false alarms (h).
 
-    Charts and signatures are of what the operating point leaves of the features, where the machine declares one.
+    If the machine declares operating variables, charts and signatures use the features with their effect removed.
     """
     return setup_for_cycles(monitored, vectors, lambda period_s: arl0_cycles(arl0_h, period_s), seed)
 
@@ -106,9 +106,9 @@ def setup_for_cycles(
     *,
     named: bool = True,
 ) -> MonitorSetup:
-    """Return the same for a stated number of cycles between false alarms, or that as a function of the period (s).
+    """Return the setup for a required number of cycles between false alarms, or a function of the period (s).
 
-    Without ``named`` there are no signatures: changes are found, but not named.
+    Without ``named`` there are no signatures: changes are detected, but not diagnosed.
     """
     raw, _ = fitted_baseline(vectors)
     surface, runs = operating_surface(monitored, vectors, raw.names), vectors
@@ -132,15 +132,15 @@ def setup_for_cycles(
 
 
 def sister_setup(sister: MonitorSetup, vectors: Sequence[FeatureVector]) -> MonitorSetup:
-    """Return the setup of a machine that has the numbers and the sensors of another, from its own healthy cycles.
+    """Return the setup of a machine with the configuration and sensors of another, from its own healthy cycles.
 
-    Healthy features and their noise are its own; what faults and operating points do to them, and the thresholds in
-    standard deviations of that noise, are the sister's.
+    Its healthy features and their noise come from its own cycles.  The effects of faults and operating points, and the
+    thresholds in standard deviations of that noise, come from the sister.
 
     Raises
     ------
     StudyError
-        It has other features than its sister.
+        Its features differ from its sister's.
     """
     raw, _ = fitted_baseline(vectors)
     surface, runs = sister.operating, vectors
@@ -158,7 +158,7 @@ def _sensor_limits(vectors: Sequence[FeatureVector]) -> dict[str, SensorLimits]:
 
 
 def sensor_design(setup: MonitorSetup) -> SensorDesign:
-    """Return what a setup would find."""
+    """Return the expected detection performance of a setup."""
     metric = steady_metric(setup.baseline)
     signatures = setup.signatures
     usual = [_usual(signature) for signature in signatures]
@@ -187,15 +187,15 @@ def sensor_design(setup: MonitorSetup) -> SensorDesign:
 
 
 def steady_metric(baseline: Baseline) -> Array:
-    """Return D S^-1 D, what a constant change of the features is worth in every cycle, (d, d)."""
+    """Return D S^-1 D (d, d): the metric by which a lasting change of the features counts in every cycle."""
     steady = 1.0 - baseline.coefficients.sum(axis=0)
     return np.asarray(steady[:, None] * np.linalg.inv(baseline.covariance) * steady)
 
 
 def expected_delay(response: Array, baseline: Baseline, limits: ChartLimits) -> float:
-    """Return the cycles to expect until the alarm: by the jump chart, or by the CUSUM of the feature that shifts most.
+    """Return the expected cycles until an alarm: the sooner of jump chart and CUSUM of the most shifted feature.
 
-    The jump chart is over its threshold h when n w^2 + d reaches it.
+    The jump chart exceeds its threshold h after n cycles with n w^2 + d >= h, w the norm of the effect.
     """
     steady = (1.0 - baseline.coefficients.sum(axis=0)) * response / baseline.sigma
     weight = float(response @ steady_metric(baseline) @ response)
@@ -208,7 +208,7 @@ def expected_delay(response: Array, baseline: Baseline, limits: ChartLimits) -> 
 
 
 def _usual(signature: Signature) -> tuple[float, Array]:
-    """Return the size halfway through those of a fault, and its effect."""
+    """Return the median size of a fault, zero left out, and its effect (d,)."""
     places = [i for i in range(len(signature.sizes)) if signature.sizes[i] != 0.0]
     places.sort(key=lambda i: abs(signature.sizes[i]))
     place = places[(len(places) - 1) // 2]
@@ -216,7 +216,7 @@ def _usual(signature: Signature) -> tuple[float, Array]:
 
 
 def _left_open(response: Array, other: Signature, metric: Array) -> float:
-    """Return the share of an effect that another fault cannot explain at any size."""
+    """Return the least share of an effect that another fault leaves unexplained, over all its sizes."""
     whole = float(response @ metric @ response)
     if whole <= 0.0:
         return 0.0

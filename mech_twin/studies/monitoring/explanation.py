@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence for and against a fault: each feature as it was, as it is, and as the fault would change it."""
+"""Evidence for and against a fault: each feature healthy, measured, and as the fault would change it."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.naming import Candidate, Signature, fitted_faults
 from mech_twin.studies.monitoring.report import Alarm
 
-HALF_95 = 1.96  # standard deviations
-CURVES, BARS = 3, 16  # features that are drawn over time, and as changes
+HALF_95 = 1.96  # half of a 95 % interval, in standard deviations
+CURVES, BARS = 3, 16  # features plotted over time, and as changes
 
 
 class FeatureChange(NamedTuple):
-    """One feature of an alarm.
+    """Change of one feature in an alarm.
 
     Attributes
     ----------
     name, unit : str
-        Of the feature.
+        Name and unit of the feature.
     healthy, sigma : float
-        Its mean in the baseline, and its scatter from cycle to cycle.
+        Mean in the baseline, and standard deviation of its innovations from cycle to cycle.
     change, half_95 : float
-        By how much it has changed since the onset, and half of the 95 % interval of that.
+        Change since the onset, and half of its 95 % interval.
     expected : float
-        By how much the fault would change it, at the size that explains the whole change best.
+        Change that the fault would cause, at the size that fits the change of all features best.
     """
 
     name: str
@@ -46,16 +46,16 @@ class FeatureChange(NamedTuple):
 
     @property
     def moved_sigma(self) -> float:
-        """The change in standard deviations of one cycle."""
+        """Change, in standard deviations of one cycle."""
         return self.change / self.sigma
 
     @property
     def left_sigma(self) -> float:
-        """What the fault leaves open, in standard deviations of one cycle."""
+        """Change that the fault does not explain, in standard deviations of one cycle."""
         return (self.change - self.expected) / self.sigma
 
     def record(self) -> dict[str, Any]:
-        """Return the feature as JSON values."""
+        """Return the feature as a dictionary of JSON values."""
         return {**self._asdict(), "moved_sigma": self.moved_sigma, "left_sigma": self.left_sigma}
 
 
@@ -65,15 +65,15 @@ class Explanation(NamedTuple):
     Attributes
     ----------
     fault : Candidate
-        At the size that explains the change best, with the share of the effect that it leaves open.
+        The fault at its best-fitting size, with the share of the change left unexplained.
     explains : bool
-        Whether the monitor takes it for a candidate.
+        Whether it is among the monitor's candidates.
     finding : str
-        What the alarm is called.
+        Name of the alarm's finding, or its verdict.
     onset_s, cycles : float
-        Stamp at which the change began, and cycles that the change is a mean of.
+        Stamp at which the change began, and number of cycles averaged.
     features : tuple of FeatureChange
-        The one that moved farthest first.
+        Sorted by the size of the change, largest first.
     """
 
     fault: Candidate
@@ -84,7 +84,7 @@ class Explanation(NamedTuple):
     features: tuple[FeatureChange, ...]
 
     def record(self) -> dict[str, Any]:
-        """Return the explanation as JSON values."""
+        """Return the explanation as a dictionary of JSON values."""
         return {**self._asdict(), "features": [each.record() for each in self.features]}
 
 
@@ -104,7 +104,7 @@ def known_fault(setup: MonitorSetup, fault: str) -> Signature:
 
 
 def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fault: str) -> Explanation | None:
-    """Return what speaks for and against a fault in an alarm; None where it had too few cycles to be named.
+    """Return the evidence for and against a fault in an alarm; None if the alarm had too few cycles.
 
     Raises
     ------
@@ -129,14 +129,14 @@ def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fau
 
 
 def healthy_features(setup: MonitorSetup) -> Array:
-    """Return the healthy means (d,) of the features that are judged, what the operating point does added again."""
+    """Return the healthy means (d,) of the monitored features, before the operating point's effect is removed."""
     if setup.operating is None:
         return setup.baseline.mean
     return setup.baseline.mean + setup.operating.mean[list(setup.operating.others)]
 
 
 def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], alarm: Alarm, found: Explanation) -> Any:
-    """Return the picture: each feature's change beside what the fault would do, and the farthest ones over time."""
+    """Return the figure: changes of features and those that the fault predicts; the largest also over time."""
     from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style, sheet
 
     bars, curves = found.features[:BARS], found.features[:CURVES]
@@ -175,7 +175,7 @@ def _draw_over_time(panel: Any, setup: MonitorSetup, vectors: Sequence[FeatureVe
 
 
 def _spread(setup: MonitorSetup, place: int) -> float:
-    """Return the standard deviation of a healthy feature, that of its innovations grown by its autoregression."""
+    """Return the standard deviation of a healthy feature: that of its innovations times its autoregression's gain."""
     impulse = np.zeros((400, len(setup.baseline.names)))
     impulse[0] = 1.0
     response = setup.baseline.features(impulse) - setup.baseline.mean

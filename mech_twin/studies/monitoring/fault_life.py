@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Life of a fault on the panel, as a pure state machine: next state from the present one and the newest cycle.
+r"""State machine of one fault on the panel: from its state and whether it is observed to its next state.
 
 ::
 
@@ -8,7 +8,7 @@ r"""Life of a fault on the panel, as a pure state machine: next state from the p
        |<---not seen-----+                                       |<--------- seen again --------+
        |<--------------------------- acknowledged ----------------------------------------------+
 
-A latched fault is gone but not acknowledged.  A shelved one changes its state without announcements until its time.
+A latched fault has gone but is not acknowledged.  A shelved one changes state, but is not announced until a stamp.
 The states are those of an alarm in ISA-18.2 (normal, unacknowledged, acknowledged, returned unacknowledged, shelved).
 """
 
@@ -20,7 +20,7 @@ State = Literal["cleared", "pending", "active", "latched"]
 
 
 class LifeRules(NamedTuple):
-    """Cycles that a fault must be seen to be active, and must not be seen to be gone; time between announcements."""
+    """Cycles with the fault until it is active, cycles without until it clears; least time between announcements."""
 
     debounce: int = 3
     clear: int = 10
@@ -28,18 +28,18 @@ class LifeRules(NamedTuple):
 
 
 class FaultLife(NamedTuple):
-    """A fault and its history.
+    """A fault and its state.
 
     Attributes
     ----------
     name : str
-        Of the fault, or of the group.
+        Name of the fault, or of the group of faults.
     state : str
         ``cleared``, ``pending``, ``active`` or ``latched``.
     since_s : float
-        Stamp at which it came into this state.
+        Stamp at which it entered this state.
     cycles : int
-        Consecutive cycles that speak for the next state.
+        Consecutive cycles counted towards the next state.
     is_acknowledged : bool
         Whether it was acknowledged since it became active.
     shelved_until_s : float
@@ -54,12 +54,12 @@ class FaultLife(NamedTuple):
     shelved_until_s: float = float("-inf")
 
     def is_announced(self, time_s: float) -> bool:
-        """Return whether the operator is to see it: active or latched, not shelved."""
+        """Return whether it is shown to the operator: active or latched, not shelved."""
         return self.state in ("active", "latched") and time_s >= self.shelved_until_s
 
 
 def after_cycle(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
-    """Return the fault after a cycle that ended at ``time_s`` in which it was seen or not."""
+    """Return the fault after a cycle that ended at ``time_s``; ``seen`` is whether it was observed in it."""
     step = {"cleared": _after_cleared, "pending": _after_pending, "active": _after_active, "latched": _after_latched}
     return step[life.state](life, seen, time_s, rules)
 
@@ -96,7 +96,7 @@ def acknowledged(life: FaultLife, time_s: float) -> FaultLife:
 
 
 def shelved(life: FaultLife, until_s: float) -> FaultLife:
-    """Return the fault that is not announced until a stamp."""
+    """Return the fault shelved until a stamp (s)."""
     return life._replace(shelved_until_s=until_s)
 
 

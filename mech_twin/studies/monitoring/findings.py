@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of a cycle's evaluation: events in the life of faults, and the finding with its candidates."""
+"""Result of one cycle: the verdict with its candidates, and the changes of state of faults."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Verdict = Literal["learning", "healthy", "operating_point", "pending", "named", 
 
 
 class FaultEvent(NamedTuple):
-    """A fault came into another state at a stamp, and why, where that is not the charts' doing."""
+    """A change of a fault's state at a stamp; ``because`` gives the reason if it was not the charts."""
 
     time_s: float
     name: str
@@ -27,7 +27,7 @@ class FaultEvent(NamedTuple):
 
     @property
     def text(self) -> str:
-        """One line, the same live and of a recording."""
+        """One line of text, the same live and from a recording."""
         return f"{self.time_s:.3f} s: {self.name} {self.state}{f': {self.because}' if self.because else ''}"
 
 
@@ -37,39 +37,39 @@ class Findings(NamedTuple):
     Attributes
     ----------
     number : int
-        Of the cycle.
+        Index of the cycle.
     time_s : float
-        Stamp of its end.
+        Stamp of the cycle's end.
     names : tuple of str
         Features of the baseline.
     standard : ndarray
         Shape (d,): innovations over their standard deviations; nan where a feature or the history is missing.
     charts : ChartValues or None
-        The statistics; None where the cycle could not be judged.
+        Chart statistics; None if the cycle could not be evaluated.
     alarm : bool
-        Whether a chart is over its threshold, or was and is not quiet yet.
+        Whether a chart exceeds its threshold, or did and is not quiet yet.
     alarm_begins : bool
-        Whether that began with this cycle: what the stated rate of false alarms counts.
+        Whether the alarm began in this cycle; the required false-alarm rate counts these.
     verdict : str
         ``learning`` (history is missing), ``healthy``, ``operating_point`` (healthy at another one), ``pending``
-        (alarm, not named yet), ``named``, ``group``,
-        ``unknown``, ``passing`` (something happened, but nothing of it lasts).
+        (alarm, not diagnosed yet), ``named``, ``group``,
+        ``unknown``, ``passing`` (a transient change that did not last).
     onset_s : float
         Stamp of the cycle in which the change began; nan without an alarm.
     delay_cycles : int
-        Cycles from there to the alarm.
+        Cycles from the onset to the alarm.
     candidates : tuple of Candidate
-        The best first.
+        Faults that explain the change, best first.
     faults : tuple of FaultLife
-        Every fault that is not cleared.
+        All faults that are not cleared.
     missing : tuple of str
-        Features of the baseline that this cycle did not have.
+        Features of the baseline that this cycle lacks.
     announce : bool
-        Whether an operator is to be called now; at most once in ``LifeRules.announce_every_s``.
+        Whether to notify an operator now; at most once in ``LifeRules.announce_every_s``.
     operating : tuple of OperatingValue
-        Variables of the operating point that are not where they were in the baseline.
+        Operating variables that differ from the baseline.
     events : tuple of FaultEvent
-        What has changed with this cycle.
+        Changes of state in this cycle.
     """
 
     number: int
@@ -91,12 +91,12 @@ class Findings(NamedTuple):
 
     @property
     def finding(self) -> str:
-        """Name of the fault, of the group (`a or b`), or ``unknown``; empty without one."""
+        """Name of the fault, of the group (`a or b`), or ``unknown``; otherwise empty."""
         return finding_name(self.verdict, self.candidates)
 
 
 def finding_name(verdict: Verdict, found: tuple[Candidate, ...]) -> str:
-    """Return what a finding is called."""
+    """Return the name of a finding: the candidates joined by "or", ``unknown``, or empty."""
     if verdict in ("named", "group"):
         return " or ".join(sorted(candidate.name for candidate in found))
     return UNKNOWN if verdict == "unknown" else ""

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fleet of machines of one kind, each compared with its own past and with its sisters.
+"""Machines of one kind, each compared with its own baseline and with its sisters.
 
-Against itself a machine is judged by its own baseline.  Against its sisters by the change of its features since then,
-in standard deviations of one cycle::
+The comparison with its sisters uses the change s of each feature since the baseline, in standard deviations of one
+cycle::
 
     s_m = (mean of the last cycles - mean of the baseline) / sigma
     z_m = (s_m - median over the fleet) / (1.4826 median of |s - median|)
 
-What has moved all sisters alike (season, product, supply) is in the median, and not in z.  A machine is apart beyond
-the quantile of Student's distribution, for all features and machines together.  A finding of its own is confirmed
-beyond that for the features of one machine: its baseline has seen few operating points, and may be of none of these.
+A change that all sisters share (season, product, supply) is in the median, and not in z.  A machine is an outlier if
+|z| exceeds the quantile of Student's distribution for all features and machines together.  For a machine with a finding
+of its own, the quantile for its own features suffices to confirm it.  Without that, the cause may be an operating point
+that its baseline does not cover.
 """
 
 from __future__ import annotations
@@ -28,37 +29,37 @@ from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.monitoring.origin import joined_runs
 from mech_twin.studies.monitoring.report import Alarm, judged
 
-LATE_CYCLES = 200  # whose mean is compared
+LATE_CYCLES = 200  # newest cycles, whose mean is compared
 LEAST_SISTERS = 5
-FALSELY_APART = 0.01  # chance that any of a healthy fleet is called apart, were the changes normal
+FALSELY_APART = 0.01  # chance of any outlier in a healthy fleet, for normally distributed changes
 NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
-EFFICIENCY = 0.37  # of the median absolute deviation: it knows a spread as well as so many normal values do
+EFFICIENCY = 0.37  # of the median absolute deviation, relative to the standard deviation of normal values
 PASSING = "passing"
 Verdict = Literal["confirmed", "apart", "unconfirmed", ""]
 ORDER: tuple[Verdict, ...] = ("confirmed", "apart", "unconfirmed", "")  # the most suspect first
 
 
 class FleetMember(NamedTuple):
-    """A machine compared with its own baseline.
+    """Result of one machine against its own baseline.
 
     Attributes
     ----------
     name : str
-        Of the machine.
+        Name of the machine.
     cycles : int
-        Judged ones.
+        Number of cycles that were evaluated.
     finding : str
-        Of what is active at the end: a fault, a group, ``unknown``; empty if nothing is.
+        What is active at the end: a fault, a group, ``unknown``; empty if nothing is.
     candidate : Candidate or None
-        The fault's size, where it has one.
+        The fault with its size; None without a single candidate.
     recording : str
-        In which it began; empty without one.
+        Recording in which the fault began; empty without one.
     onset_s : float
-        Stamp in that recording; nan without one.
+        Stamp of the onset in that recording; nan without one.
     shift : mapping
-        Change of each feature over the last cycles, in standard deviations of a cycle.
+        Mean change of each feature over the last cycles, in standard deviations of a cycle.
     refused : str
-        Why it could not be judged; empty if it was.
+        Reason why it could not be evaluated; empty if it was.
     """
 
     name: str
@@ -72,19 +73,19 @@ class FleetMember(NamedTuple):
 
 
 class Sister(NamedTuple):
-    """A machine among its sisters.
+    """Result of one machine compared with its sisters.
 
     Attributes
     ----------
     member : FleetMember
-        Judged against itself.
+        Result against its own baseline.
     feature : str
-        The one that is farthest from its sisters'.
+        Feature with the largest magnitude of z.
     apart : float
-        By how much (z); nan where there are too few sisters.
+        z of that feature; nan with too few sisters.
     verdict : str
-        ``confirmed`` (a finding of its own, and apart), ``apart`` (without a finding), ``unconfirmed`` (a finding, but
-        not apart), or empty.
+        ``confirmed`` (a finding, and an outlier), ``apart`` (an outlier without a finding), ``unconfirmed`` (a finding,
+        but no outlier), or empty.
     """
 
     member: FleetMember
@@ -94,23 +95,23 @@ class Sister(NamedTuple):
 
     @property
     def is_suspect(self) -> bool:
-        """Whether it should be inspected."""
+        """Whether the machine should be inspected."""
         return self.verdict in ("confirmed", "apart") or (bool(self.member.finding) and not isfinite(self.apart))
 
 
 class Fleet(NamedTuple):
-    """A fleet, the most suspect first.
+    """Results of a fleet, the most suspect machine first.
 
     Attributes
     ----------
     sisters : tuple of Sister
-        Those that were judged.
+        Machines that were evaluated.
     refused : tuple of FleetMember
-        Those that were not.
+        Machines that could not be evaluated.
     limit : float
-        Of z, beyond which a machine is apart; nan where there are too few sisters.
+        Limit of |z| beyond which a machine is an outlier; nan with too few sisters.
     confirming : float
-        Of z, beyond which a machine's own finding is confirmed.
+        Limit of |z| beyond which a machine's own finding is confirmed.
     common : mapping
         Median change of each feature, in standard deviations of a cycle.
     """
@@ -123,7 +124,7 @@ class Fleet(NamedTuple):
 
 
 def judged_member(name: str, setup: MonitorSetup, recordings: Mapping[str, Sequence[FeatureVector]]) -> FleetMember:
-    """Return what a machine's own baseline says of its recordings, given by name in their order."""
+    """Return the result of a machine's recordings, given by name in order, against its own baseline."""
     monitor, cycles, number = Monitor(setup), 0, 0
     alarms: list[tuple[str, Alarm]] = []
     for recording, vectors in recordings.items():
@@ -144,7 +145,7 @@ def judged_member(name: str, setup: MonitorSetup, recordings: Mapping[str, Seque
 
 
 def late_shift(setup: MonitorSetup, vectors: Sequence[FeatureVector]) -> dict[str, float]:
-    """Return the change of each feature over the last cycles, the operating point taken out where it is known."""
+    """Return the mean change of each feature over the last cycles, without the operating point's effect if modelled."""
     baseline, surface = setup.baseline, setup.operating
     late = [vector if surface is None else surface.reduced(vector)[0] for vector in vectors[-LATE_CYCLES:]]
     found = {}
@@ -157,7 +158,7 @@ def late_shift(setup: MonitorSetup, vectors: Sequence[FeatureVector]) -> dict[st
 
 
 def fleet_of(members: Sequence[FleetMember]) -> Fleet:
-    """Return the machines among their sisters, the most suspect first."""
+    """Return the machines compared with each other, the most suspect first."""
     known = [member for member in members if not member.refused]
     refused = tuple(member for member in members if member.refused)
     names = [name for name in (known[0].shift if known else ()) if all(name in member.shift for member in known)]
@@ -186,7 +187,7 @@ def _verdict(member: FleetMember, apart: float, limit: float, confirming: float)
 
 
 def _spread(left: Array) -> Array:
-    """Return by how much healthy sisters differ, not below what the mean of the last cycles may be off."""
+    """Return the robust standard deviation of each feature over the fleet, at least that of the mean of late cycles."""
     return np.asarray(np.maximum(NORMAL * np.median(np.abs(left), axis=0), 1.0 / np.sqrt(LATE_CYCLES)))
 
 

@@ -7,7 +7,7 @@
     for vector in feed.feed(column, times_s, values):
         findings = monitor.observe(vector)
 
-Nothing here reads a clock: times are the stamps of the samples.
+Nothing here reads a clock: all times are stamps of samples.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ from mech_twin.studies.monitoring.sensor_quality import (
 )
 
 SENSOR = "sensor_"
-CAP = 2.0  # of the threshold: bound of the CUSUMs
-FARTHEST_SIGMA = 1e6  # of a feature from its mean: a sample of 1e300 must not stay in the charts
-REMEMBERED = 150  # cycles of innovations kept for naming
-LEAST_NAMED = 6  # cycles beyond the settling from which a change is named
-UNKNOWN_AFTER = 25  # cycles beyond the settling from which it may be called unknown
-ONSET_CYCLES = 40  # after the alarm, in which the onset is still moved to where the jump is seen best
-NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # after the alarm a change is named in each cycle, later in every fifth
-NAMING_CYCLES = 80  # after the alarm, in which a name may still change; then it stands
+CAP = 2.0  # upper bound of the CUSUMs, in thresholds
+FARTHEST_SIGMA = 1e6  # bound of a feature about its mean: a sample of 1e300 must not stay in the charts
+REMEMBERED = 150  # cycles of innovations kept for the diagnosis
+LEAST_NAMED = 6  # cycles after the settling before a change is diagnosed
+UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
+ONSET_CYCLES = 40  # after the alarm, in which the estimate of the onset is still updated
+NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # diagnosis in each cycle after the alarm, later in every fifth
+NAMING_CYCLES = 80  # after the alarm, in which the diagnosis may still change
 
 
 @dataclass(frozen=True)
 class MonitorSetup:
-    """Frozen data of a monitor: machine, healthy reference, thresholds, and signatures of the faults."""
+    """Frozen settings of a monitor: machine, healthy baseline, thresholds, and the effect of each fault."""
 
     machine: str
     baseline: Baseline
@@ -67,13 +67,13 @@ class MonitorSetup:
 
     @property
     def arl0_h(self) -> float:
-        """Mean time between false alarms that the thresholds are for, in hours."""
+        """Mean time between false alarms for which the thresholds were computed, in hours."""
         return self.limits.arl0_cycles * self.baseline.period_s / 3600.0
 
 
 @dataclass
 class _Episode:
-    """An alarm that is on: cycle it began with, that of the change, cycles since, cycles that were quiet."""
+    """An alarm in progress: index of its first cycle and of the onset, cycles since, consecutive quiet cycles."""
 
     began: int
     onset: int
@@ -86,13 +86,13 @@ class _Episode:
 
     @property
     def delay(self) -> int:
-        """Cycles from the onset to the alarm."""
+        """Number of cycles from the onset to the alarm."""
         return max(0, self.began - self.onset + 1)
 
 
 @dataclass
 class Monitor:
-    """Evaluate cycle by cycle; all state is in this object, and the result depends only on the features fed."""
+    """Evaluates cycle by cycle; the object holds all state, and equal inputs give equal findings."""
 
     setup: MonitorSetup
     lives: dict[str, FaultLife] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class Monitor:
         self._off = np.zeros(len(baseline.names))
 
     def observe(self, vector: FeatureVector) -> Findings:
-        """Evaluate the features of the next cycle; return the findings."""
+        """Take the features of the next cycle; return the findings."""
         self._events.clear()
         found = self._observed(vector)
         return found._replace(events=tuple(self._events))
@@ -155,7 +155,7 @@ class Monitor:
         self.lives[name] = acknowledged(self.lives[name], time_s)
 
     def shelve(self, name: str, until_s: float) -> None:
-        """Leave a fault unannounced until a stamp.
+        """Do not announce a fault until a stamp (s).
 
         Raises
         ------
@@ -171,14 +171,14 @@ class Monitor:
         return found._replace(faults=self._living(), missing=missing)
 
     def _with_wrong_sensor(self, vector: FeatureVector, wrong: tuple[SensorFinding, ...]) -> Findings:
-        """Report sensor faults; the machine is not evaluated, and pending names are withdrawn."""
+        """Report the sensor fault; reset the charts, since the samples do not describe the machine."""
         self._number = vector.number
         self._history.clear()
         self._episode = None
         self._charts.restart()
         self._innovations.clear()
         first = wrong[0]
-        for name, life in self.lives.items():  # what was only being named was the sensor's doing
+        for name, life in self.lives.items():  # a pending diagnosis was caused by the sensor
             if life.state == "pending" and not name.startswith(SENSOR):
                 self._events.append(FaultEvent(vector.end_s, name, "withdrawn", f"it is {first.name}"))
                 self.lives[name] = FaultLife(name, "cleared", vector.end_s)
@@ -227,16 +227,16 @@ class Monitor:
 
     @property
     def operating(self) -> tuple[OperatingValue, ...]:
-        """Variables of the operating point that are not where they were in the baseline."""
+        """Operating variables that differ from the baseline."""
         return () if self._track is None else self._track.changed()
 
     @property
     def change(self) -> Change | None:
-        """The change that the present alarm was named by; None without one."""
+        """Estimated change of the features in the present alarm; None without one."""
         return None if self._episode is None else self._episode.change
 
     def _follow_episode(self, vector: FeatureVector, charts: ChartValues) -> bool:
-        """Begin or end the alarm; return whether it begins."""
+        """Start, update or end the alarm; return whether it starts."""
         limits = self.setup.limits
         if self._episode is None:
             over = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
@@ -257,7 +257,7 @@ class Monitor:
         return False
 
     def _onset(self, charts: ChartValues) -> tuple[int, float]:
-        """Return number and stamp of the cycle in which the jump began that the chart sees best."""
+        """Return index and stamp of the cycle in which the jump began, by the maximum of the jump chart."""
         kept = min(max(charts.jump_cycles, 1), len(self._innovations))
         number, onset_s, _ = self._innovations[-kept]
         return number, onset_s
@@ -282,7 +282,7 @@ class Monitor:
         return ("named" if len(found) == 1 else "group"), found
 
     def _live_on(self, seen: str, time_s: float, judged: Collection[str] | None = None) -> bool:
-        """Advance the life of every fault, or of those that could be judged; return whether to announce one now."""
+        """Advance the state of every fault, or of those in ``judged``; return whether to announce one now."""
         if seen and seen not in self.lives:
             self.lives[seen] = FaultLife(seen)
         announce = False
@@ -299,7 +299,7 @@ class Monitor:
         return announce
 
     def _withdraw(self, finding: str, time_s: float) -> None:
-        """Clear the earlier name of the same alarm: a better name is no second fault."""
+        """Clear the earlier diagnosis of the same alarm: a better one is not a second fault."""
         episode = self._episode
         if episode is None or not finding:
             return
@@ -314,7 +314,7 @@ class Monitor:
 
 
 def _row_of(vector: FeatureVector, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]]:
-    """Return the features of the baseline in its order, and those that are missing."""
+    """Return the features in the order of the baseline, and the names of those that are missing."""
     known = dict(zip(vector.names, vector.values.tolist(), strict=True))
     row = np.array([known.get(name, np.nan) for name in names])
     if bool(np.isfinite(row).all()):

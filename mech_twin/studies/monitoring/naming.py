@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Fault isolation: each fault is a normal distribution of a change of the features; the likeliest is named.
+"""Diagnosis: fits each fault to a measured change of the features and selects the most likely ones.
 
-A change delta, with the covariance C by which it is known, is the mean of n cycles.  A fault of size s changes the
-features by r(s), a line between sizes that were rolled out, and leaves open::
+A change delta is estimated from n cycles with covariance C.  A fault of size s changes the features by r(s), linear
+between the simulated sizes.  The residual is::
 
     open(s) = (delta - r(s))' K^-1 (delta - r(s)),     cost(s) = open(s) + ln det K = -2 ln likelihood
     K = C + diag(0.15 delta)^2 + b b' + (1/n + 1/60) F'F
 
-K adds what the model may be off (15 % of what each feature does) to C.  It adds how far the response may bend between
-two sizes (b), and the scatter from cycle to cycle of a machine that no longer repeats itself (F).  The size of least
-cost is the fault's.  Each bound is a quantile of chi-square, with 0.15^2 delta' K^-1 delta added for the model again.
+K adds to C the model error (15 % of each feature's change) and the error b of the linear interpolation between sizes.
+F is the scatter from cycle to cycle of a machine that no longer repeats itself.  The estimate of a fault's size has the
+least cost.  Each bound is a quantile of chi-square, plus 0.15^2 delta' K^-1 delta for the model error.
 
-A change lasts where delta' C^-1 delta is beyond that of d degrees, 1e-4.  A fault explains it that leaves less open
-than that of d - 1 degrees, 1e-4; without one it is unknown.  Rivals cost at most that of one degree, 1e-3, more than
-the best.  A size's interval costs at most that of one degree, 5 %, more.
+A change lasts if delta' C^-1 delta exceeds the quantile of d degrees of freedom at 1e-4.  A fault explains it if
+open(s) is below that of d - 1 degrees at 1e-4; if none does, the change is unknown.  Rivals exceed the least cost by at
+most the quantile of one degree at 1e-3.  The interval of a size exceeds the fault's least cost by at most that at 5 %.
 """
 
 from __future__ import annotations
@@ -29,36 +29,36 @@ from scipy.stats import chi2
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.baseline import Baseline
 
-MODEL_SHARE = 0.15  # of an effect, by which the computed one may be off
-UNKNOWN_CHANCE = 1e-4  # that the right fault leaves so much open by noise alone
-RIVAL = float(chi2.isf(1e-3, 1))  # by which the right fault costs more than another with a chance of 0.1 %
+MODEL_SHARE = 0.15  # relative error of a computed effect
+UNKNOWN_CHANCE = 1e-4  # that noise alone gives the right fault this residual
+RIVAL = float(chi2.isf(1e-3, 1))  # excess of the right fault's cost over another's, with a chance of 0.1 %
 INTERVAL = float(chi2.isf(0.05, 1))
-PASSING_CHANCE = 1e-3  # that what stays is taken for what passes
-GLITCH_CHANCE = 1e-6  # that a cycle is as far from the others by noise alone
-GLITCHES = 0.2  # of the cycles since the onset, at most
-GRID = 41  # sizes from one that was rolled out to the next
-USED_CYCLES = 60  # of a roll-out, whose mean is its response
+PASSING_CHANCE = 1e-3  # that a lasting change is taken for a transient
+GLITCH_CHANCE = 1e-6  # that noise alone makes a cycle this much of an outlier
+GLITCHES = 0.2  # largest share of outlying cycles since the onset
+GRID = 41  # points from one simulated size to the next
+USED_CYCLES = 60  # of a simulation, averaged for the response
 
 
 @dataclass(frozen=True)
 class Signature:
-    """Signature: effect of a fault on the features.
+    """Effect of a fault on the features.
 
     Attributes
     ----------
     name, meaning, unit : str
-        Of the fault; the unit is that of its size.
+        Name and description of the fault; unit of its size.
     sizes : ndarray
-        Shape (m,): ascending, with 0.
+        Shape (m,): simulated sizes, ascending, including 0.
     responses : ndarray
         Shape (m, d): change of the features, SI; 0 at size 0.
     key : str
         The configuration key that changes, or the column of the sensor.
     scatter : ndarray
-        Shape (m, q, d): factors F of the covariance F'F by which the features scatter from cycle to cycle at a size,
-        beyond what they do in the healthy machine; empty where they do not.
+        Shape (m, q, d): factors F of the covariance F'F of the features from cycle to cycle at a size, in excess of
+        the healthy machine's; empty without excess.
     doubt : ndarray
-        Shape (m, d): by what a response may be off because it bends about its size; empty where it is smooth.
+        Shape (m, d): error of the linear interpolation near each size; empty where the response is smooth.
     """
 
     name: str
@@ -71,9 +71,9 @@ class Signature:
     doubt: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def uncertainty(self, cycles: float) -> Array:
-        """Return the covariance (m - 1, d, d) by which the mean of so many cycles may be off, from size to size.
+        """Return the covariance (m - 1, d, d) of the response for a mean of so many cycles, for each interval of sizes.
 
-        It is (1, d, d), and 0, where there is none.
+        Without scatter and interpolation error it is zero, of shape (1, d, d).
         """
         found, width = np.zeros((1, 1, 1)), self.responses.shape[1]
         if len(self.scatter):
@@ -83,18 +83,18 @@ class Signature:
         return 0.5 * (found[:-1] + found[1:]) if len(found) > 1 else np.zeros((1, width, width))
 
     def response(self, size: float) -> Array:
-        """Return the change of the features (d,) at a size."""
+        """Return the change of the features (d,) at a size, by linear interpolation."""
         return np.array([np.interp(size, self.sizes, column) for column in self.responses.T])
 
     @cached_property
     def fine(self) -> tuple[Array, Array]:
-        """Return finely spaced sizes (m - 1, n) from each to the next, and the responses (m - 1, n, d) at them."""
+        """Return a fine grid of sizes (m - 1, n) between neighbouring ones, and the responses (m - 1, n, d)."""
         lines = (np.linspace(each[:-1], each[1:], GRID, axis=1) for each in (self.sizes, self.responses))
         return next(lines), next(lines)
 
 
 class Candidate(NamedTuple):
-    """A fault that explains what is seen: its size with the 95 % interval, and the share of the effect left open."""
+    """A fault that explains the change: its size with the 95 % interval, and the share left unexplained."""
 
     name: str
     size: float
@@ -105,7 +105,7 @@ class Candidate(NamedTuple):
 
 
 class Change(NamedTuple):
-    """An estimated change of the features, shape (d,), its covariance (d, d), and cycles it is a mean of."""
+    """Estimated change of the features (d,), its covariance (d, d), and the number of cycles averaged."""
 
     delta: Array
     covariance: Array
@@ -113,30 +113,30 @@ class Change(NamedTuple):
 
     @property
     def weight(self) -> float:
-        """Chi-square of the change, of d degrees where nothing has changed."""
+        """Chi-square of the change; d degrees of freedom if nothing has changed."""
         return float(self.delta @ np.linalg.solve(self.covariance, self.delta))
 
     @property
     def lasts(self) -> bool:
-        """Whether there is a change at all, beyond what noise makes."""
+        """Whether the change is significant against noise."""
         return self.weight > float(chi2.isf(UNKNOWN_CHANCE, len(self.delta)))
 
     def doubted(self, off: Array) -> Change:
-        """Return the change where each feature (d,) may be off by so much for another reason."""
+        """Return the change with another error of each feature (d,), a standard deviation, added to its covariance."""
         return self._replace(covariance=self.covariance + np.diag(off**2))
 
 
 def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> Change | None:
     """Return the change since the onset, the first row of the innovations (n, d); None while it is settling.
 
-    Two independent looks at a change delta that is complete after s cycles, with a_i and psi_i the coefficients and the
-    impulse response of the autoregression of a feature::
+    There are two independent estimates of a change delta that is complete after s cycles.  With a_i and psi_i the
+    coefficients and the impulse response of a feature's autoregression::
 
         sum over i = 0 .. s of psi_i e_(s-i) = delta + error of the forecast from before the onset
         e_t = (1 - sum of a_i) delta + noise,      t >= s + max(p, 1)
 
-    Where they contradict each other, something passed at the onset that did not stay: only the second look counts.
-    Single cycles that are far from the others since do not.
+    If they contradict each other, there was a transient at the onset, and only the second estimate is used.
+    Single outlying cycles are left out.
     """
     later = innovations[settling + max(baseline.order, 1) :]
     if not len(later):
@@ -155,9 +155,9 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
 
 
 def _without_single_cycles(innovations: Array, covariance: Array) -> Array:
-    """Return the cycles (n, d) without those that are far from the others; all of them if these are many.
+    """Return the cycles (n, d) without outliers; all of them if there are many outliers.
 
-    A machine that no longer repeats itself scatters in every cycle: that is no glitch.
+    Many outliers are a machine that no longer repeats itself, not glitches.
     """
     apart = innovations - np.median(innovations, axis=0)
     squares = (apart * np.linalg.solve(covariance, apart.T).T).sum(axis=1)
@@ -166,7 +166,7 @@ def _without_single_cycles(innovations: Array, covariance: Array) -> Array:
 
 
 class Fit(NamedTuple):
-    """A fault at the size that explains a change best: its cost, what it leaves open, and all of it in words."""
+    """A fault at its best-fitting size: cost, residual chi-square, and the candidate with its interval."""
 
     cost: float
     left: float
@@ -174,13 +174,13 @@ class Fit(NamedTuple):
 
 
 def fitted_faults(measured: Change, signatures: Sequence[Signature]) -> list[Fit]:
-    """Return each fault at the size that explains a change best, whether or not it explains it."""
+    """Return each fault at its best-fitting size, whether or not it explains the change."""
     change = measured.doubted(MODEL_SHARE * measured.delta)
     return [_fit(change, change.weight, signature) for signature in signatures]
 
 
 def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candidate, ...]:
-    """Return the faults that explain a change, the best first; none where it is unknown."""
+    """Return the faults that explain a change, best first; empty if the change is unknown."""
     change = measured.doubted(MODEL_SHARE * measured.delta)
     tolerated = MODEL_SHARE**2 * change.weight
     bound = float(chi2.isf(UNKNOWN_CHANCE, max(len(change.delta) - 1, 1))) + tolerated
@@ -190,7 +190,7 @@ def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candi
 
 
 def _fit(change: Change, weight: float, signature: Signature) -> Fit:
-    """Return the fit of a fault; the interval is that of noise, widened by what the model may be off."""
+    """Return the fit of a fault; the interval includes noise and model error."""
     sizes, responses = signature.fine
     inverse = np.linalg.inv(change.covariance + signature.uncertainty(change.cycles))
     left = left_open(change.delta - responses, inverse)
@@ -203,5 +203,5 @@ def _fit(change: Change, weight: float, signature: Signature) -> Fit:
 
 
 def left_open(left: Array, inverse: Any) -> Array:
-    """Return what changes (m, n, d) are worth by inverse covariances (m, d, d) or (d, d): chi-square (m, n)."""
+    """Return the chi-square (m, n) of residuals (m, n, d) for inverse covariances (m, d, d) or (d, d)."""
     return np.asarray(((left @ inverse) * left).sum(axis=-1))

@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Operating point: what features a healthy machine has at another supply, load or temperature, and what is left.
+"""Operating point: removes the effect of supply, load or temperature from the features of a healthy machine.
 
-The model is rolled out at points of the ranges that a machine declares; a polynomial goes through what features do::
+The model is simulated at points of the declared ranges, and a polynomial is fitted to the changes of the features::
 
-    r(u) = sum over terms k of c_k u^k,      u in shares of the ranges, r(0) = 0, terms up to the third degree
+    r(u) = sum over terms k of c_k u^k,      u as shares of the ranges, r(0) = 0, terms up to the third degree
 
-In each cycle u is found from the features x themselves, with the noise N of neighbouring cycles, the ranges as prior::
+In each cycle u is estimated from the features x, with the noise N of neighbouring cycles and the ranges as prior::
 
     u = argmin (x - m - r(u))' N^-1 (x - m - r(u)) + |u|^2
 
-What no operating point explains is left: q pivot features are spent on u, those of a pivoted QR of J = dr/du, and of
-the d - q others the part that the pivots do not tell is kept::
+A pivoted QR of J = dr/du selects q pivot features, which determine u.  Of the d - q other features, only the part that
+the pivots do not predict is kept::
 
     y = (x - m - r)_others - J_others J_pivots^-1 (x - m - r)_pivots
 
-y has no part along J, so that charts, naming and signatures of y do not see where the machine runs.  Variables that do
-the same to these features are one group, under the name of each; what sensors do not see is left out.
+y has no component along J, so that charts, diagnosis and signatures of y do not depend on the operating point.
+Variables with the same effect on the features form one group; variables without a measurable effect are left out.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import Candidate, Signature
 
 DEGREE = 3
-LIMIT = 1.3  # of the ranges: where points are rolled out, and beyond which no u is believed
-OUTSIDE = 1.1  # of a range: what is farther out, is outside
+LIMIT = 1.3  # of the ranges: simulated points, and bound of the estimate of u
+OUTSIDE = 1.1  # of a range: beyond it, a variable counts as outside
 POINTS_A_TERM = 3
-SEEN = 0.25  # standard deviations of a feature at the end of a range: a variable that does less is not seen
-STEPS = 8  # of Gauss and Newton
+SEEN = 0.25  # standard deviations of the features at the end of a range: a smaller effect is not measurable
+STEPS = 8  # of the Gauss-Newton iteration
 SMOOTHED = 0.05  # weight of the newest cycle in the smoothed operating point
-SIGNIFICANT = 5.0  # of the wander of the baseline's own smoothed point
-LEAST_MOVED = 0.05  # of a range: a cycle in whose last part a variable steps
-MOVES = 1.5  # of the largest movement within the baseline: a larger one is a change of operating point
+SIGNIFICANT = 5.0  # standard deviations of the smoothed point in the baseline
+LEAST_MOVED = 0.05  # of a range: lower bound of a step, for a cycle near whose end a variable steps
+MOVES = 1.5  # times the largest movement in the baseline: a larger one is a change of operating point
 
 
 class OperatingValue(NamedTuple):
-    """Where a variable stands: name, share of the healthy value with its 95 % interval, its range, the fault beyond."""
+    """Estimate of a variable: name, relative change with 95 % interval, declared range, the fault beyond it."""
 
     name: str
     share: float
@@ -58,13 +58,13 @@ class OperatingValue(NamedTuple):
 
     @property
     def is_outside(self) -> bool:
-        """Whether the whole interval is outside the range, by more than a hair."""
+        """Whether the whole interval is outside the range, with a margin."""
         edge = OUTSIDE * self.range
         return self.low_95 > edge or self.high_95 < -edge
 
     @property
     def candidate(self) -> Candidate:
-        """What it is as a fault; beyond what was rolled out the size is a least one."""
+        """The deviation as a fault; beyond the simulated points one bound of its size is open."""
         low, high = self.low_95, self.high_95
         if abs(self.share) >= (LIMIT - 0.01) * self.range:
             low, high = (low, 1.0) if self.share > 0.0 else (-1.0, high)
@@ -73,36 +73,36 @@ class OperatingValue(NamedTuple):
 
 @dataclass(frozen=True)
 class OperatingSurface:
-    """What features do over the operating points, d features and q variables.
+    """Response of d features to the operating point, q variables.
 
     Attributes
     ----------
     names : tuple of str
-        Features, d.
+        Names of the d features.
     variables, beyond : tuple of str
-        Names of the variables, q, and of the faults where they are outside their ranges.
+        Names of the q variables, and of the faults that they are outside their ranges.
     pivots : tuple of int
-        Places of the features that are spent on them, q.
+        Indices of the q features that determine them.
     ranges : ndarray
-        Shape (q,): shares of the healthy values.
+        Shape (q,): half-widths of the ranges, as shares of the healthy values.
     mean : ndarray
         Shape (d,): the healthy features at u = 0.
     root : ndarray
         Shape (d, d): L^-1 with N = L L', the noise from cycle to cycle.
     coefficients : ndarray
-        Shape (terms, d).
+        Shape (terms, d): coefficients c of the polynomial.
     doubt : ndarray
-        Shape (d - q,): by what y may be off at the end of a range.
+        Shape (d - q,): error of y at the end of a range.
     drift : ndarray
-        Shape (d - q,): by what y is off while the variables drift as quickly as they may.
+        Shape (d - q,): error of y while the variables drift at their highest rate.
     wander : ndarray
         Shape (q,): standard deviation of the smoothed u in the baseline.
     moved : ndarray
         Shape (q,): the largest movement of u within `hold` cycles of the baseline.
     transient : ndarray
-        Shape (q, d - q): how far y goes while u moves by 1.
+        Shape (q, d - q): transient of y for a movement of u by 1.
     hold : int
-        Cycles that a transient lasts.
+        Duration of a transient, in cycles.
     """
 
     names: tuple[str, ...]
@@ -122,12 +122,12 @@ class OperatingSurface:
 
     @cached_property
     def others(self) -> tuple[int, ...]:
-        """Places of the features that are left, d - q."""
+        """Indices of the d - q features that are not pivots."""
         return tuple(i for i in range(len(self.names)) if i not in self.pivots)
 
     @cached_property
     def left_names(self) -> tuple[str, ...]:
-        """Names of the features that are left."""
+        """Names of the features that are not pivots."""
         return tuple(self.names[i] for i in self.others)
 
     @cached_property
@@ -140,7 +140,7 @@ class OperatingSurface:
         return values @ self.coefficients, (slopes @ self.coefficients).T
 
     def located(self, row: Array) -> Array:
-        """Return the operating point (q,) of one cycle, in shares of the ranges."""
+        """Return the operating point (q,) of one cycle, as shares of the ranges, by Gauss-Newton iteration."""
         u, whole = np.zeros(len(self.variables)), row - self.mean
         for _ in range(STEPS):
             r, slope = self.response(u)
@@ -153,7 +153,7 @@ class OperatingSurface:
         return u
 
     def centred(self, rows: Array) -> OperatingSurface:
-        """Return the surface with the mean at u = 0 of healthy cycles (n, d), their own wander taken off."""
+        """Return the surface with the mean of healthy cycles (n, d) reduced to u = 0."""
         found = replace(self, mean=rows.mean(axis=0))
         for _ in range(2):
             own = np.array([found.response(found.located(row))[0] for row in rows])
@@ -161,7 +161,7 @@ class OperatingSurface:
         return found
 
     def annihilator(self, u: Array) -> Array:
-        """Return A (d - q, d) with y = A (x - m - r): no part of y goes along dr/du."""
+        """Return A (d - q, d) with y = A (x - m - r) and A dr/du = 0."""
         slope = self.response(u)[1]
         found = np.zeros((len(self.others), len(self.names)))
         found[np.arange(len(self.others)), self.others] = 1.0
@@ -169,20 +169,20 @@ class OperatingSurface:
         return found
 
     def rest(self, row: Array) -> tuple[Array, Array]:
-        """Return y (d - q,) of one cycle and its operating point (q,); of a row with nan both are nan."""
+        """Return the residual y (d - q,) of one cycle and its operating point (q,); both are nan if the row has nan."""
         if not np.isfinite(row).all():
             return np.full(len(self.others), np.nan), np.full(len(self.variables), np.nan)
         u = self.located(row)
         return self.annihilator(u) @ (row - self.mean - self.response(u)[0]), u
 
     def reduced(self, vector: FeatureVector) -> tuple[FeatureVector, Array]:
-        """Return the vector of what is left of a cycle, and its operating point."""
+        """Return the vector of the residuals y of a cycle, and its operating point (q,)."""
         known = dict(zip(vector.names, vector.values.tolist(), strict=True))
         y, u = self.rest(np.array([known.get(name, np.nan) for name in self.names]))
         return vector._replace(names=self.left_names, values=y), u
 
     def reduced_signature(self, signature: Signature) -> Signature:
-        """Return what a fault does to y; where it is a variable beyond its range, nothing within."""
+        """Return the effect of a fault on y; if the fault is a variable beyond its range, zero within the range."""
         at_rest = self.rest(self.mean)[0]
         found = np.array([self.rest(self.mean + response)[0] - at_rest for response in signature.responses])
         if signature.name in self.beyond:
@@ -209,7 +209,7 @@ def polynomial_terms(variables: int) -> Array:
 
 
 def term_values(terms: Array, u: Array) -> tuple[Array, Array]:
-    """Return the terms at a point (terms,), and their derivatives (q, terms)."""
+    """Return the terms (terms,) at a point, and their derivatives (q, terms)."""
     powers = u[None, :] ** terms
     slopes = np.empty((len(u), len(terms)))
     for k in range(len(u)):
@@ -220,7 +220,7 @@ def term_values(terms: Array, u: Array) -> tuple[Array, Array]:
 
 
 class SurfaceVariable(NamedTuple):
-    """A variable for a surface: names of a group joined, the fault beyond, and the range in shares."""
+    """A variable of a surface: joined names of its group, the fault beyond its range, and the range as a share."""
 
     name: str
     beyond: str
@@ -230,16 +230,16 @@ class SurfaceVariable(NamedTuple):
 def chosen_variables(
     variables: Sequence[SurfaceVariable], effects: Array, root: Array
 ) -> tuple[list[int], list[SurfaceVariable], Array]:
-    """Return which variables are kept, with the groups that they stand for, and what is left of the others (d,).
+    """Return the indices of the variables that are kept, their groups, and the unexplained rest of the others (d,).
 
     Parameters
     ----------
     variables : sequence of Variable
-        All of them, n.
+        All n variables.
     effects : ndarray
-        Shape (n, d): what each does to the features at the end of its range.
+        Shape (n, d): effect of each on the features at the end of its range.
     root : ndarray
-        Shape (d, d): of the noise, see `OperatingSurface`.
+        Shape (d, d): L^-1 of the noise, see `OperatingSurface`.
     """
     white, kept = effects @ root.T, list[int]()
     left = white.copy()
@@ -276,14 +276,14 @@ def fitted_surface(
     root: Array,
     unexplained: Array,
 ) -> OperatingSurface:
-    """Return the surface of roll-outs at points of the ranges, about the baseline's own cycles.
+    """Return the surface fitted to simulations at points of the ranges, centred on the baseline's cycles.
 
     Parameters
     ----------
     groups : sequence of Variable
-        Kept ones, q.
+        The q variables that are kept.
     rolled_out : callable
-        Change of the features (d,) at shares (q,) of the healthy values; None where the machine does not run so.
+        Change of the features (d,) at shares (q,) of the healthy values; None where the simulation fails.
     names : tuple of str
         Features.
     rows : ndarray
@@ -291,7 +291,7 @@ def fitted_surface(
     root : ndarray
         See `OperatingSurface`.
     unexplained : ndarray
-        Shape (d,): what variables that were left out may add.
+        Shape (d,): error due to the variables that were left out.
     """
     q, ranges = len(groups), np.array([group.range for group in groups])
     terms = polynomial_terms(q)
@@ -320,17 +320,17 @@ def fitted_surface(
 def with_transients(
     surface: OperatingSurface, runs: Sequence[Sequence[tuple[Array, Array]]], noise: Array
 ) -> OperatingSurface:
-    """Return the surface with what y does while a variable moves, from runs in which one steps.
+    """Return the surface with the transients of y during a movement, from runs with a step of one variable.
 
     Parameters
     ----------
     surface : OperatingSurface
-        Without.
+        Surface without transients.
     runs : sequence of sequences of (ndarray, ndarray)
-        For each variable, stepped at several phases of a cycle: y (n, d - q) about its settled mean from the step on,
-        and how far u (n, q) has gone since.
+        For each variable, stepped at several phases of a cycle: y (n, d - q) minus its settled mean from the step on,
+        and the change of u (n, q) since.
     noise : ndarray
-        Shape (d - q,): standard deviation of y in these.
+        Shape (d - q,): standard deviation of y in these runs.
     """
     transient, hold = np.zeros((len(surface.variables), len(surface.others))), 2
     for k, (y, u) in ((k, run) for k, each in enumerate(runs) for run in each):
@@ -345,7 +345,7 @@ def with_transients(
 
 
 def with_baseline(surface: OperatingSurface, runs: Sequence[Array]) -> OperatingSurface:
-    """Return the surface with what the points (n, q) of the baseline did, run by run: wander and movement."""
+    """Return the surface with the wander and movement of the baseline's points, (n, q) for each run."""
     moved, smooth = np.zeros(len(surface.variables)), []
     for u in runs:
         for first in range(len(u)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operating points of a machine by roll-out: which variables its sensors see, what they do, and how it settles."""
+"""Fits the operating surface of a machine by simulation: measurable variables, their effects, and transients."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ from mech_twin.studies.monitoring.sensing import (
     steady_cycles,
 )
 
-SETTLED_CYCLES = 25  # before them
-STEP = 0.4  # of a range, for the transient
+SETTLED_CYCLES = 25  # simulated before the cycles that are averaged
+STEP = 0.4  # of a range, to measure the transient
 STEP_DRAWS, STEP_PHASES = 2, 4
 KNOT_S = 1.0  # between the operating points of a drift
-DRIFT_S = 600.0  # a variable goes through its range and back in this time, and no quicker
+DRIFT_S = 600.0  # shortest period in which a variable moves through its range and back
 
 
 def operating_surface(
@@ -48,7 +48,7 @@ def operating_surface(
     vectors: Sequence[FeatureVector],
     names: tuple[str, ...],
 ) -> OperatingSurface | None:
-    """Return the operating points of a machine for these features; None where it declares none that its sensors see.
+    """Return the operating surface for these features; None if no declared variable has a measurable effect.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def operating_surface(
 
 
 def sister_surface(surface: OperatingSurface, vectors: Sequence[FeatureVector]) -> OperatingSurface:
-    """Return the surface about the healthy cycles of another machine of the same numbers and sensors."""
+    """Return the surface centred on the healthy cycles of another machine of the same configuration and sensors."""
     rows, root = _rows(vectors, surface.names), _root_of_noise(vectors, surface.names)
     return replace(surface, root=root).centred(rows)
 
@@ -105,7 +105,7 @@ def sister_surface(surface: OperatingSurface, vectors: Sequence[FeatureVector]) 
 def left_by_point(
     surface: OperatingSurface, vectors: Sequence[FeatureVector]
 ) -> tuple[OperatingSurface, list[FeatureVector]]:
-    """Return the surface with the wander of a baseline, and what its operating point leaves of each cycle."""
+    """Return the surface with the wander of a baseline, and the residual features y of each cycle."""
     found, runs, number = list[FeatureVector](), list[list[Array]](), None
     for vector in vectors:
         left, point = surface.reduced(vector)
@@ -122,7 +122,7 @@ def left_by_point(
 def parameters_at(
     parameters: Parameters, variables: Iterable[OperatingVariable], shares: Iterable[float]
 ) -> Parameters | None:
-    """Return the configuration at an operating point; None where it is refused."""
+    """Return the configuration at an operating point; None if validation rejects it."""
     try:
         for variable, share in zip(variables, shares, strict=True):
             parameters = varied(parameters, variable.changes(parameters, float(share)))
@@ -138,29 +138,29 @@ def operated_run(
     shares: Array,
     command: Array,
 ) -> RollOut:
-    """Return a roll-out through operating points, shares (n, q) of the healthy values from the instants (n,) on.
+    """Return a simulation through operating points: shares (n, q) of the healthy values from the instants (n,) on.
 
     Parameters
     ----------
     monitored : MonitoredMachine
         The machine and its sensors.
     variables : sequence of OperatingVariable
-        All that vary, q.
+        The q variables that change.
     at_s, shares : ndarray
-        Shapes (n,) and (n, q).
+        Shapes (n,) and (n, q): start of each operating point (s), and its shares.
     command : ndarray
-        One number a step, see `roll_out`.
+        One value for each step, see `roll_out`.
 
     Raises
     ------
     MotionError
-        If the machine does not run so.
+        If the machine cannot run at this point.
     """
     step_s, base = monitored.entry.build(monitored.parameters).coupling_step_s, monitored.parameters
     for variable, share in zip(variables, shares.T, strict=True):
-        if variable.is_commanded:  # a step at every knot would be an acceleration that no yarn and no belt has
+        if variable.is_commanded:  # interpolated: a step at every knot would be too high an acceleration
             command = command * (1.0 + np.interp(step_s * np.arange(len(command)), at_s, share))
-            most = float(command.max())  # more than is configured cannot be commanded
+            most = float(command.max())  # the command cannot exceed the configured value
             base, command = varied(base, variable.changes(base, most - 1.0)), command / most
     built = [k for k, variable in enumerate(variables) if not variable.is_commanded]
     machines = []
@@ -179,7 +179,7 @@ def operated_run(
 def _drifting(
     monitored: MonitoredMachine, surface: OperatingSurface, variables: Sequence[OperatingVariable], duration_s: float
 ) -> OperatingSurface:
-    """Return the surface with what a drift of each variable leaves, which no steady operating point tells."""
+    """Return the surface with the error of y during a drift of each variable, beyond that of steady points."""
     step_s, begin_s = monitored.entry.build(monitored.parameters).coupling_step_s, monitored.declared.run_up_s
     at_s = np.arange(0.0, duration_s, KNOT_S)
     middle_s = duration_s - 0.5 * USED_CYCLES * mean_period_s(monitored)
@@ -201,7 +201,7 @@ def _drifting(
         shares[:, k] = variable.range * TURN / DRIFT_S * (at_s - middle_s)
         try:
             drift = np.hypot(drift, left(shares) - still)
-        except MotionError:  # not steady at this point: nothing is told there either
+        except MotionError:  # no steady running at this point, so there is no estimate of the drift
             continue
     return replace(surface, drift=drift)
 
@@ -209,7 +209,7 @@ def _drifting(
 def _features_at(
     monitored: MonitoredMachine, parameters: Parameters | None, duration_s: float, names: tuple[str, ...]
 ) -> Array | None:
-    """Return the mean features of steady running; None where the machine does not run so."""
+    """Return the mean features in steady running; None if the machine does not run with these parameters."""
     if parameters is None:
         return None
     try:
@@ -226,7 +226,7 @@ def _rows(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> Array:
 
 
 def _root_of_noise(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> Array:
-    """Return L^-1 with L L' half the covariance of the differences of neighbouring cycles."""
+    """Return L^-1, with L L' half the covariance of the differences between neighbouring cycles."""
     rows = _rows(vectors, names)
     steps = np.diff(rows, axis=0)
     found = 0.5 * steps.T @ steps / max(len(steps) - 1, 1)
@@ -238,7 +238,7 @@ def _root_of_noise(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> 
 def _settling(
     monitored: MonitoredMachine, surface: OperatingSurface, chosen: Sequence[OperatingVariable], duration_s: float
 ) -> OperatingSurface:
-    """Return the surface with its transients: each variable stepped in a run of its own."""
+    """Return the surface with its transients, from simulations with a step of each variable at several phases."""
     begin_s, healthy = monitored.declared.run_up_s, monitored.entry.build(monitored.parameters)
     first_s, period_s = begin_s + 0.3 * (duration_s - begin_s), mean_period_s(monitored)
     runs: list[list[tuple[Array, Array]]] = [[] for _ in chosen]

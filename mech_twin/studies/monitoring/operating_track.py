@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The operating point of the newest cycles, smoothed and judged."""
+"""Smoothed estimate of the current operating point."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from mech_twin.studies.monitoring.operating import MOVES, SIGNIFICANT, SMOOTHED,
 
 @dataclass
 class OperatingTrack:
-    """The operating point followed from cycle to cycle: smoothed, and by what y may be off because it moves.
+    """Follows the operating point from cycle to cycle: smooths it and bounds the error of y.
 
     Parameters
     ----------
     surface : OperatingSurface
-        Frozen.
+        The fitted surface.
     """
 
     surface: OperatingSurface
@@ -29,7 +29,7 @@ class OperatingTrack:
         self._weight = 1.0
 
     def advance(self, u: Array) -> Array:
-        """Update with the operating point of a cycle; return the possible error of y in it, shape (d - q,)."""
+        """Take the operating point (q,) of a cycle; return the error of y in that cycle, shape (d - q,)."""
         surface = self.surface
         self._recent = [*self._recent[1 - surface.hold :], u] if surface.hold > 1 else [u]
         span = np.ptp(self._recent, axis=0)
@@ -43,7 +43,7 @@ class OperatingTrack:
         return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
 
     def values(self) -> tuple[OperatingValue, ...]:
-        """Return the values of the variables."""
+        """Return the smoothed variables with their 95 % intervals."""
         if self._smooth is None:
             return ()
         surface = self.surface
@@ -56,7 +56,7 @@ class OperatingTrack:
         )
 
     def changed(self) -> tuple[OperatingValue, ...]:
-        """Return the variables that are not where they were in the baseline."""
+        """Return the variables that differ from the baseline significantly."""
         if self._smooth is None or self._weight > 2.0 * SMOOTHED:
             return ()
         far = np.abs(self._smooth) > SIGNIFICANT * self.surface.wander

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole run judged: its alarms, each with the fault it was given."""
+"""Evaluation of a whole run: its alarms, each with its diagnosis."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ class Alarm(NamedTuple):
     Attributes
     ----------
     onset_s, alarm_s : float
-        Stamps: of the cycle in which the change began, and at which a chart went over its threshold.
+        Stamps: start of the cycle in which the change began, and end of that in which a chart exceeded its threshold.
     ended_s : float
-        At which the charts were quiet again; nan if they were not.
+        Stamp at which the alarm ended, the charts quiet again; nan if it did not end.
     delay_cycles : int
-        Cycles from the onset to the alarm.
+        Number of cycles from the onset to the alarm.
     statistics : dict of str to float
-        The charts at the alarm.
+        Chart statistics at the alarm.
     verdict, finding : str
         As in `Findings`, at the end of the alarm.
     candidates : tuple of Candidate
         The best first.
     change : Change or None
-        Of the features, by which it was named; None where there were too few cycles.
+        Estimated change of the features; None with too few cycles.
     """
 
     onset_s: float
@@ -53,25 +53,25 @@ class Alarm(NamedTuple):
     change: Change | None = None
 
     def record(self) -> dict[str, Any]:
-        """Return the alarm as JSON values."""
+        """Return the alarm as a dictionary of JSON values, without the change."""
         return {key: value for key, value in self._asdict().items() if key != "change"}
 
 
 class JudgedRun(NamedTuple):
-    """What the monitor says of a run.
+    """Result of the monitor for a run.
 
     Attributes
     ----------
     cycles, skipped : int
-        Judged ones, and those left out.
+        Number of cycles evaluated, and left out.
     alarms : tuple of Alarm
-        In order.
+        In order of time.
     faults : tuple of FaultLife
-        Those that are not cleared.
+        Faults that are not cleared at the end.
     operating : tuple of OperatingValue
-        Where the variables stood at last that were not where they are in the baseline.
+        Operating variables that differ from the baseline at the end.
     events : tuple of FaultEvent
-        Every change of a fault's state, as it would have been told live.
+        Every change of a fault's state, as a live monitor reports it.
     """
 
     cycles: int
@@ -83,12 +83,12 @@ class JudgedRun(NamedTuple):
 
     @property
     def has_fault(self) -> bool:
-        """Whether a chart gave alarm, or a fault became active."""
+        """Whether there was an alarm, or a fault became active."""
         return bool(self.alarms) or any(event.state == "active" for event in self.events)
 
 
 def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0) -> JudgedRun:
-    """Return what a monitor says of the cycles of a run."""
+    """Return the monitor's result for the cycles of a run."""
     alarms: list[Alarm] = []
     events: list[FaultEvent] = []
     cycles, last = 0, None
@@ -118,9 +118,9 @@ def _followed(alarm: Alarm, found: Findings, change: Change | None) -> Alarm:
 
 
 def vectors_of_parts(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> tuple[FeatureFeed, list[FeatureVector]]:
-    """Return the features of a run, the machine started anew with each part, as a live monitor gives them.
+    """Return the features of a run in parts, the feed restarted at each part, as a live monitor computes them.
 
-    The feed that is returned tells how many cycles were left out.
+    The returned feed counts the cycles that were left out.
     """
     found: list[FeatureVector] = []
     for place, part in enumerate(parts):
@@ -131,7 +131,7 @@ def vectors_of_parts(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> tuple[F
 
 
 def seen_of_run(run: MeasuredRun, begin_s: float = 0.0) -> Seen:
-    """Return the channels of a measured run, SI, from ``begin_s`` after its first sample on; of several the first."""
+    """Return the channels (SI) of a measured run from ``begin_s`` after its first sample; the first of each name."""
     found: Seen = {}
     starts = [channel.times_s[0] for channel in run.channels if len(channel.times_s)]
     since_s = min(starts, default=0.0) + begin_s
@@ -142,7 +142,7 @@ def seen_of_run(run: MeasuredRun, begin_s: float = 0.0) -> Seen:
 
 
 def known_sensors(given: MeasurementMap, run: MeasuredRun) -> MeasurementMap:
-    """Return the channels of a map as sensors: the rates of the run, zero, gain and lag where they are known."""
+    """Return the channels of a map as sensors: rates from the run; zero, gain and lag as far as they are known."""
     rates = {each.channel.source.label: each.quality.rate_hz for each in run.channels}
     return given.model_copy(
         update={"channels": tuple(_known(each, rates[each.source.label]) for each in first_channels(given).values())}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine and a roll-out of it seen through sensors: sampled at their own instants, with noise, steps and losses."""
+"""Simulated sensors: a simulation sampled at the sensors' instants, with noise, quantisation and losses."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.naming import USED_CYCLES
 
-DRAWS = 3  # of the sensors' noise
+DRAWS = 3  # random draws of the sensors' noise
 LONGEST_S = 120.0
 Seen = dict[str, tuple[Array, Array]]  # column: stamps less the known lag (s), values (SI)
 
 
 @dataclass(frozen=True)
 class SensorFault:
-    """What a sensor does wrong: its values and its stamps.
+    """Error of a sensor's values or stamps.
 
     Attributes
     ----------
     column : str
-        Which channel.
+        Column of the faulty channel.
     bias, gain : float
         The channel shows ``(1 + gain) x + bias``, SI.
     lag_s : float
-        It shows what was so long ago.
+        Added delay of its values.
     stuck : bool
-        It shows its mean for ever.
+        Whether it constantly shows its mean.
     """
 
     column: str
@@ -55,12 +55,12 @@ class SensorFault:
 
 
 def needed_columns(sensors: MeasurementMap) -> list[str]:
-    """Return the columns of the machine that the sensors sample, each once; events left out."""
+    """Return the columns that the sensors sample, without duplicates and without events."""
     return list(dict.fromkeys(c.quantity for c in sensors.channels if not is_event(c.quantity)))
 
 
 def first_channels(sensors: MeasurementMap) -> dict[str, Channel]:
-    """Return the channel of each column; of several the first."""
+    """Return the first channel of each column."""
     found: dict[str, Channel] = {}
     for channel in sensors.channels:
         found.setdefault(channel.quantity, channel)
@@ -77,12 +77,12 @@ def seen_run(
     changes: Sequence[tuple[float, Machine]] = (),
     begin_s: float = 0.0,
 ) -> Seen:
-    """Return what the sensors show of a roll-out, without noise where no generator is given.
+    """Return the sensor signals of a simulation; without noise if no generator is given.
 
     Raises
     ------
     MotionError
-        The motion cannot be followed to the end.
+        The simulation cannot continue to the end.
     """
     run = roll_out(machine, duration_s, needed_columns(sensors), None, command, changes)
     if run.error is not None:
@@ -93,7 +93,7 @@ def seen_run(
 def seen_roll_out(
     run: RollOut, sensors: MeasurementMap, step_s: float, random: np.random.Generator | None, begin_s: float = 0.0
 ) -> Seen:
-    """Return what the sensors show of a run from ``begin_s`` on."""
+    """Return the sensor signals of a simulated run from ``begin_s`` on."""
     times_s, clocks = run["time_s"], dict[str, Array]()
     found: Seen = {}
     for column, channel in first_channels(sensors).items():
@@ -110,7 +110,7 @@ def seen_roll_out(
 
 
 def with_sensor_fault(seen: Seen, fault: SensorFault, since_s: float = -np.inf) -> Seen:
-    """Return the same run with one sensor at fault from an instant on."""
+    """Return the same signals with one sensor faulty from an instant on."""
     times, values = seen[fault.column]
     late = np.interp(times - fault.lag_s, times, values) if fault.lag_s else values
     wrong = (1.0 + fault.gain) * late + fault.bias
@@ -120,7 +120,7 @@ def with_sensor_fault(seen: Seen, fault: SensorFault, since_s: float = -np.inf) 
 
 
 def without_noise(sensors: MeasurementMap) -> MeasurementMap:
-    """Return the same sensors, exact: no noise, no steps, no jitter, no losses."""
+    """Return the same sensors without noise, quantisation, jitter and losses."""
     exact = {"sigma": None, "quantum": 0.0, "jitter_s": 0.0, "drop": 0.0}
     return sensors.model_copy(update={"channels": tuple(c.model_copy(update=exact) for c in sensors.channels)})
 
@@ -139,7 +139,7 @@ def _instants(
 
 
 def _shown(values: Array, channel: Channel, random: np.random.Generator | None) -> Array:
-    """Return values as the channel tells them, in SI units again."""
+    """Return values with the channel's noise and quantisation, converted back to SI units."""
     shown = channel.shown(values)
     if random is not None and channel.sigma:
         shown = shown + channel.sigma * random.standard_normal(len(values))
@@ -163,16 +163,16 @@ def _seen_events(
 
 @dataclass(frozen=True)
 class MonitoredMachine:
-    """A machine with the sensors it is watched by.
+    """A machine and the sensors that monitor it.
 
     Attributes
     ----------
     name : str
-        Of the catalogue.
+        Name in the catalogue.
     parameters : Parameters
         The healthy configuration.
     sensors : MeasurementMap
-        The channels, each zero, gain and lag a number.
+        The channels; zero, gain and lag of each are numbers.
     """
 
     name: str
@@ -181,17 +181,17 @@ class MonitoredMachine:
 
     @property
     def entry(self) -> Entry:
-        """The machine in the catalogue."""
+        """The machine's entry in the catalogue."""
         return catalogue_entry(self.name)
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """What the sensors measure."""
+        """Measured columns, without duplicates."""
         return tuple(dict.fromkeys(channel.quantity for channel in self.sensors.channels))
 
     @property
     def declared(self) -> CycleFeatures:
-        """What the machine tells of a cycle.
+        """Cycle reference and features that the machine declares.
 
         Raises
         ------
@@ -205,18 +205,18 @@ class MonitoredMachine:
 
     @property
     def faults(self) -> tuple[MachineFault, ...]:
-        """What can go wrong with it."""
+        """Faults that the machine declares."""
         ask = self.entry.capabilities.faults
         return () if ask is None else ask(self.parameters)
 
     @property
     def operating(self) -> tuple[OperatingVariable, ...]:
-        """What may differ from day to day while it is healthy."""
+        """Operating variables, which may change while the machine is healthy."""
         ask = self.entry.capabilities.operating
         return () if ask is None else ask(self.parameters)
 
     def feed(self) -> FeatureFeed:
-        """Return a fresh feed for one run."""
+        """Return a new feed for one run."""
         return FeatureFeed(self.declared, self.columns)
 
     def vectors(self, seen: Seen) -> list[FeatureVector]:
@@ -229,12 +229,12 @@ class MonitoredMachine:
 
 
 def mean_period_s(monitored: MonitoredMachine) -> float:
-    """Return the duration of a cycle in steady running, from a short roll-out.
+    """Return the mean duration of a cycle (s) in steady running, from a short simulation.
 
     Raises
     ------
     StudyError
-        The simulated machine does not cycle.
+        The simulated machine completes too few cycles.
     """
     exact = MonitoredMachine(monitored.name, monitored.parameters, without_noise(monitored.sensors))
     begin_s = exact.declared.run_up_s
@@ -247,14 +247,14 @@ def mean_period_s(monitored: MonitoredMachine) -> float:
 
 
 class SteadyCycles(NamedTuple):
-    """The features of a machine in steady running: their mean (d,), and covariance (d, d) from cycle to cycle."""
+    """Features in steady running: mean (d,), and covariance (d, d) from cycle to cycle."""
 
     mean: Array
     covariance: Array
 
 
 def noisy_draws(monitored: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> list[Seen]:
-    """Return a run seen a few times, each time through other noise, the same for all parameters."""
+    """Return the signals of one simulation under several noise draws, which are the same for all parameters."""
     machine, begin_s = monitored.entry.build(parameters), monitored.declared.run_up_s
     run = roll_out(machine, duration_s, needed_columns(monitored.sensors), None, command)
     if run.error is not None:
@@ -266,9 +266,9 @@ def noisy_draws(monitored: MonitoredMachine, parameters: Parameters, command: fl
 
 
 def steady_cycles(monitored: MonitoredMachine, draws: Iterable[Seen], names: tuple[str, ...]) -> SteadyCycles | None:
-    """Return the features of the last cycles, by what the healthy machine declares; None without a cycle.
+    """Return the statistics of the last cycles' features; None without a cycle or with a missing feature.
 
-    The covariance is that about the mean of each draw.
+    The covariance is about the mean of each draw.
     """
     runs = [np.array([vector.values for vector in vectors[-USED_CYCLES:]]) for vectors in map(monitored.vectors, draws)]
     if not all(map(len, runs)):

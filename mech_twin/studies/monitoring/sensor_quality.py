@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a sensor tells anything: told from its samples alone, before anything is said of the machine.
+"""Detects faulty sensors from their samples alone, before the machine is evaluated.
 
-Of each channel in each cycle four numbers are kept: samples, the lower quartile of their spacing, the longest run of
-equal values as a share of the cycle, and how far a single sample stands out of its neighbours.  Losses hardly move
-that quartile where stamps jitter.  ::
+Each channel has four numbers per cycle: number of samples, lower quartile of their spacing, longest run of equal values
+as a share of the cycle, and isolation of single samples.  Losses hardly change that quartile, even with jitter.  ::
 
     isolation = largest of |x_i - (x_(i-1) + x_(i+1))/2| - 2 |x_(i+1) - x_(i-1)|
 
-The baseline says what is usual.  A channel that shows exact plateaus while it is healthy cannot be called stuck.
+The limits come from the baseline.  A channel with exact plateaus in the healthy machine cannot be detected as stuck.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ import numpy as np
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.cycle_kernels import sample_quality
 
-PLATEAU = 0.3  # of a cycle: a channel that stands still for longer while it is healthy is no stuck one
-LOST = 0.1  # of the samples, beyond what the baseline loses
-SPACING = 1.15  # of the usual spacing, or its inverse: another rate
-ISOLATION = 4.0  # of the largest in the baseline
+PLATEAU = 0.3  # of a cycle: with a longer plateau in the baseline, a channel is not tested for being stuck
+LOST = 0.1  # share of samples lost in excess of the baseline
+SPACING = 1.15  # ratio to the usual spacing, or its inverse: beyond it the rate has changed
+ISOLATION = 4.0  # times the largest isolation in the baseline
 KINDS = ("stuck", "dropout", "rate", "spikes")
 
 
 class ChannelQuality(NamedTuple):
-    """A channel in one cycle: samples, quartile of spacing (s), longest equal run, isolation (SI); see the module."""
+    """A channel in one cycle: samples, quartile of spacing (s), share of longest equal run, isolation (SI)."""
 
     samples: int
     spacing_s: float
@@ -45,7 +44,7 @@ def channel_quality(times_s: Array, values: Array) -> ChannelQuality:
 
 
 class SensorLimits(NamedTuple):
-    """What is usual of a channel: samples a second, spacing (s), share lost, longest equal run, isolation (SI)."""
+    """Usual values of a channel: samples per second, spacing (s), lost share, longest equal run, isolation (SI)."""
 
     rate_hz: float
     spacing_s: float
@@ -55,7 +54,7 @@ class SensorLimits(NamedTuple):
 
 
 class SensorFinding(NamedTuple):
-    """What is wrong with a channel, and how much of it: a share, or a number over the usual one."""
+    """A sensor fault and its size: a share, or the ratio to the usual value."""
 
     kind: str
     column: str
@@ -63,12 +62,12 @@ class SensorFinding(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What it is called as a fault."""
+        """Name of the fault."""
         return f"sensor_{self.kind}:{self.column}"
 
 
 def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) -> dict[str, SensorLimits]:
-    """Return what is usual, from healthy cycles: duration (s) and the quality of each channel."""
+    """Return the usual values from healthy cycles: duration (s) and the quality of each channel."""
     found = {}
     for column in dict.fromkeys(name for _, told in cycles for name in told):
         rows = np.array([[period_s, *told[column]] for period_s, told in cycles if column in told])
@@ -90,13 +89,13 @@ def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) 
 def sensor_findings(
     limits: Mapping[str, SensorLimits], period_s: float, told: Mapping[str, ChannelQuality]
 ) -> tuple[SensorFinding, ...]:
-    """Return what is wrong with the sensors in a cycle of this duration (s)."""
+    """Return the sensor faults in a cycle of this duration (s)."""
     found = []
     for column, usual in limits.items():
         quality = told.get(column, ChannelQuality(0, float("nan"), 0.0, 0.0))
         lost = 1.0 - quality.samples / (usual.rate_hz * period_s)
         stretched = quality.spacing_s / usual.spacing_s
-        is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many as fill the cycle at their own spacing
+        is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many samples as fill the cycle at their spacing
         if usual.equal_share < PLATEAU and quality.equal_share > 0.5 * (1.0 + usual.equal_share):
             found.append(SensorFinding("stuck", column, quality.equal_share))
         elif is_even and not 1.0 / SPACING <= stretched <= SPACING:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the file of a monitor's reference must hold, which anybody may have edited, cut or made with another program."""
+"""Validation of a monitor's setup file, which a user may have edited, cut or made with another program."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.operating import polynomial_terms
 
-LARGEST = 1e30  # of any number in SI units
+LARGEST = 1e30  # magnitude of any number, SI
 SMALLEST_VARIANCE = 1e-60
 MOST_FEATURES, MOST_SIZES, MOST_SIGNATURES = 1000, 1000, 1000
 MOST_CYCLES = 2**53
@@ -95,7 +95,7 @@ class SignatureRecord(_Record):
         return self
 
     def check_features(self, features: int) -> None:
-        """Raise where it is not of so many features."""
+        """Raise ValueError if its arrays do not have this number of features."""
         sizes = len(self.sizes)
         _check_rows(f"responses of {self.name!r}", self.responses, sizes, features)
         if self.doubt:
@@ -139,7 +139,7 @@ class OperatingRecord(_Record):
         _check_rows("root", self.root, d, d)
         _check_rows("coefficients", self.coefficients, len(polynomial_terms(q)), d)
         _check_rows("doubt", [self.doubt], 1, d - q)
-        self.drift = [0.0] * (d - q) if self.drift is None else self.drift  # an older setup tells of none
+        self.drift = [0.0] * (d - q) if self.drift is None else self.drift  # an older setup has none
         _check_rows("drift", [self.drift], 1, d - q)
         _check_rows("wander and moved", [self.wander, self.moved], 2, q)
         _check_rows("transient", self.transient, q, d - q)
@@ -209,7 +209,7 @@ class SetupRecord(_Record):
         return self
 
     def setup(self) -> MonitorSetup:
-        """Return the setup it is the record of."""
+        """Return the validated setup."""
         return of_plain(MonitorSetup, self.model_dump(exclude_none=True))  # type: ignore[no-any-return]
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each fault of a machine, and of its sensors, does to the features of a cycle, by roll-out.
+"""Effect of each fault of a machine and of its sensors on the features of a cycle, by simulation.
 
-Every fault is asked alike: which features has the steady machine at a size of it, by how much do they scatter from
-cycle to cycle, and how far is the response off the line between the sizes beside it.
+For each size of a fault, the steady machine is simulated.  The signature holds the change of the mean features, their
+excess covariance from cycle to cycle, and the error of linear interpolation between neighbouring sizes.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ from mech_twin.studies.monitoring.sensing import (
 )
 
 STEADY_CYCLES = 80  # simulated beyond the run-up
-LARGE_SCATTER = 9.0  # of the variance of healthy features: beyond it the machine does not repeat itself
-BEND = 1.0  # squared standard deviations that a response may be off the line between two sizes
-HALVINGS = 2  # of the steps about a bend
-FACTORS = 4  # of a scatter
+LARGE_SCATTER = 9.0  # times the healthy variance: beyond it the machine does not repeat itself
+BEND = 1.0  # chi-square of the interpolation error above which sizes are added
+HALVINGS = 2  # of the intervals next to a bend
+FACTORS = 4  # of the excess covariance, at most
 SENSOR_SHARES = np.array([-1.0, -0.3, -0.1, -0.03, 0.03, 0.1, 0.3, 1.0])
-LARGEST_BIAS = 0.3  # of the channel's swing
+LARGEST_BIAS = 0.3  # of the channel's peak-to-peak value
 LARGEST_GAIN = 0.3
 LARGEST_LAG = 0.1  # of a cycle
 LARGEST_TURN_BIAS_RAD = 0.3
 
 
 class Cause(NamedTuple):
-    """A fault of machine or sensor: in words, with the sizes to try, and the steady cycles at a size if it has any."""
+    """A fault of machine or sensor: description, sizes to simulate, and the steady cycles at a size if it has any."""
 
     name: str
     meaning: str
@@ -58,8 +58,8 @@ class Cause(NamedTuple):
 def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tuple[Signature, ...]:
     """Return the signatures of every fault of machine and sensors, for these features.
 
-    Healthy and faulty runs are seen with the same noise: features that are not linear in the samples, such as a share
-    or a maximum, depend on it, and what is linear loses it in the difference.
+    Healthy and faulty runs have the same noise.  It cancels in the difference of features that are linear in the
+    samples; other features, such as a share or a maximum, depend on it.
     """
     wanted, period_s = tuple(names), mean_period_s(monitored)
     duration_s = monitored.declared.run_up_s + STEADY_CYCLES * period_s
@@ -75,7 +75,7 @@ def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tup
 
 
 def signature_of(cause: Cause, reference: SteadyCycles) -> Signature | None:
-    """Return the signature of a fault; where its response bends, sizes are added between those declared."""
+    """Return the signature of a fault; sizes are added where its response is not linear; None without a response."""
     known = {size: found for size in cause.sizes if (found := cause.response(size)) is not None}
     if not known:
         return None
@@ -96,16 +96,16 @@ def signature_of(cause: Cause, reference: SteadyCycles) -> Signature | None:
 
 
 def bends_of(known: Mapping[float, SteadyCycles], reference: SteadyCycles) -> tuple[Array, Array]:
-    """Return by what each response (m, d) may be off the line between two sizes, and whether that is seen (m,).
+    """Return the interpolation error (m, d) near each size, and whether it is significant (m,).
 
-    A response that its neighbours' line misses by e bends by e/4 between itself and each of them.
+    If the line through the neighbours misses a response at mid-interval by e, the error beside it is e/4.
     """
     sizes = np.array(sorted(known))
     mean, noise = np.array([known[size].mean for size in sizes]), covariance_of_cycles(reference)
     off, seen = np.zeros_like(mean), np.zeros(len(sizes), bool)
     for k in range(1, len(sizes) - 1):
         if sizes[k] == 0.0:
-            continue  # faults of either sign are two lines
+            continue  # each sign of a fault has its own line
         share = (sizes[k] - sizes[k - 1]) / (sizes[k + 1] - sizes[k - 1])
         line = (1.0 - share) * mean[k - 1] + share * mean[k + 1]
         off[k] = (mean[k] - line) * share * (1.0 - share)
@@ -116,13 +116,13 @@ def bends_of(known: Mapping[float, SteadyCycles], reference: SteadyCycles) -> tu
 
 
 def covariance_of_cycles(steady: SteadyCycles) -> Array:
-    """Return the covariance of the features, kept off zero so that it has a root."""
+    """Return the covariance of the features, regularised to be positive definite."""
     floor = np.maximum(SMALLEST_SPREAD * np.abs(steady.mean), 1e-12) ** 2
     return np.asarray(steady.covariance + np.diag(floor + RIDGE * np.diag(steady.covariance)))
 
 
 def _factors(covariance: Array, usual: Array) -> Array:
-    """Return F (q, d) with F'F the scatter that is large beside the usual one."""
+    """Return factors F (q, d), F'F the part of the covariance that is large relative to the usual one."""
     values, vectors = eigh(covariance, usual)
     largest = np.where(values > LARGE_SCATTER, values, 0.0)[-FACTORS:]
     return np.asarray(np.sqrt(largest)[:, None] * (usual @ vectors[:, -FACTORS:]).T)
@@ -137,7 +137,7 @@ def _of_machine(monitored: MonitoredMachine, duration_s: float, names: tuple[str
                 draws = noisy_draws(monitored, parameters, fault.command(size), duration_s)
                 return steady_cycles(monitored, draws, names)
             except (ValidationError, MotionError):
-                return None  # this machine cannot have the fault at that size
+                return None  # the machine cannot have the fault at that size
 
         yield Cause(fault.name, fault.meaning, fault.unit, fault.key, fault.sizes, response)
 

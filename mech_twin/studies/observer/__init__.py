@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Observer of a running machine: its state, forces and their uncertainty out of what sensors show.  Knows no ROS."""
+"""Observer of a running machine: estimates state, forces and their uncertainty from sensors.  Independent of ROS."""

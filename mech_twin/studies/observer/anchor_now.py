@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of a machine that goes on from its last event, told from their own instant."""
+"""Moves the time origin of a machine's closed-form motion, normally its last event, to the current frame."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from mech_twin.studies.observer.model_run import ModelRun
 
 
 class AnchorNow:
-    """Anchors frames at their own instant where a machine has an anchor; frames of other machines stay as they are.
+    """Re-anchors frames at their own instant, if the machine's motion is given from an anchor; else leaves them.
 
     Parameters
     ----------
     run : ModelRun
-        The model's run.
+        Simulated run of the model.
     machine_name : str
-        Which machine.
+        Name of the machine in the catalogue.
     """
 
     def __init__(self, run: ModelRun, machine_name: str) -> None:
@@ -27,7 +27,7 @@ class AnchorNow:
         self._model: Any = run.bank.compiled.models.linkage
 
     def restated(self, row: Array, step: int) -> Array:
-        """Return a frame at a step with the same motion, anchored there."""
+        """Return a frame of the same motion, with its anchor at this step."""
         if self._motion is None:
             return row
         found: Array = row.copy()

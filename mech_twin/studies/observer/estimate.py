@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the observer says of a machine at a sample."""
+"""Result of the observer at a sample."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from mech_twin.samples import Event
 
 
 class ObserverState(Enum):
-    """Whether estimates are to be had."""
+    """Whether the observer follows the machine."""
 
     SEARCHING = "searching"  # not yet locked on, or lost
     LOCKED = "locked"
 
 
 class SensedChannel(NamedTuple):
-    """A measured column of the machine: name, and standard deviation of its sensor (SI units; nan: not known)."""
+    """A measured column of the machine: name, and standard deviation of its sensor (SI units; nan: unknown)."""
 
     column: str
     sigma: float
@@ -34,14 +34,14 @@ class FrameEstimate(NamedTuple):
     step : int
         Step of the model at or after the sample.
     row, sigma : ndarray, shape (w,)
-        Every number of the frame, as the roles compute them (`PhaseLockedObserver.frame` makes samples of it), and the
-        standard deviation of each.
+        All columns of the frame, as the roles compute them (`PhaseLockedObserver.frame` converts them to samples), and
+        the standard deviation of each.
     channels, innovations : tuple
-        Which channels the sample had, and how much more they showed than was predicted (SI units).
+        Channel numbers of the sample, and measured minus predicted (SI units).
     used : tuple of bool
-        Whether a channel was used; one too far off to be believed is not.
+        Whether each channel was used; one with too large an innovation is rejected.
     events : tuple of Event
-        Events of the estimated motion since the estimate before, at the machine's time.
+        Events of the estimated motion since the previous estimate, in the machine's time.
     """
 
     time_s: float

@@ -1,18 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Extended Kalman filter on the machine's own steps: state and covariance in sizes of the state, one step at a time.
+"""Extended Kalman filter on the machine's own coupling steps; state and covariance are in scales of the state.
 
-The filter stands at the frame *before* the sample, with the process noise of the step already in its covariance. A
-sample is compared with the frame the machine's roles arrive at from there, corrects the state before, and the roles
-take the step anew.  So an estimated frame is always one that the roles computed: forces, dependent joints and contacts
-fit each other, and nothing is put together afterwards.
+The filter holds the frame one step *before* the sample, with the process noise of the step in its covariance.  The
+sample is compared with the frame that the machine's roles compute from it, and corrects the state before the step,
+which is then computed again.  So every estimated frame is one that the roles computed: its forces, dependent joints and
+contacts are consistent.
 
-Keys of the configuration that are wrong stay so: they are no noise.  What each does to a step is added to the state
-together with what it did before, as the covariance of state and keys, which the correction takes into account without
-correcting the keys (SchmidtApplication1966).
+Errors of configuration keys are constant, not noise.  Their effects accumulate over the steps as the cross-covariance
+of state and keys, which the correction includes without correcting the keys (SchmidtApplication1966).
 
-Jacobians are differences of neighbouring roll-outs of one step.  Neighbours of a step with an impact have the impact
-too, at their own instants, so their differences hold the jump of the covariance at an impact (the saltation matrix)
-without it being written down. A neighbour that misses an event of the step is replaced by the one on the other side.
+Jacobians are differences of perturbed simulations of one step.  The perturbed simulations of a step with an impact have
+the impact too, at their own instants, so their differences contain the saltation matrix of the impact.  A perturbation
+with another number of events is replaced by the one in the opposite direction.
 """
 
 from __future__ import annotations
@@ -30,14 +29,14 @@ from mech_twin.studies.observer.model_run import without_turns
 from mech_twin.studies.observer.state_space import StateSpace
 from mech_twin.studies.observer.step_bank import StepBank
 
-CHANGE = 1e-6  # of a state's size, for differences
-GATE = 25.0  # squared innovation over its variance from which a sample is not used
+CHANGE = 1e-6  # perturbation for differences, in scales of the state
+GATE = 25.0  # squared innovation over its variance above which a sample is rejected
 
 
 class FilterState(NamedTuple):
-    """Frame at ``step``, offsets of the drive, covariance (in sizes of the state) with the next step's noise in it.
+    """Frame at ``step``, offsets of the drive, and the scaled covariance, with the next step's noise included.
 
-    ``with_keys`` (n + k, q) is the covariance of the state and the uncertain keys, each in its standard deviation.
+    ``with_keys`` (n + k, q) is the cross-covariance of state and uncertain keys, keys in standard deviations.
     """
 
     step: int
@@ -48,7 +47,7 @@ class FilterState(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """The frame one step later, its derivatives by the state before (w, n + k), and the events on the way."""
+    """The frame one step later, its derivatives by the scaled state before (w, n + k), and the events in the step."""
 
     row: Array
     slopes: Array
@@ -56,9 +55,9 @@ class Prediction(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """Channels that came together: places in a row, values, variances, and time after the predicted frame (s).
+    """Channels of one sample: indices in a row, values, variances, and time after the predicted frame (s).
 
-    The variances are those of everything but the state, the effect (w, q) of the uncertain keys included.
+    The variances include sensor noise and the effect (w, q) of the uncertain keys, but not the state.
     """
 
     places: Indices
@@ -68,7 +67,7 @@ class Observation(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Filter after a sample: state before the step, the frame again, innovations, and which channels were used."""
+    """Filter after a sample: state before the step, corrected prediction, innovations, and mask of used channels."""
 
     state: FilterState
     prediction: Prediction
@@ -77,16 +76,16 @@ class Correction(NamedTuple):
 
 
 class SaltedFilter:
-    """The filter's two maps, prediction and correction; what they return is all there is.
+    """Prediction and correction of the filter, as functions without internal state.
 
     Parameters
     ----------
     bank : StepBank
-        The machine.
+        The compiled machine.
     space : StateSpace
-        Its state.
+        State vector of the machine.
     angles : ndarray of int
-        Places of columns that are angles.
+        Indices of the columns that are angles.
     """
 
     def __init__(self, bank: StepBank, space: StateSpace, angles: Indices) -> None:
@@ -102,7 +101,7 @@ class SaltedFilter:
         Raises
         ------
         MotionError
-            The roles cannot follow the motion.
+            The roles cannot compute the step.
         """
         size = len(self._space.places)
         bank = np.repeat(self._begun(state)[None, :], size + 1, axis=0)
@@ -119,7 +118,7 @@ class SaltedFilter:
         return Prediction(rows[0], slopes, self._bank.events(later.events))
 
     def again(self, state: FilterState, target: float, slopes: Array) -> Prediction:
-        """Return the frame one step after a state, with derivatives that are known."""
+        """Return the frame one step after a state, with given derivatives."""
         later = self._bank.advanced(state.step, self._begun(state)[None, :], target)
         if later.failed[0] != DONE:
             raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
@@ -129,14 +128,14 @@ class SaltedFilter:
     def corrected(
         self, state: FilterState, prediction: Prediction, seen: Observation, effect: Array, rates: Array, target: float
     ) -> Correction:
-        """Return the state that agrees better with a sample, and the step from there.
+        """Return the state corrected by a sample, and the step computed again from it.
 
         Parameters
         ----------
         effect : ndarray, shape (w, q)
-            Of the uncertain keys on the columns in this step.
+            Effect of one standard deviation of each uncertain key on the columns in this step.
         rates : ndarray, shape (w,)
-            Rates of change of the columns (per s), which carry the frame to the sample's own instant.
+            Rates of change of the columns (per s), to extrapolate the frame to the sample's instant.
         """
         expected = prediction.row[seen.places] + rates[seen.places] * seen.after_s
         innovations = seen.values - expected
@@ -145,7 +144,7 @@ class SaltedFilter:
         slopes, by_keys = prediction.slopes[seen.places], effect[seen.places]
         crossed = ((slopes @ state.with_keys) * by_keys).sum(axis=1)
         own = ((slopes @ state.covariance) * slopes).sum(axis=1) + 2.0 * crossed + seen.variances
-        with np.errstate(over="ignore"):  # what is too far off to be squared is beyond the gate
+        with np.errstate(over="ignore"):  # an innovation whose square overflows is rejected
             used = innovations**2 <= GATE * own
         if not used.any():
             return Correction(state, prediction, innovations, used)
@@ -163,9 +162,9 @@ class SaltedFilter:
         return Correction(moved, self.again(moved, target, prediction.slopes), innovations, used)
 
     def committed(self, state: FilterState, prediction: Prediction, noise: Array, effect: Array) -> FilterState:
-        """Return the filter at the predicted frame, the process noise of the next step (n + k, n + k) added.
+        """Return the filter at the predicted frame, with the process noise (n + k, n + k) of the next step added.
 
-        The uncertain keys act on the step by ``effect`` (w, q).
+        ``effect`` (w, q) is that of the uncertain keys on the step.
         """
         size, scales = self._space.states, self._space.scales
         transition = self._unit.copy()
@@ -185,10 +184,10 @@ class SaltedFilter:
         return row
 
     def _put_in_drive(self, rows: Array, offsets: Array) -> None:
-        """Put the drive as it is, offsets included, in place of the model's.
+        """Replace the model's drive values by the actual ones, offsets included.
 
-        A prescribed speed is that of the command: the model's own approaches it from the speed the machine has, which
-        would bring the machine back to rated speed in one step.
+        A prescribed speed is set to that of the command: the model's would approach it from the machine's present speed
+        and return the machine to rated speed in one step.
         """
         space, led = self._space, self._led
         if len(led):
@@ -197,7 +196,7 @@ class SaltedFilter:
             rows[:, space.input_places] += offsets
 
     def _with_offsets(self, rows: Array, offsets: Array, change: float) -> Array:
-        """Return frames whose motors tell what the drive does, offsets included; row 1 + i has input i changed."""
+        """Return frames with the actual motor values, offsets included; row 1 + n + i has input i perturbed."""
         places, states = self._space.input_places, self._space.states
         self._put_in_drive(rows, offsets)
         for i, place in enumerate(places.tolist()):
@@ -211,7 +210,7 @@ class SaltedFilter:
         return difference.transpose()
 
     def _other_side(self, state: FilterState, target: float, i: int, row: Array, told: int) -> Array:
-        """Return derivatives by the difference to the other side; those of no change where that fails too."""
+        """Return derivatives by a difference in the opposite direction; if that fails, those of a constant state."""
         bank = self._begun(state)[None, :]
         bank[0] -= CHANGE * self._space.scales[i] * self._space.directions[i]
         later = self._bank.advanced(state.step, bank, target)
@@ -236,18 +235,18 @@ class SaltedFilter:
 
 
 def output_variance(prediction: Prediction, state: FilterState, effect: Array, by_keys: Array) -> Array:
-    """Return the variance of each column of a predicted frame.
+    """Return the variance of each column of a predicted frame, shape (w,).
 
     Parameters
     ----------
     prediction : Prediction
-        The frame.
+        The predicted frame.
     state : FilterState
         The filter before the step.
     effect : ndarray, shape (w, q)
-        Of the uncertain keys on the columns in this step.
+        Effect of one standard deviation of each uncertain key on the columns in this step.
     by_keys : ndarray, shape (w,)
-        Variance of the columns by the uncertain keys in this step alone, at least the sum of the squared effects.
+        Variance of the columns due to uncertain keys in this step alone, at least the sum of the squared effects.
     """
     spread = ((prediction.slopes @ state.covariance) * prediction.slopes).sum(axis=1)
     crossed = ((prediction.slopes @ state.with_keys) * effect).sum(axis=1)
@@ -258,7 +257,7 @@ def output_variance(prediction: Prediction, state: FilterState, effect: Array, b
 def observation(
     places: Sequence[int], values: Sequence[float], variances: Sequence[float], after_s: Sequence[float]
 ) -> Observation:
-    """Return channels as arrays."""
+    """Return the channels of a sample as arrays."""
     return Observation(
         np.array(places, dtype=np.int64), np.array(values, float), np.array(variances, float), np.array(after_s, float)
     )

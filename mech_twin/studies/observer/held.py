@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates while nothing is measured: the last ones, known ever less."""
+"""Estimates while no samples arrive: the last values, with growing standard deviation."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from mech_twin.studies.observer.model_run import ModelRun
 
 
 def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
-    """Return the standard deviation of an estimate that is held, shape (w,).
+    """Return the standard deviation of a held estimate, shape (w,).
 
-    A number may have gone anywhere its greatest rate of change takes it, and is after a while no better known than
-    that it lies in its range: ``sigma^2 + min(rate silence, range)^2``.  An angle's range is a turn.
+    The error grows with the largest rate of change of a column, up to its range: the variance is
+    ``sigma^2 + min(rate silence, range)^2``.  The range of an angle is at most a turn.
 
     Parameters
     ----------
     run : ModelRun
-        The model's run, which tells ranges and rates.
+        Simulated run of the model, for ranges and rates.
     sigma : ndarray, shape (w,)
         Standard deviation at the last sample.
     silent_s : float
-        Time since then.
+        Time since the last sample.
     """
     way = np.minimum(run.steepest * max(silent_s, 0.0), run.spread)
     held: Array = np.hypot(sigma, way)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where in its own run the machine is: the frame of the model's run that a stretch of samples fits best."""
+"""Initial phase: finds the frame of the model's simulated run that fits a sequence of samples best."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from mech_twin.engine.compiled_run import Indices
 from mech_twin.studies.observer.model_run import ModelRun, without_turns
 
-CLOSE = 0.05  # of a column's range: the difference that counts as 1
-ACCEPTED = 4.0  # mean squared difference up to which the machine counts as found
+CLOSE = 0.05  # of a column's range: unit of the differences
+ACCEPTED = 4.0  # largest mean squared difference of an accepted fit
 
 
 class SeenSample(NamedTuple):
-    """Channels that came together: the machine's time (s), channel numbers, and their values in SI units."""
+    """Channels measured together: the machine's time (s), channel numbers, and their values in SI units."""
 
     time_s: float
     channels: tuple[int, ...]
@@ -24,23 +24,23 @@ class SeenSample(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The frame of the model's run at the newest sample, and the mean squared difference in its neighbourhood."""
+    """Step of the model's run at the newest sample, and the mean squared difference of the samples."""
 
     step: int
     difference: float
 
 
 def located(run: ModelRun, places: Indices, samples: Sequence[SeenSample]) -> Found | None:
-    """Return the frame of the run at the newest sample; None where no part of the run is as long as the samples.
+    """Return the best-fitting step of the run at the newest sample; None if the run is shorter than the samples.
 
     Parameters
     ----------
     run : ModelRun
         The run.
     places : ndarray of int
-        Place in a row of each channel.
+        Index of each channel's column in a row.
     samples : sequence of SeenSample
-        In order of time.
+        Samples in order of time.
     """
     end_s = samples[-1].time_s
     back = np.array([round((end_s - sample.time_s) / run.bank.step_s) for sample in samples])

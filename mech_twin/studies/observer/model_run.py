@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The machine's own run, whole rows of it: where the observer locks on, and how large everything is."""
+"""Simulated run of the model, with all columns: for locking on, and for the scales of the columns."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from mech_twin.measurements.machine_columns import is_angle
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.step_bank import StepBank
 
-SETTLED_SHARE = 0.4  # of the run, at its end: what sizes are taken from
-SMALLEST = 1e-9  # of a size, so that nothing is divided by 0
+SETTLED_SHARE = 0.4  # of the run, at its end, from which scales are computed
+SMALLEST = 1e-9  # lower bound of a scale, against division by 0
 
 
 @dataclass(frozen=True)
 class ModelRun:
-    """Rows of a run of the model, one a coupling step from step 0 on.
+    """Rows of a simulated run, one for each coupling step from step 0.
 
     Attributes
     ----------
     bank : StepBank
-        The machine.
+        The compiled machine.
     rows : ndarray, shape (steps + 1, w)
-        Every number of each frame.
+        All columns of each frame.
     """
 
     bank: StepBank
@@ -50,7 +50,7 @@ class ModelRun:
 
     @cached_property
     def steepest(self) -> Array:
-        """Largest rate of change of each column in the settled rows (per s), shape (w,); of angles without turns."""
+        """Largest rate of change of each column in the settled rows (per s), shape (w,); angles are unwrapped."""
         rises = np.diff(self.settled, axis=0)
         rises[:, self.angles] = without_turns(rises[:, self.angles])
         steepest: Array = np.abs(rises).max(axis=0) / self.bank.step_s
@@ -58,12 +58,12 @@ class ModelRun:
 
     @cached_property
     def angles(self) -> Indices:
-        """Places of the columns that are angles."""
+        """Indices of the columns that are angles."""
         return np.array([place for name, place in self.bank.columns.items() if is_angle(name)], dtype=np.int64)
 
 
 def model_run(machine: Machine, duration_s: float) -> ModelRun:
-    """Return a run from the machine's own start at rated command."""
+    """Return a simulated run from the machine's own start at rated command."""
     bank = StepBank(machine)
     run = roll_out(machine, duration_s)
     rows = np.column_stack([run[name] for name in bank.columns])
@@ -71,6 +71,6 @@ def model_run(machine: Machine, duration_s: float) -> ModelRun:
 
 
 def without_turns(difference: Array) -> Array:
-    """Return differences of angles in (-pi, pi]."""
+    """Return differences of angles (rad) wrapped to the range -pi to pi."""
     wrapped: Array = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
     return wrapped

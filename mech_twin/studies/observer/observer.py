@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The phase-locked observer: samples of a running machine in, estimates of its whole frame out."""
+"""The phase-locked observer: estimates the whole frame of a running machine from its samples."""
 
 from __future__ import annotations
 
@@ -32,33 +32,33 @@ from mech_twin.studies.observer.parameter_error import parameter_error, uncertai
 from mech_twin.studies.observer.regime_by_angle import RegimeByAngle
 from mech_twin.studies.observer.state_space import state_space, undetermined
 
-ON_STEP = 1e-6  # of a step: a stamp this little after a step counts as on it
-UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor of which none is told
-UNKNOWN_IN_STEP = 0.3  # of a step: standard deviation of an instant of which the step is known
-JUDGED = 40  # samples by which it is judged whether the machine is lost
+ON_STEP = 1e-6  # of a step: tolerance for a stamp that coincides with a step
+UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor if it is unknown
+UNKNOWN_IN_STEP = 0.3  # standard deviation of an instant within a known step, in steps
+JUDGED = 40  # newest samples that decide whether the observer has lost the machine
 
 
 class ObserverOptions(NamedTuple):
-    """How the observer trusts the model; shares are of the sizes that the model's own run has.
+    """Uncertainty of the model and duration of the search; shares refer to the scales of the model's own run.
 
     Attributes
     ----------
     run_s : float
-        Length of the model's run that is locked on to (s).
+        Duration of the model's run that is searched for the phase (s).
     lock_s : float
-        Length of the stretch of samples that is located in it (s).
+        Duration of the samples that are fitted to it (s).
     longest_gap_s : float
-        Longest time without a sample that is bridged by the model; after a longer one the machine is located anew.
+        Longest gap of samples bridged by prediction (s); after a longer one the observer searches again.
     parameter_share : float
-        Standard deviation of each uncertain key, as a share of it.
+        Relative standard deviation of each uncertain key.
     drive_walk : float
-        Random walk of the unknown offset of a driven machine's torque, in its size after one second.
+        Standard deviation of the random walk of the drive torque's offset after one second, in scales.
     led_walk : float
-        The same of the speed of a machine that is led.
+        The same for the offset of a prescribed drive speed.
     acceleration_share : float
-        Standard deviation of the acceleration that the model misses, as a share of the greatest ordinary one.
+        Standard deviation of the unmodelled acceleration, as a share of the 95 % quantile of the model's own.
     acceleration_s : float
-        Time for which it stays the same.
+        Correlation time of that acceleration (s).
     """
 
     run_s: float = 5.0
@@ -75,18 +75,18 @@ USUAL = ObserverOptions()
 
 
 class PhaseLockedObserver:
-    """Follows one machine.
+    """Extended Kalman filter that follows one running machine.
 
     Parameters
     ----------
     machine : Machine
         The model.
     build : callable
-        Makes a machine of parameters, for the errors of wrong ones.
+        Returns the machine for given parameters, to compute the effect of wrong ones.
     channels : sequence of SensedChannel
-        What is measured.
+        Measured channels.
     options : ObserverOptions
-        How far the model is trusted.
+        Uncertainty of the model.
     deviations : mapping, optional
         Standard deviation of each uncertain configuration key; a share of every mass, force and stiffness if absent.
 
@@ -95,13 +95,13 @@ class PhaseLockedObserver:
     state : ObserverState
         Whether it is locked on.
     counts : Counter
-        Samples not used, by reason: ``late``, ``repeated``, ``jump``, ``unbelievable``, and ``lost`` each time the
-        machine was lost.
+        Numbers of rejected samples by reason: ``late``, ``repeated``, ``jump``, ``unbelievable`` (channels beyond the
+        gate); and ``lost``, the number of times the machine was lost.
 
     Raises
     ------
     ConfigurationError
-        A channel is no column of the machine, or none is given.
+        A channel is not a column of the machine, or none is given.
     """
 
     def __init__(
@@ -139,13 +139,13 @@ class PhaseLockedObserver:
         self.target = 1.0
 
     def command(self, fraction: float) -> None:
-        """Set the required fraction of rated supply frequency from now on."""
+        """Set the requested fraction of rated supply frequency from now on."""
         self.target = fraction
 
     def take(self, sample: SeenSample) -> FrameEstimate | None:
-        """Update with a sample; return the estimate at it, None if there is none.
+        """Process a sample; return the estimate at it, None without one.
 
-        Times are the machine's own (stamp less delay); channels of a sample come in one message.
+        Times are the machine's own (stamp minus delay); the channels of a sample belong to one message.
         """
         newest = self._newest_s.get(sample.channels)
         if newest is not None and sample.time_s <= newest:
@@ -172,7 +172,7 @@ class PhaseLockedObserver:
 
     @property
     def late_limit_s(self) -> float:
-        """How much older than the newest estimate a sample may be and still be used."""
+        """Age relative to the newest estimate up to which a sample is used (s)."""
         return 20.0 * self.run.bank.step_s
 
     def time_of(self, event: Event) -> float:
@@ -180,7 +180,7 @@ class PhaseLockedObserver:
         return self._origin_s + event.time_s
 
     def _with_sigma(self, channel: SensedChannel) -> SensedChannel:
-        """Return a channel whose noise is a number; one that is not known is a small share of the column's range."""
+        """Return a channel with known noise; if unknown, a small share of the column's range is assumed."""
         assumed = UNKNOWN_SIGMA * float(self.run.spread[self.columns[channel.column]])
         return channel if channel.sigma > 0.0 else channel._replace(sigma=assumed)
 
@@ -200,13 +200,13 @@ class PhaseLockedObserver:
     def _search(self, sample: SeenSample) -> FrameEstimate | None:
         near = [each for each in self._waiting if abs(sample.time_s - each.time_s) <= self.options.lock_s]
         self._waiting = sorted([*near, sample], key=attrgetter("time_s"))
-        if self._waiting[-1] is not sample:  # of another channel, and a little late
+        if self._waiting[-1] is not sample:  # a slightly late sample of another channel
             return None
         if len(self._waiting) < 5 or sample.time_s - self._waiting[0].time_s < 0.8 * self.options.lock_s:
             return None
         found = located(self.run, self.places, self._waiting)
         if found is None or found.difference > ACCEPTED:
-            del self._waiting[: len(self._waiting) // 2]  # looked for again with fresh ones, not at every sample
+            del self._waiting[: len(self._waiting) // 2]  # the next search waits for new samples
             return None
         self._lock_on(max(found.step, 1), sample)
         return self._estimate(sample)
@@ -244,7 +244,7 @@ class PhaseLockedObserver:
     # -- filtering --------------------------------------------------------------------------------------------------
 
     def _step_of(self, time_s: float) -> int:
-        """Return the step at or after a time; a little after a step counts as on it."""
+        """Return the step at or after a time, within a tolerance."""
         return int(np.ceil((time_s - self._origin_s) / self.run.bank.step_s - ON_STEP))
 
     def _advance(self) -> None:
@@ -257,7 +257,7 @@ class PhaseLockedObserver:
         self._keep_rates()
 
     def _keep_rates(self) -> None:
-        """Store the rates of the next step, and their change from the present ones if it has an event."""
+        """Store the rates of the step ahead, and their change by an event in it."""
         assert self._base is not None and self._ahead is not None
         rise = self._ahead.row - self._base.row
         rise[self.space.input_places] -= self._base.offsets
@@ -266,10 +266,10 @@ class PhaseLockedObserver:
         self._kinks = np.abs(self._rates - before) if self._ahead.events else np.zeros_like(before)
 
     def _within_step(self, after_s: float) -> Array:
-        """Return the variance of the columns at an instant within a step with an event, which bends their course.
+        """Return the variance (w,) due to a change of rate by an event within the step.
 
-        Columns are interpolated linearly.  In truth they continue as in the step before up to the event, and end in
-        the frame after it.
+        Columns are interpolated linearly over the step.  Up to the event the true rate is that of the previous step;
+        after it, the true curve leads to the frame at the step's end.
         """
         away_s = min(abs(after_s), abs(self.run.bank.step_s - abs(after_s)))
         return np.asarray((self._kinks * away_s) ** 2)
@@ -310,7 +310,7 @@ class PhaseLockedObserver:
         )
 
     def frame(self, estimate: FrameEstimate) -> Frame:
-        """Return every sample of the machine at an estimate; ``time_s`` in them is the machine's time."""
+        """Return all samples of the machine at an estimate; ``time_s`` in them is the machine's time."""
         return self.run.bank.compiled.layout.frame(estimate.step, [estimate.time_s, *estimate.row[1:].tolist()])
 
     @property
@@ -319,7 +319,7 @@ class PhaseLockedObserver:
         return self.run.bank.step_s
 
     def _angle(self) -> int | None:
-        """Return the place of the angle that the phase is told by, the first of the state."""
+        """Return the index of the angle that defines the phase, the first of the state; None without one."""
         angles = set(self.run.angles.tolist())
         return next((int(place) for place in self.space.state_places if int(place) in angles), None)
 
@@ -334,10 +334,11 @@ def _places(channels: Sequence[SensedChannel], columns: Mapping[str, int], machi
 
 
 def _process_noise(observer: PhaseLockedObserver, options: ObserverOptions) -> Array:
-    """Return the covariance that one step adds, in sizes of the state.
+    """Return the covariance added in one step, in scales of the state.
 
-    Offsets of the drive walk at random.  Speeds get the noise of an acceleration that the model misses: constant for
-    ``acceleration_s``, independent after that, of the size that 95 % of the model's own accelerations stay below.
+    Offsets of the drive are random walks.  Speeds have the noise of an unmodelled acceleration, constant for
+    ``acceleration_s`` and independent after that.  Its size is a share of the 95 % quantile of the model's
+    accelerations.
     """
     space, run = observer.space, observer.run
     variance = np.zeros(len(space.places))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What wrong parameters do to the numbers of a frame: their standard deviation by phase, from perturbed models.
+"""Effect of wrong parameters on the columns of a frame: standard deviation by phase, from perturbed models.
 
-For each uncertain key the model with that key changed by its standard deviation takes one step from frames of the
-unchanged model's run; the differences of the frames it arrives at are the key's share.  Shares of different keys are
-taken as independent and add up squared.  What a wrong key does to the motion over many steps follows from its signed
-share of one step: the filter carries it on, with what it has in common with the state (`filter_state`).
+For each uncertain key, a model with that key changed by its standard deviation takes one step from frames of the
+unchanged model's run; the differences of the resulting frames are the effect of the key.  Keys are independent, so
+their variances add.  The filter propagates the signed effect of one step over many steps, with its cross-covariance
+with the state (`filter_state`).
 """
 
 from __future__ import annotations
@@ -27,26 +27,26 @@ from mech_twin.roles import Machine
 from mech_twin.studies.observer.model_run import ModelRun, without_turns
 from mech_twin.studies.observer.step_bank import StepBank
 
-BINS = 64  # of the turn of the crank
-FRAMES = 256  # of the model's run that are looked at
+BINS = 64  # of the crank angle over a turn
+FRAMES = 256  # of the model's run that are evaluated
 OF_FORCES = ("kg", "kg m2", "kg/m3", "N", "N/m", "N m", "N m/rad", "N m s", "N m s/rad")  # units of uncertain keys
 
 
 @dataclass(frozen=True)
 class ParameterError:
-    """Variance of each column by phase.
+    """Variance and effect of uncertain keys on each column, by phase.
 
     Attributes
     ----------
     variance : ndarray, shape (bins, w)
-        Variance by bin of the angle; one bin where nothing turns.
+        Variance in each bin of the angle; one bin without an angle.
     effect : ndarray, shape (bins, w, q)
-        What one standard deviation of each key does to each column, the mean over the bin; of steps without an event,
-        since one that an event is in, or is not, tells nothing of the mean.
+        Effect of one standard deviation of each key on each column in a step, averaged over the bin; steps with an
+        event are left out, since the event may fall into another step with the changed key.
     angle : int or None
-        Place of the angle in a row.
+        Index of the angle in a row.
     keys : tuple of str
-        The keys that are taken as uncertain, q of them.
+        The q uncertain keys.
     """
 
     variance: Array
@@ -55,12 +55,12 @@ class ParameterError:
     keys: tuple[str, ...]
 
     def at(self, row: Array) -> Array:
-        """Return the variance of each column of a frame."""
+        """Return the variance of each column of a frame, shape (w,)."""
         found: Array = self.variance[self._bin(row)]
         return found
 
     def effect_at(self, row: Array) -> Array:
-        """Return what one standard deviation of each key does to each column of a frame in a step, shape (w, q)."""
+        """Return the effect of one standard deviation of each key on each column in a step, shape (w, q)."""
         found: Array = self.effect[self._bin(row)]
         return found
 
@@ -69,7 +69,7 @@ class ParameterError:
 
 
 def uncertain_keys(parameters: Parameters, share: float, prefix: str = "") -> dict[str, float]:
-    """Return every key of a mass, a force, a stiffness or a friction, with this share of it as standard deviation."""
+    """Return the standard deviation of every key of a mass, force, stiffness or friction: this share of its value."""
     found: dict[str, float] = {}
     for name, field in type(parameters).model_fields.items():
         value = getattr(parameters, name)
@@ -91,18 +91,18 @@ def parameter_error(
     deviations: Mapping[str, float],
     angle: int | None,
 ) -> ParameterError:
-    """Return the variance of each column by wrong parameters.
+    """Return the variance and effect of wrong parameters on each column.
 
     Parameters
     ----------
     run : ModelRun
         Run of the model with these parameters.
     parameters, build
-        The parameters, and what makes a machine of them.
+        The parameters, and a function that builds the machine from them.
     deviations : mapping
-        Standard deviation of each uncertain key, in its unit; one that the machine refuses to change by is left out.
+        Standard deviation of each uncertain key, in its unit; keys whose changed value is rejected are left out.
     angle : int or None
-        Place of the angle that the phase is told by.
+        Index of the angle that defines the phase.
     """
     first = len(run.rows) - len(run.settled)
     steps = np.unique(np.linspace(first, len(run.rows) - 2, FRAMES).astype(int))
@@ -128,7 +128,7 @@ def parameter_error(
 def _changed(
     parameters: Parameters, build: Callable[[Parameters], Machine], key: str, deviation: float
 ) -> Machine | None:
-    """Return the machine with a key raised, or lowered where that is refused; None where both are."""
+    """Return the machine with a key raised, or lowered if that is rejected; None if both are."""
     changed = changed_parameters(parameters, key, deviation)
     try:
         return None if changed is None else build(changed)
@@ -137,7 +137,7 @@ def _changed(
 
 
 def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Parameters | None:
-    """Return the parameters with a key raised, or lowered where that is refused; None where both are."""
+    """Return the parameters with a key raised, or lowered if that is rejected; None if both are."""
     tree = configuration_tree(parameters)
     for sign in (1.0, -1.0):
         changed = merged_tree(tree, tree_from_flat({key: key_value(parameters, key) + sign * deviation}))
@@ -151,9 +151,9 @@ def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Pa
 def wrong_machine(
     parameters: Parameters, build: Callable[[Parameters], Machine], seed: int, share: float = 0.02
 ) -> Machine:
-    """Return a machine with every uncertain key wrong by a normally distributed share, the same one for a seed.
+    """Return a machine with every uncertain key changed by a normally distributed share; reproducible by the seed.
 
-    What an observer is tried on: it knows the machine as configured.  A change that the machine refuses is left out.
+    It tests an observer whose model has the configured values.  A change that the machine rejects is left out.
     """
     tree, random = configuration_tree(parameters), np.random.default_rng(seed)
     for key, deviation in uncertain_keys(parameters, share).items():
@@ -176,7 +176,7 @@ def key_value(parameters: Parameters, key: str) -> float:
 
 
 def _stepped(bank: StepBank, run: ModelRun, steps: Indices) -> tuple[Array, Indices]:
-    """Return the rows that these steps of the run lead to, (steps, w), nan where one cannot be taken; their events."""
+    """Return the rows (steps, w) that these steps of the run lead to, nan for a failed one; and numbers of events."""
     command = bank.columns["motor.command"]
     found, events = np.full((len(steps), run.rows.shape[1]), np.nan), np.zeros(len(steps), dtype=np.int64)
     for i, step in enumerate(steps.tolist()):
@@ -203,7 +203,7 @@ def _largest_by_bin(squares: Array, bins: Indices, count: int) -> Array:
 
 
 def _mean_by_bin(differences: Array, bins: Indices, count: int, used: Array) -> Array:
-    """Return the mean of the used differences in each bin, 0 where there is none."""
+    """Return the mean of the used differences in each bin; 0 in a bin without any."""
     found = np.zeros((count, differences.shape[1]))
     for i in np.unique(bins[used]).tolist():
         found[i] = differences[used & (bins == i)].mean(axis=0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The regime that belongs to a crank angle, for machines whose load changes at fixed angles.
+"""Load regime as a function of the crank angle, for machines whose load changes at fixed angles.
 
-A correction that moves the crank past such an angle moves it past the event too, which then never comes. The regime
-is therefore set to that of the model's own run at this angle, where the run has only that one in the neighbourhood.
+If a correction moves the crank past such an angle, the event there never occurs in the model.  So the regime is set to
+that of the model's own run at this angle, if it is unique in the neighbourhood.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from mech_twin.engine.sample_vectors import Array
 from mech_twin.studies.observer.model_run import ModelRun
 
 TURN = 2.0 * np.pi
-AROUND = 3  # frames on either side that must agree
+AROUND = 3  # frames on either side that must have the same regime
 
 
 class RegimeByAngle:
-    """Regimes of the settled run over the angle.
+    """Regimes of the settled run as a function of the angle.
 
     Parameters
     ----------
     run : ModelRun
-        The model's run.
+        Simulated run of the model.
     angle : int or None
-        Place of the crank's angle; None where nothing turns.
+        Index of the crank angle; None without one.
     has_body : bool
-        Whether a body's contact, which follows from no angle, makes the regimes.
+        Whether the regimes come from the contact of a body, which is not a function of the angle.
     """
 
     def __init__(self, run: ModelRun, angle: int | None, *, has_body: bool) -> None:
@@ -41,7 +41,7 @@ class RegimeByAngle:
         self._phases, self._regimes = phases[order], rows[order, self._place]
 
     def repaired(self, row: Array) -> Array:
-        """Return a frame with the regime of its angle; the same frame where that is not certain."""
+        """Return a frame with the regime of its angle; unchanged if that is not unique."""
         if not self.in_use:
             return row
         at = int(np.searchsorted(self._phases, row[self._angle] % TURN))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which numbers of a frame are its state, found by asking: a number is one if the next frame's motion follows from it.
+"""Finds the state of a machine numerically: the columns of a frame whose change affects the next frame's motion.
 
-The dependent joints of a frame are written anew each step, so changing them changes nothing; the motor's speed or
-torque acts on the next step and is where an unknown offset of the drive is put.
+Dependent joints are computed anew in each step, so changing them has no effect.  The motor's speed or torque affects
+the next step; an unknown offset of the drive is added to it.
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ from mech_twin.engine.sample_vectors import Array
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.observer.model_run import ModelRun, without_turns
 
-PROBES = 12  # rows of the settled run in which columns are changed
-CHANGE = 1e-6  # of a column's size
-EFFECT = 1e-5  # of that change, in the size of the motion it causes, from which on a column counts
+PROBES = 12  # rows of the settled run in which columns are perturbed
+CHANGE = 1e-6  # perturbation, in scales of the column
+EFFECT = 1e-5  # least effect on the motion, relative to the perturbation, for a column to be a state
 NO_ANCHOR = AnchoredMotion({}, "", "", (), lambda model, row, step: None)
-WHOLE = 1e-2  # a gear ratio this near to a whole number is one, a coupling's twist included
+WHOLE = 1e-2  # tolerance for a gear ratio to be an integer, with the twist of couplings
 
 
 @dataclass(frozen=True)
 class StateSpace:
-    """State and unknown inputs of the drive, each with its size.
+    """State and unknown inputs of the drive, with the scale of each.
 
     Attributes
     ----------
     names : tuple of str
-        Columns of the state, then of the inputs.
+        Names of the n state columns, then of the k inputs.
     places : ndarray, shape (n + k,)
-        Their places in a row.
+        Their indices in a row.
     states : int
-        How many of them, the first ones, are state.
+        Number n of states, which come first.
     scales : ndarray, shape (n + k,)
-        Their sizes; angles have 1 rad.
+        Their scales; 1 rad for angles.
     led : ndarray, shape (k,)
-        Speed of each input at full command where the drive leads the machine at a prescribed speed; nan of a torque.
+        Speed of each input at full command if the drive prescribes the speed; nan for a torque.
     command : int
-        Place of the command in force.
+        Index of the command in force.
     later : ndarray, shape (n,)
-        Places where the states stand in the frame one step later.
+        Indices of the columns that hold the states one step later.
     signs : ndarray, shape (n,)
-        With which sign they stand there.
+        Signs of the states in these columns.
     directions : ndarray, shape (n + k, w)
-        What a change of each by 1 does to a row.
+        Change of a row for a change of each by 1.
     least : ndarray, shape (n,)
-        The least value each state can have.
+        Lower bound of each state.
     of_time : ndarray of bool, shape (n + k,)
-        Which is the step from which the time of an anchor counts.
+        Marks the step number from which an anchor's time counts.
     """
 
     names: tuple[str, ...]
@@ -70,22 +70,22 @@ class StateSpace:
 
     @property
     def state_places(self) -> Indices:
-        """Places of the state."""
+        """Indices of the state columns in a row."""
         return self.places[: self.states]
 
     @property
     def input_places(self) -> Indices:
-        """Places of the motor's numbers that an offset is added to."""
+        """Indices of the motor columns that an offset is added to."""
         return self.places[self.states :]
 
 
 def state_space(run: ModelRun, machine_name: str) -> StateSpace:
-    """Return the state of a machine.
+    """Return the state space of a machine.
 
     Raises
     ------
     ConfigurationError
-        Nothing of a frame has an effect on the next one.
+        No column of a frame affects the next frame.
     """
     columns = run.bank.columns
     joints = [name for name in columns if name.endswith((".position", ".velocity"))]
@@ -118,7 +118,7 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
 
 
 def _directions(run: ModelRun, names: Sequence[str], anchored: AnchoredMotion) -> Array:
-    """Return what a change of each number does to a row; of the origin of time, that now has another time."""
+    """Return the change of a row for a change of each state by 1; moving the origin of time also shifts the time."""
     columns = run.bank.columns
     found = np.zeros((len(names), len(columns)))
     for i, name in enumerate(names):
@@ -129,7 +129,7 @@ def _directions(run: ModelRun, names: Sequence[str], anchored: AnchoredMotion) -
 
 
 def _speed_at_full_command(run: ModelRun, name: str) -> float:
-    """Return the prescribed speed per unit of command; nan of a torque."""
+    """Return the prescribed speed at full command; nan for a torque."""
     if not name.endswith(".velocity"):
         return float("nan")
     row = run.settled[-1]
@@ -137,10 +137,10 @@ def _speed_at_full_command(run: ModelRun, name: str) -> float:
 
 
 def undetermined(run: ModelRun, space: StateSpace) -> Indices:
-    """Return the places of numbers that cannot be told of a machine whose past is unknown.
+    """Return the indices of columns that cannot be estimated for a machine with an unknown past.
 
-    They go on from their own last value and are no state, such as sums. Or they are angles geared to the crank by a
-    ratio that is no whole number, so that they depend on how many turns it has made.
+    These are accumulated quantities such as sums, which are not states, and angles geared to the crank by a non-integer
+    ratio, which depend on the number of its turns.
     """
     states = set(space.places.tolist())
     names = [name for name, place in run.bank.columns.items() if name != "time_s" and place not in states]
@@ -149,7 +149,7 @@ def undetermined(run: ModelRun, space: StateSpace) -> Indices:
 
 
 def _geared(run: ModelRun, space: StateSpace) -> set[int]:
-    """Return the angles that turn with the first angle of the state, at a ratio that is no whole number."""
+    """Return the indices of angles geared to the first angle of the state by a non-integer ratio."""
     angles = run.angles.tolist()
     leading = next((int(place) for place in space.state_places if int(place) in angles), None)
     if leading is None:
@@ -161,7 +161,7 @@ def _geared(run: ModelRun, space: StateSpace) -> set[int]:
 
 
 def _carried(run: ModelRun, names: list[str]) -> list[str]:
-    """Return the numbers that keep a change of themselves over a step."""
+    """Return the columns that keep a change of their own value over a step."""
     columns, sizes = run.bank.columns, _sizes(run)
     step = len(run.rows) - 2
     bank = np.tile(run.rows[step], (len(names) + 1, 1))
@@ -174,7 +174,7 @@ def _carried(run: ModelRun, names: list[str]) -> list[str]:
 
 
 def _sizes(run: ModelRun) -> Array:
-    """Return the size of each column: its largest magnitude, 1 rad of an angle."""
+    """Return the scale of each column: its largest magnitude, 1 rad for an angle."""
     sizes: Array = np.maximum(np.abs(run.settled).max(axis=0), run.spread)
     sizes[run.angles] = 1.0
     sizes[[place for name, place in run.bank.columns.items() if name.endswith(".origin_step_1")]] = 1.0

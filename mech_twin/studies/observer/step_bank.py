@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bank of frames carried on by one coupling step together, each by the machine's own compiled roles."""
+"""Advances several frames together by one coupling step, each with the machine's own compiled roles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mech_twin.samples import Event
 
 
 class BankStep(NamedTuple):
-    """Frames one step later: rows (m, w), number of events of each (m,), 0 where it went on, events of the first."""
+    """Frames one step later: rows (m, w), number of events of each (m,), failure codes, events of the first."""
 
     rows: Array
     told: Indices
@@ -29,14 +29,14 @@ class BankStep(NamedTuple):
 def step_rows(
     models: Models, at: Places, widths: Widths, first: int, step_s: float, target: float, rows: Array
 ) -> tuple[Indices, Indices, Array]:
-    """Advance each row by one step, in place; return numbers of events, failed roles, and the first row's events.
+    """Advance each row by one step, in place; return numbers of events, failure codes, and the first row's events.
 
     Parameters
     ----------
     models, at, widths, first, step_s
-        As of `engine.compiled_run.run_steps`.
+        As in `engine.compiled_run.run_steps`.
     target : float
-        Asked fraction of rated supply frequency.
+        Requested fraction of rated supply frequency.
     rows : (m, w) array
         Frames at step ``first``.
     """
@@ -54,17 +54,17 @@ def step_rows(
 
 
 class StepBank:
-    """The machine as a map from rows at a step to rows at the next.
+    """The machine as a map from rows at one step to rows at the next.
 
     Parameters
     ----------
     machine : Machine
-        All of its roles compiled.
+        Machine whose roles are all compiled.
 
     Raises
     ------
     ConfigurationError
-        A role of the machine is no compiled one.
+        A role of the machine is not compiled.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -76,7 +76,7 @@ class StepBank:
         self.step_s = float(machine.coupling_step_s)
 
     def advanced(self, step: int, rows: Array, target: float) -> BankStep:
-        """Return rows (m, w) of frames at a step one step later."""
+        """Return rows (m, w) of frames advanced by one step."""
         compiled, later = self.compiled, np.array(rows, dtype=np.float64, order="C")
         told, failed, events = step_rows(
             compiled.models, compiled.layout.places, compiled.widths, step, self.step_s, float(target), later
@@ -84,10 +84,10 @@ class StepBank:
         return BankStep(later, told, failed, events)
 
     def events(self, table: Array) -> tuple[Event, ...]:
-        """Return the events in a table of one step, in time order."""
+        """Return the events in the event table of one step, in order of time."""
         return tuple(event for _, event in self.compiled.events_in_order(table)) if len(table) else ()
 
 
 def all_went_on(step: BankStep) -> bool:
-    """Return whether every row could be carried on."""
+    """Return whether every row could be advanced."""
     return bool((step.failed == DONE).all())
