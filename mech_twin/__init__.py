@@ -4,8 +4,7 @@
 From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.sweep`, `mt.size`, `mt.search`,
 `mt.identify`, `mt.compare`, `mt.reproduce`, `mt.from_json`, `mt.machine_names`: see `mech_twin.api`;
 `mt.rollout`, `mt.rollouts`: see `mech_twin.studies.named_rollouts`.
-They are loaded when first named, so that a node or a tool that needs one room of the package does not pay for the
-others.
+They are imported at first use, so that a node or a tool that needs one subpackage does not load the others.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from importlib import import_module
 from typing import Any
 
 __version__ = "0.3.0"
-# what a type checker sees of these stands in __init__.pyi
+# their types for a type checker are in __init__.pyi
 __all__ = [
     "analyse",
     "compare",
@@ -32,7 +31,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Return a function of the package."""
+    """Return a function of the package, imported at first use."""
     if name not in __all__:
         raise AttributeError(f"module 'mech_twin' has no attribute '{name}'")
     room = "mech_twin.studies.named_rollouts" if name.startswith("rollout") else "mech_twin.api"
@@ -40,5 +39,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Return the names of the package, those not loaded yet included."""
+    """Return the names of the package, including those not loaded yet."""
     return sorted({*globals(), *__all__})

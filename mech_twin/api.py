@@ -2,7 +2,7 @@
 """The twin from Python: ``import mech_twin as mt; mt.simulate("mb10_breaker", 3.0)``.
 
 Every function takes the name of a machine, settings by dotted configuration key, and the path of a configuration file;
-none writes a file unless it is asked to.  What it returns knows its units.
+none writes a file unless requested.  The results carry their units.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ def simulate(
     duration_s : float
         Simulated time (s).
     settings : mapping, optional
-        Values by dotted configuration key, laid over the configuration: ``{"body.spring_rate_n_per_m": 4000.0}``.
+        Values by dotted configuration key that override the configuration: ``{"body.spring_rate_n_per_m": 4000.0}``.
     config : path, optional
         Configuration file; the machine's own if absent.
     bag : path, optional
-        Directory to record to as well.
+        Directory of a recording to write as well.
     force : bool
         Whether an existing recording may be overwritten.
 
@@ -127,7 +127,7 @@ def analyse(
     machine, settings, config
         As in `simulate`.
     positions : int
-        Crank angles of the columns, evenly over one turn.
+        Number of crank angles in the columns, evenly over one turn.
     """
     from mech_twin.studies.asking import counted_within
     from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
@@ -158,11 +158,11 @@ def sweep(
     machine, settings, config
         As in `simulate`.
     axes : mapping
-        Dotted configuration keys and the values each takes; several keys make a grid, the last one fastest.
+        Dotted configuration keys and the values of each; several keys make a grid, the last one varies fastest.
     outputs : sequence of str
         Names of the summary numbers wanted; all if empty.
     duration_s : float
-        Seconds to simulate at each point, whose numbers join the summary; 0 for the analysis alone.
+        Time to simulate at each point (s), whose numbers are added to the summary; 0 for the analysis alone.
     cores, scheduler : optional
         Processes to spread over (all cores if absent), or the address of a Dask scheduler.
     """
@@ -195,7 +195,7 @@ def size(
     objective: str | None = None,
     tolerance: float | None = None,
 ) -> SizingResult:
-    """Return the sizes of a machine's parts, the configuration that has them, and which constraint binds.
+    """Return the sizes of a machine's parts, the configuration with these sizes, and the active constraints.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def identify(
     cores: int | None = None,
     scheduler: str | None = None,
 ) -> SavedIdentification:
-    """Return keys of a configuration found by fitting the machine's own motion to measured runs.
+    """Return configuration keys identified by fitting the simulated motion of the machine to measured runs.
 
     Parameters
     ----------
@@ -263,28 +263,27 @@ def identify(
     runs : sequence of path
         Bags or tables to fit.
     given_map : path
-        Map that says what their channels are.
+        Measurement map that assigns their channels.
     free : sequence or mapping
-        Keys that may change, or keys with their least and largest value; those that the configuration calls assumed
-        if empty.
+        Keys that may change, or keys with their least and largest value; if empty, those marked as assumed in the
+        configuration.
     priors : mapping, optional
-        Mean and standard deviation of keys known from elsewhere.
+        Mean and standard deviation of keys known from other sources.
     held_out : sequence of path
-        Runs that score the fit and are never fitted.
+        Runs that are not fitted, and score the fit.
     share : float
-        Share at the end of each run that is not fitted and scores the fit, where no run is held out.
+        Share at the end of each run that is not fitted and scores the fit, if no run is held out.
     latest_begin_s : float, optional
-        The runs begin at an unknown time of the machine's own run, at this one (s) at the latest; with the machine's
-        own start if absent.
+        The runs begin at an unknown time of the simulated run, at this one (s) at the latest; at its start if absent.
     seed, cores
-        Of further starts of the fit; threads.
+        Random seed of further starts of the fit; number of threads.
     scheduler : str, optional
-        Address of a Dask scheduler, over which further starts and profiles are spread.
+        Address of a Dask scheduler that distributes further starts and profiles.
 
     Returns
     -------
     SavedIdentification
-        With ``table``, ``plot()`` and ``save(directory)``; ``better`` says whether it is worth saving.
+        With ``table``, ``plot()`` and ``save(directory)``; ``better`` is whether it is worth saving.
 
     Raises
     ------
@@ -328,7 +327,7 @@ def identify(
 def reproduce(
     machine: str | None = None, settings: Settings | None = None, *, config: FilePath | None = None
 ) -> tuple[PublishedRow, ...]:
-    """Return every published number beside the computed one: of all machines, or of one, as configured here."""
+    """Return every published number with the computed one: of all machines, or of one with these settings."""
     from mech_twin.studies import reproduce as reproduced
 
     if machine is None:
@@ -339,19 +338,19 @@ def reproduce(
 
 
 def from_json(document: FilePath) -> Any:
-    """Return what a verb printed with ``--json`` as an object.
+    """Return the ``--json`` output of a command as an object.
 
     Parameters
     ----------
     document : path
-        File with the output of any verb: what its function of Python returns, else an object with the keys as
-        attributes (`mech_twin.results.printed_documents`).  Columns of `simulate` need ``--samples``, those of
+        File with the output of any command.  The result is what the Python function returns, else an object with the
+        keys as attributes (`mech_twin.results.printed_documents`).  Columns of `simulate` need ``--samples``, those of
         ``study designs`` the file of ``--out``; `identify` is without its runs.
 
     Raises
     ------
     StudyError, ConfigurationError
-        It cannot be read, or no verb printed it.
+        The file cannot be read, or is not the output of a command.
     """
     from mech_twin.results.written_documents import from_document
 
@@ -363,7 +362,7 @@ def from_json(document: FilePath) -> Any:
 
 
 def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
-    """Return two runs of one machine side by side: settings and numbers that differ.
+    """Return the comparison of two runs of one machine: settings and numbers that differ.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where every program of the package begins: it answers a signal before anything large is imported.
+"""Entry points of all programs of the package: they install signal handlers before any large import.
 
-To import the libraries takes up to a second.  Nothing is open then, so the process ends at once; what comes after sets
-handlers of its own (`mech_twin.process.stop_signal`).
+Importing the libraries takes up to 1 s.  No file is open then, so a signal ends the process at once; later code sets
+its own handlers (`mech_twin.process.stop_signal`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mech_twin.process.terminal_output import outlive_terminal
 
 
 def end_by_signal() -> None:
-    """From here on end this process at once with 128 + N after signal N, without a trace; also after one held back."""
+    """Let signal N end this process at once with code 128 + N and no traceback, and unblock a pending signal."""
     numbers = answered_signals()
     for number in numbers:
         signal.signal(number, _end)
@@ -25,7 +25,7 @@ def end_by_signal() -> None:
 
 
 def command() -> None:
-    """Run the ``mech-twin`` command; at its end all is closed, and nothing is waited for."""
+    """Run the ``mech-twin`` command; after it has closed its files, end without the interpreter's shutdown."""
     end_by_signal()
     outlive_terminal()
     from mech_twin.cli.main import main

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The four roles a machine shows, and the machine that binds them.
+"""The four roles of a machine (motor, linkage, forces, body), and the machine that contains them.
 
-A role is a pure map between samples.  It holds immutable parameters and nothing else: all state is in the samples,
-so a role can be rebuilt, restarted elsewhere or given new parameters between any two steps.
+A role is a pure function between samples.  It holds immutable parameters and nothing else: all state is in the samples,
+so a role can be rebuilt, restarted in another process or given new parameters between any two steps.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 
 class Invariant(NamedTuple):
-    """A number that is 0 but for rounding while the twin is right: its unit, and what it compares.
+    """A residual that is 0 except for rounding if the twin is correct: its unit, and what it compares.
 
-    One that is ``of_the_step`` tells how far the roles move apart within a coupling step: a shorter one lowers it, and
-    its limit with it, down to ``least_limit``.
+    One ``of_the_step`` measures how far the roles diverge within a coupling step: a shorter step lowers it and its
+    limit, down to ``least_limit``.
     """
 
     unit: str
@@ -43,7 +43,7 @@ class Invariant(NamedTuple):
     least_limit: float = math.inf
 
 
-# every name under which a sample may carry a residual; a relative one has the unit 1
+# all names of residuals in samples; a relative residual has the unit 1
 RESIDUALS: Mapping[str, Invariant] = MappingProxyType(
     {
         "loop_closure_m": Invariant("m", "worst miss of a link's length by the joints solved for"),
@@ -63,7 +63,7 @@ RESIDUALS: Mapping[str, Invariant] = MappingProxyType(
 
 
 class MotorRole(Protocol):
-    """Torque (or prescribed speed) of the drive at the speed the linkage has."""
+    """Torque (or prescribed speed) of the drive at the present speed of the linkage."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -71,22 +71,22 @@ class MotorRole(Protocol):
         ...
 
     def respond(self, linkage: LinkageSample, target: float) -> MotorSample:
-        """Return the drive at the linkage's step; ``target`` is the asked fraction of rated supply frequency."""
+        """Return the drive at the linkage's step; ``target`` is the commanded fraction of rated supply frequency."""
         ...
 
 
 @runtime_checkable
 class EffortMotor(Protocol):
-    """A motor that can be asked for an effort: the linkage feels what it gives, and nothing else of it."""
+    """A motor that accepts effort commands: only its effort acts on the linkage."""
 
     @property
     def effort_limit(self) -> float:
-        """Greatest effort it gives (N m, or N where it pushes); 0 where this configuration cannot be asked."""
+        """Largest effort (N m, or N of a linear drive); 0 if this configuration accepts no effort command."""
         ...
 
 
 class LinkageRole(Protocol):
-    """Owner of all mechanism and drive state."""
+    """Computes all state of mechanism and drive."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -95,7 +95,7 @@ class LinkageRole(Protocol):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """Names of the independent coordinates, in the order of an event's ``pre`` and ``post``."""
+        """Names of the independent (generalised) coordinates, in the order of an event's ``pre`` and ``post``."""
         ...
 
     @property
@@ -113,12 +113,12 @@ class LinkageRole(Protocol):
         ...
 
     def advance(self, linkage: LinkageSample, motor: MotorSample, body: BodySample | None) -> LinkageSample:
-        """Return the linkage one coupling step later, its own events located inside the step."""
+        """Return the linkage one coupling step later, with its events located inside the step."""
         ...
 
 
 class CrankState(NamedTuple):
-    """A measured crank: angle (rad), speed (rad/s), acceleration (rad/s2); and the body's, where it is measured."""
+    """Measured crank angle (rad), speed (rad/s), acceleration (rad/s2); and angle and speed of the body if measured."""
 
     crank_rad: float
     crank_rad_per_s: float
@@ -132,12 +132,12 @@ class GuidedLinkage(Protocol):
     """A linkage whose whole state follows from the motion of its crank (inverse dynamics)."""
 
     def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
-        """Return the linkage in this motion, with the torque at the crank that the motion needs."""
+        """Return the linkage in this motion, with the crank torque that the motion requires."""
         ...
 
 
 class ForceRole(Protocol):
-    """Forces that follow from the motion: a map without state."""
+    """Forces that follow from the motion (inverse dynamics); a function without state."""
 
     @property
     def pins(self) -> tuple[str, ...]:
@@ -160,7 +160,7 @@ class ForceRole(Protocol):
 
 
 class BodyRole(Protocol):
-    """Owner of the body's angle and contact state."""
+    """Computes the body's angle and contact state."""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -187,7 +187,7 @@ class BodyRole(Protocol):
 
 
 class Observer(Protocol):
-    """Running metrics of a run, in memory that does not grow with it."""
+    """Metrics of a run, updated frame by frame in bounded memory."""
 
     def observe(self, frame: Frame) -> None:
         """Update with one frame."""
@@ -199,13 +199,13 @@ class Observer(Protocol):
 
 
 def no_remarks(numbers: Mapping[str, float]) -> Iterable[str]:
-    """Return that there is nothing to say."""
+    """Return no remarks."""
     return ()
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Parameters, the four roles built from them, and what a designer asks of the machine.
+    """Parameters, the four roles built from them, and functions for analysis, drawing and metrics.
 
     Attributes
     ----------
@@ -214,27 +214,27 @@ class Machine:
     parameters : Parameters
         The validated model the roles were built from.
     coupling_step_s : float
-        Macro step of the coupling scheme.
+        Macro step of the coupling scheme (s).
     motor, linkage, forces, body
-        The roles; ``body`` is None where nothing moves but the linkage.
+        The roles; ``body`` is None if nothing moves but the linkage.
     draw : callable
         Drawing of the mechanism in the machine's frame.
     report : callable
-        Closed-form metrics of one cycle, units in the names (the ``summary`` of a static analysis).
+        Closed-form metrics of one cycle, units in the names (the ``summary`` of an analysis).
     analyse : callable
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
-        A fresh observer for one run.
+        Returns a new observer for one run.
     mechanism : FrameTree
-        Frames of the links and pins, for TF and for the robot description; None where there are none.
+        Frames of the links and pins, for TF and the robot description (URDF); None if there are none.
     rests_when_supplied : bool
-        Whether the drive stands still now and then in ordinary running, so that standing is no sign of a stall.
+        Whether the drive stands still at times in normal operation, so that standstill does not indicate a stall.
     blow_energy : callable
-        Energy of an impact from its event (J), 0 for what is no blow; None where it is what the mechanism loses.
+        Energy of an impact from its event (J), 0 if it is not a blow; None if it equals the mechanism's energy loss.
     gauge : BlowGauge
-        Strain gauge on what is struck; None where there is none.
+        Strain gauge on the struck part; None if there is none.
     remarks : callable
-        ``remarks(numbers)``: lines on numbers of a run beyond what the model holds for, and on what it rounds.
+        ``remarks(numbers)``: lines on numbers of a run outside the validity of the model, and on its approximations.
     """
 
     name: str
@@ -257,30 +257,30 @@ class Machine:
 
 @dataclass(frozen=True)
 class Capabilities:
-    """What a machine answers beside running; None where it has no answer.
+    """Studies that a machine supports besides simulation; None for one that it does not support.
 
     Attributes
     ----------
     published : callable
-        ``published(parameters)``: every published number beside the computed one.
+        ``published(parameters)``: every published number with the computed one.
     pictures : callable
-        ``pictures(parameters)``: the figures of the sources, drawn anew.
+        ``pictures(parameters)``: the figures of the sources, redrawn.
     sizing : SizingQuestion
         Sizes of the machine's parts under limits.
     design : DesignQuestion
         Choice of the machine's dimensions within bounds, under limits.
     synthesis : SynthesisQuestion
-        A cycle made for a wanted blow.
+        Synthesis of a cycle for a wanted blow.
     regimes : RegimeQuestion
         Long-run regimes over the values of a key.
     features : callable
-        ``features(parameters)``: the numbers that describe one cycle as sensors see it.
+        ``features(parameters)``: the numbers that describe one cycle from sensor signals.
     faults : callable
-        ``faults(parameters)``: what can go wrong, as changes of parameters.
+        ``faults(parameters)``: possible faults, as changes of parameters.
     operating : callable
-        ``operating(parameters)``: what may differ from day to day on a healthy machine, and how far.
+        ``operating(parameters)``: variables that may differ from day to day on a healthy machine, and their ranges.
     anchored_motion : AnchoredMotion
-        The state of a machine that goes on from its last event, for an observer.
+        The state of a machine as continued from its last event, for the state observer.
     """
 
     published: Callable[[Any], Iterable[PublishedRow]] | None = None

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The samples: what crosses a border, in one process, over topics and in a bag alike.
+"""The samples: data exchanged between roles, the same within one process, over topics and in a bag.
 
-A sample is the *whole* state of what it describes at one coupling step.  No role keeps anything beside the
-samples it has returned, so a run can be continued from its last samples, and a run over topics cannot differ
-from a run in one process.
+A sample is the *complete* state of a role at one coupling step.  No role keeps state besides the samples it has
+returned, so a run can be continued from its last samples, and a run over topics gives the same results as a run in
+one process.
 
-Positions are m or rad, velocities m/s or rad/s, efforts N or N m, as the joint is sliding or turning.
+Positions are m or rad, velocities m/s or rad/s, efforts N or N m, for prismatic or revolute joints.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 
 class Coordinate(NamedTuple):
-    """One independent coordinate at one instant: position, velocity and the effort that drives it."""
+    """One independent (generalised) coordinate at one time: position, velocity and driving effort."""
 
     position: float
     velocity: float
@@ -22,12 +22,12 @@ class Coordinate(NamedTuple):
 
 
 class Event(NamedTuple):
-    """Something that happened at an instant of its own, between two steps or on one.
+    """An event, such as an impact, at its own time between two steps or at one.
 
-    ``time_s`` is exact (never rounded to the step).  The velocities are those of the contact before and after,
-    positive as the machine's page says; an event that is no impact has impulse 0.  ``period`` is the cycle the
-    event belongs to, counted from 0.  ``pre`` and ``post`` hold the machine's independent coordinates on either
-    side of the instant, in the order of ``LinkageRole.coordinates``; empty where no other role needs them.
+    ``time_s`` is exact (never rounded to the step).  The velocities are those of the contact before and after; the
+    machine's page defines their sign.  An event that is not an impact has impulse 0.  ``period`` is the cycle of the
+    event, counted from 0.  ``pre`` and ``post`` hold the machine's independent coordinates before and after the event,
+    in the order of ``LinkageRole.coordinates``; empty if no other role needs them.
     """
 
     time_s: float
@@ -42,7 +42,7 @@ class Event(NamedTuple):
 
 
 class Named(NamedTuple):
-    """Named numbers; ``names`` is one shared tuple per role, each name ending in its unit."""
+    """Named numbers; ``names`` is one shared tuple per role, and each name ends in its unit."""
 
     names: tuple[str, ...] = ()
     values: tuple[float, ...] = ()
@@ -56,7 +56,7 @@ class Named(NamedTuple):
 
 
 class EffortCommand(NamedTuple):
-    """What a motor is asked for in place of a supply: an effort, and a spring and a damper that hold it at a position.
+    """Command to a motor in place of the supply: a feedforward effort, and stiffness and damping about a position.
 
     At each step the motor gives ``effort + stiffness (position - q) - damping v`` at its first joint, within its limit.
     """
@@ -68,9 +68,9 @@ class EffortCommand(NamedTuple):
 
 
 class MotorSample(NamedTuple):
-    """What the motor gives at a step: its joints, the supply fraction in force after rate limiting, the effort asked.
+    """The motor at a step: its joints, the supply fraction after rate limiting, and the effort command if any.
 
-    With an effort asked the supply is off: its fraction is 0.
+    With an effort command the supply is off: its fraction is 0.
     """
 
     step: int
@@ -84,10 +84,10 @@ class MotorSample(NamedTuple):
 
 
 class LinkageSample(NamedTuple):
-    """The linkage at a step: every joint (solved ones too), and all it needs to go on from here.
+    """The linkage at a step: every joint (dependent ones too), and all state needed to continue from here.
 
-    ``memory`` is state that is no joint (works and losses, time origin).  ``residuals`` are
-    numbers that are zero while the twin is right.  ``events`` are those of the step that ends here.
+    ``memory`` is state other than joints (work and losses, time origin).  ``residuals`` are numbers that are zero if
+    the twin is correct.  ``events`` are those of the step that ends here.
     """
 
     step: int
@@ -116,7 +116,7 @@ class Wrench(NamedTuple):
 
 
 class Load(NamedTuple):
-    """The moment on the body on either side of an event, and the angular impulse it brings."""
+    """The moment on the body before and after an event, and the angular impulse of the event."""
 
     time_s: float
     kind: str
@@ -127,7 +127,7 @@ class Load(NamedTuple):
 
 
 class ForceSample(NamedTuple):
-    """Every pin reaction at a step, the derived quantities, and what loads the body during the step."""
+    """Every pin reaction at a step, the derived quantities, and the loads on the body during the step."""
 
     step: int
     time_s: float
@@ -140,7 +140,7 @@ class ForceSample(NamedTuple):
 
 
 class BodySample(NamedTuple):
-    """The body at a step: its joints (effort is the spring's moment), its pressing force, its contact regime."""
+    """The body at a step: its joints (effort is the moment of the spring), pressing force, contact regime."""
 
     step: int
     time_s: float
@@ -177,10 +177,10 @@ class Frame(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """One element of a drawing: ``kind`` is ``line`` (a strip), ``points``, ``arrow`` (tail, head) or ``text``.
+    """One element of a drawing: ``kind`` is ``line`` (a polyline), ``points``, ``arrow`` (tail, head) or ``text``.
 
     ``points_m`` are (x, y) pairs in the machine's frame, ``colour`` a (red, green, blue) triple 0-255.  ``text`` is
-    written at the element; one of kind ``text`` is the text alone, at its one point.
+    written at the element; an element of kind ``text`` is the text alone, at its only point.
     """
 
     name: str

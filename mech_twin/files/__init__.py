@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Files read and written: regular, bounded, and whole or not there."""
+"""Reading and writing of files: regular files only, bounded input, atomic output."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""YAML of others, read with bounds: on its size, and on what its aliases expand to."""
+"""Reads untrusted YAML with bounds on its size and on the expansion of its aliases."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class UnboundedYamlError(ValueError):
-    """The text, or what its aliases expand to, is larger than allowed."""
+    """The text, or the expansion of its aliases, is larger than allowed."""
 
 
 def bounded_yaml(text: str | bytes) -> Any:
@@ -22,7 +22,7 @@ def bounded_yaml(text: str | bytes) -> Any:
     Raises
     ------
     yaml.YAMLError, ValueError, RecursionError
-        It is no YAML, too large, or refers to itself.
+        The text is not YAML, is too large, or refers to itself.
     """
     if len(text) > MAX_TEXT_BYTES:
         raise UnboundedYamlError(f"larger than {MAX_TEXT_BYTES} bytes")
@@ -38,7 +38,7 @@ def bounded_yaml(text: str | bytes) -> Any:
 
 
 def _expanded_nodes(node: yaml.Node, known: dict[int, int]) -> int:
-    """Return how many nodes a node is with its aliases written out."""
+    """Return the number of nodes of a node after expansion of its aliases."""
     count = known.get(id(node))
     if count == 0:
         raise UnboundedYamlError("an alias refers to what contains it")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input files: regular ones only, so that none keeps a command waiting for somebody to write into it."""
+"""Input files: regular files only, so that a command cannot block on a pipe without a writer."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def opened_input(path: Path) -> BinaryIO:
     OSError
         If it cannot be opened, or is a pipe, a device or a directory.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe is opened at once, then refused
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # a pipe opens at once, then is refused
     try:
         mode = os.fstat(descriptor).st_mode
         if stat.S_ISDIR(mode):

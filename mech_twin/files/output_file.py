@@ -20,7 +20,7 @@ _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}
 
 
 class OutputError(Exception):
-    """An output that cannot be written; the message is one line with the path and the reason."""
+    """An output cannot be written; the message is one line with the path and the reason."""
 
     def __init__(self, path: Path, reason: str) -> None:
         super().__init__(f"{path}: {reason}")
@@ -36,7 +36,7 @@ def check_output_file(path: Path, *, force: bool = False, suffixes: Sequence[str
     force : bool
         Whether an existing regular file may be overwritten.
     suffixes : sequence of str
-        What its name may end in; anything if empty.
+        Allowed suffixes; any if empty.
 
     Raises
     ------
@@ -85,9 +85,9 @@ def check_output_directory(path: Path, *, force: bool = False) -> None:
 
 @contextmanager
 def written_file(path: Path, *, force: bool = False) -> Iterator[Path]:
-    """Provide a temporary path beside the output; it becomes the output when the block ends without an error.
+    """Provide a temporary path beside the output; it is renamed to the output when the block ends without an error.
 
-    Whatever ends the block otherwise, an interrupt included, leaves neither the temporary file nor a partial output.
+    Any other end of the block, including an interrupt, leaves neither the temporary file nor a partial output.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _mode(path: Path) -> int | None:
 
 
 def _check_writable(path: Path, directory: Path) -> None:
-    """Create and remove a file: permission bits alone do not tell (root, read-only and special file systems)."""
+    """Create and remove a file: permission bits are not sufficient (root, read-only and special file systems)."""
     if not directory.is_dir():
         raise OutputError(path, f"cannot be written: {directory} is not an existing directory")
     try:

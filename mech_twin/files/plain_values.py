@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Dataclasses and named tuples as JSON values, and back, by the types of their fields."""
+"""Converts dataclasses and named tuples to JSON values, and back by the types of their fields."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """Return JSON values: an object of the fields of a dataclass or named tuple; None for a number not finite."""
+    """Return a value as JSON values: dataclasses and named tuples as objects, NaN and infinity as None."""
     if is_dataclass(value):
         value = {field.name: getattr(value, field.name) for field in fields(value)}
     elif hasattr(value, "_asdict"):
@@ -30,7 +30,7 @@ def plain(value: Any) -> Any:
 
 
 def of_plain(kind: Any, value: Any) -> Any:
-    """Return the value of a type that `plain` made this of; a field that is not told keeps its default.
+    """Return the value of a type from the JSON values that `plain` made; a missing field keeps its default.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A report as one HTML file: it needs no network, holds its pictures, and prints well."""
+"""A report as one self-contained HTML file with embedded pictures and a print layout."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ PAGE = """<!DOCTYPE html>
 
 
 def page(title: str, parts: Iterable[str]) -> str:
-    """Return a page of parts that are HTML."""
+    """Return an HTML page made of HTML parts."""
     return PAGE.format(title=escape(title), style=STYLE, body="\n".join(parts))
 
 
 def versions() -> str:
-    """Return what a report was made with."""
+    """Return the versions of mech_twin, Python and NumPy for a report."""
     return f"mech_twin {__version__}, Python {platform.python_version()}, NumPy {version('numpy')}"
 
 
 def section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    """Return a heading and a table, numbers to six digits; nothing where there is no row."""
+    """Return a heading and a table, numbers to six digits; an empty string if there is no row."""
     if not rows:
         return ""
     head = "".join(f"<th>{escape(each)}</th>" for each in heads)
@@ -58,7 +58,7 @@ def section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> 
 
 
 def shown(value: Any) -> str:
-    """Return a value as a report writes it."""
+    """Return a value as text for a report: floats to six digits, empty for None."""
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
 
 

@@ -27,12 +27,12 @@ from mech_twin.roles import Machine
 
 SUFFIX = ".fmu"
 VERSIONS = (2, 3)
-ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # the same machine gives the same bytes
+ZIP_TIME = (1980, 1, 1, 0, 0, 0)  # fixed, so that the same machine gives the same bytes
 EVERY_SOURCE = ("unit.c", "runtime.c")
 
 
 class Platform(NamedTuple):
-    """Where a unit runs: triple of the compiler, words for the linker, folders in FMI 2.0 and 3.0, ending."""
+    """A target platform: compiler triple, linker options, folders in FMI 2.0 and 3.0, suffix of the library."""
 
     triple: str
     linking: tuple[str, ...]
@@ -42,7 +42,7 @@ class Platform(NamedTuple):
 
 LINUX = Platform(
     "x86_64-unknown-linux-gnu",
-    ("-target", "x86_64-linux-gnu.2.17", "-fPIC", "-Wl,-z,defs"),  # no symbol is left to whoever loads it
+    ("-target", "x86_64-linux-gnu.2.17", "-fPIC", "-Wl,-z,defs"),  # no undefined symbols
     ("linux64", "x86_64-linux"),
     ".so",
 )
@@ -50,7 +50,7 @@ WINDOWS = Platform("x86_64-pc-windows-gnu", ("-target", "x86_64-windows-gnu"), (
 
 
 class Exported(NamedTuple):
-    """A unit that was written: its file, variables, and the keys that an importer may set."""
+    """An exported unit: its file, variables, and the configuration keys that an importer may set."""
 
     file: Path
     variables: tuple[Variable, ...]
@@ -65,7 +65,7 @@ def export_fmu(
     *,
     force: bool = False,
 ) -> Exported:
-    """Write a machine as a unit for co-simulation that needs no Python.
+    """Export a machine as a co-simulation unit that needs no Python.
 
     Parameters
     ----------
@@ -74,16 +74,16 @@ def export_fmu(
     out : path
         File to write, ``NAME.fmu``.
     version : int
-        2 or 3, of the standard.
+        Version of the FMI standard, 2 or 3.
     platforms : sequence of Platform
-        What it runs on.
+        Target platforms.
     force : bool
         Whether an existing file may be overwritten.
 
     Raises
     ------
     ExportError
-        A role of the machine is not compiled, or the linker fails.
+        The version is unknown, a role of the machine has no compiled kernel, or the linker fails.
     OutputError
         The file cannot be written.
     """
@@ -116,7 +116,7 @@ def export_fmu(
 
 
 def _token(unit: MachineUnit, version: int) -> str:
-    """Return what ties a library to its description: the same for the same machine, version and program."""
+    """Return the GUID that links a library to its description; it depends on machine, FMI and program version."""
     key = repr((version, __version__, unit.packed, unit.first_row.tolist(), unit.variables))
     digest = hashlib.sha256(key.encode()).hexdigest()
     return f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
@@ -187,30 +187,30 @@ def _constants(unit: MachineUnit) -> str:
 
 
 def _array(kind: str, name: str, values: object) -> str:
-    """Return an array in C; one of no values holds a zero, which C asks for and nobody reads."""
+    """Return the C definition of an array; an empty one gets an unused zero, since C has no empty arrays."""
     listed = list(values) or ["0"]  # type: ignore[call-overload]
     return f"static const {kind} {name}[] = {{{', '.join(listed)}}};"
 
 
 def _hexadecimal(value: float) -> str:
-    """Return a number in C, exactly."""
+    """Return a number as an exact C literal."""
     if math.isnan(value):
         return "NAN"
     return value.hex() if math.isfinite(value) else f"{value:+f}"[0] + "INFINITY"
 
 
 def _interpreter(code: ObjectFile) -> str:
-    """Return the functions and variables of the interpreter that tables of exceptions name and nobody uses."""
+    """Return C stubs of interpreter symbols, which exception tables refer to and no code uses."""
     functions = [f"void *{name}(void) {{ return 0; }}" for name in of_interpreter(code.functions)]
     return "\n".join([*functions, *(f"void *{name};" for name in of_interpreter(code.variables))]) + "\n"
 
 
 class ExportError(StudyError):
-    """One line with the machine or the tool, and what was expected."""
+    """An export failed; the message is one line with the machine or the tool, and what was expected."""
 
 
 BASE = {"kg": "kg", "m": "m", "s": "s", "rad": "rad", "A": "A"}
-# what a unit is in base units: kg, m, s, rad; and how many of those
+# derived units as powers of the base units kg, m, s, rad, and factor
 _NAMED = {
     "N": ("kg m s-2", 1.0), "W": ("kg m2 s-3", 1.0), "J": ("kg m2 s-2", 1.0), "Pa": ("kg m-1 s-2", 1.0),
     "Hz": ("s-1", 1.0), "deg": ("rad", 0.017453292519943295), "rpm": ("rad s-1", 0.10471975511965977),
@@ -227,7 +227,7 @@ class BaseUnit(NamedTuple):
 
 
 def base_unit(unit: str) -> BaseUnit | None:
-    """Return a unit such as ``N.m/rad`` or ``kg m2`` in base units, None for one that has none."""
+    """Return a unit such as ``N.m/rad`` or ``kg m2`` in base units; None if a part of it is unknown."""
     powers: dict[str, int] = {}
     factor, sign = 1.0, 1
     for token in re.findall(r"/|[A-Za-z]+-?\d*|\d+", unit):
@@ -249,16 +249,16 @@ def base_unit(unit: str) -> BaseUnit | None:
 
 
 def described(unit: MachineUnit, version: int, identifier: str, token: str) -> bytes:
-    """Return the description of a unit.
+    """Return the model description (XML) of a unit.
 
     Parameters
     ----------
     unit : MachineUnit
         The machine.
     version : int
-        2 or 3, of the standard.
+        Version of the FMI standard, 2 or 3.
     identifier, token : str
-        Name of the library without its ending; what ties the library to this description.
+        Name of the library without its suffix; GUID that links the library to this description.
     """
     name, step_s = unit.name, repr(float(unit.machine.coupling_step_s))
     able = {
@@ -302,7 +302,7 @@ def _units(root: Element, variables: Iterable[Variable]) -> None:
 
 
 def _numbers(variable: Variable) -> dict[str, str]:
-    """Return unit, bounds and start value of a number, as attributes in the order of the standard."""
+    """Return unit and bounds of a variable as XML attributes, in the order of the standard."""
     found = {"unit": variable.unit} if variable.unit else {}
     found |= {} if variable.least is None else {"min": repr(variable.least)}
     return found | ({} if variable.greatest is None else {"max": repr(variable.greatest)})
@@ -335,7 +335,7 @@ def _variables_2(root: Element, variables: tuple[Variable, ...]) -> None:
 
 
 def _no_dependence(group: str) -> dict[str, str]:
-    """Return that outputs follow inputs only a coupling step later."""
+    """Return an empty list of dependencies for outputs: they respond to inputs only a coupling step later."""
     return {"dependencies": ""} if group == "Outputs" else {}
 
 

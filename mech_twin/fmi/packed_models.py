@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The constants of a machine's kernels as three flat arrays, and the expression that makes them tuples again.
+"""The constants of a machine's kernels as three flat arrays, and an expression that restores the tuples from them.
 
-A unit without Python holds its constants as plain memory; its kernels take named tuples.  So the entry of the unit
-begins with an expression such as ``Models(Generator(reals[0], reals[1]), ...)``, which the compiler sees through.
+A unit without Python holds its constants as plain arrays, but its kernels take named tuples.  So the entry function
+begins with an expression such as ``Models(Generator(reals[0], reals[1]), ...)``, which the compiler optimises away.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from numba.extending import intrinsic
 
 from mech_twin.mechanics.straight_line import Generated, generated_at
 
-types: Any = numba.types  # numba has type hints for its front only
+types: Any = numba.types  # numba has incomplete type hints
 
-KINDS = {"f": "reals", "i": "wholes", "b": "flags"}  # kind of an array's numbers, and where they go
+KINDS = {"f": "reals", "i": "wholes", "b": "flags"}  # NumPy kind of an array, and its flat array
 
 
 @dataclass
@@ -29,13 +29,13 @@ class PackedModels:
     Attributes
     ----------
     reals, wholes, flags : list
-        Numbers, whole numbers (single truth values as 0 and 1 among them), and arrays of truth values.
+        Floats, integers (and single booleans as 0 or 1), and arrays of booleans.
     expression : str
-        Python expression over arrays of these names that makes the constants again.
+        Python expression over arrays of these names that restores the constants.
     names : dict of str to object
-        The named tuples in it, and what gives the address of each generated function.
+        The named tuples in it, and the functions that return the address of each generated function.
     generated : dict of str to Generated
-        The generated functions, by the symbols under which the expression asks for their addresses.
+        The generated functions by symbol.
     """
 
     reals: list[float] = field(default_factory=list)
@@ -54,11 +54,11 @@ def packed_models(models: Any) -> PackedModels:
 
 
 def _expression(packed: PackedModels, value: Any) -> str:
-    """Return the expression of one constant, its numbers added to the arrays."""
+    """Return the expression of one constant, and add its numbers to the arrays."""
     if isinstance(value, tuple):
         if type(value) is tuple:
             return f"({', '.join(_expression(packed, item) for item in value)},)"
-        # an entry is an address of this process: without one the functions of the system are compiled in
+        # an entry is an address in this process; if None, the functions of the system are compiled in
         fields = zip(value._fields, value, strict=True)  # type: ignore[attr-defined]
         inner = ", ".join("None" if name == "entry" else _expression(packed, item) for name, item in fields)
         name = f"{type(value).__module__}.{type(value).__name__}".replace(".", "_")
@@ -81,7 +81,7 @@ def _expression(packed: PackedModels, value: Any) -> str:
 
 
 def _whole(packed: PackedModels, value: int) -> str:
-    """Return the expression of a whole number, or of the address of a generated function."""
+    """Return the expression of an integer, or of the address of a generated function."""
     function = generated_at(value)
     if function is None:
         packed.wholes.append(value)
@@ -93,7 +93,7 @@ def _whole(packed: PackedModels, value: int) -> str:
 
 
 def _address_of(symbol: str) -> Any:
-    """Return a function of no arguments, for compiled code, that gives the address of a symbol linked with it."""
+    """Return a numba intrinsic without arguments that returns the address of a symbol linked with the code."""
 
     def address(typing_context: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The coupling scheme of one machine, compiled ahead of its use to an object file for any x86-64 processor.
+"""The coupling scheme of one machine, compiled ahead of time to an object file for any x86-64 processor.
 
-One function is compiled, ``mech_step``; every kernel of the machine is in it.  It is the code of the compiled run
-(`engine.compiled_run`), so that a unit computes what `simulate` does.
+One function, ``mech_step``, contains all kernels of the machine.  It is the code of the compiled run
+(`engine.compiled_run`), so a unit computes the same as `simulate`.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from mech_twin.kernels.sources import is_known_module
 from mech_twin.kernels.store import load, save
 from mech_twin.mechanics.straight_line import Code
 
-_numba: Any = numba  # its type hints leave out what is used here
+_numba: Any = numba  # its type hints lack the names used here
 
 SYMBOL = "mech_step"
-PROCESSOR = "x86-64"  # the oldest: what is computed does not depend on it, since nothing is contracted
+PROCESSOR = "x86-64"  # the oldest; without contraction (FMA), results do not depend on it
 EVENT_FIELDS = ("count", "time_s", "pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns")
 
 _PICKLED = re.compile(r'^(@\.const\.pickle\S+ = .* constant \[\d+ x i8\]) c"[^"\n]*"', re.MULTILINE)
 
-# the arguments are one call's: constants, whether to begin, step, command, frame, and the last event of each kind
+# arguments of a call: constants, whether to begin, step, command, frame vector, and the last event of each kind
 _SOURCE = """
 def mech_step(reals_at, wholes_at, flags_at, begin, step, target, row_at, events_at):
     reals = carray(reals_at, ({reals},), float64)
@@ -83,7 +83,7 @@ def mech_step(reals_at, wholes_at, flags_at, begin, step, target, row_at, events
 
 
 class ObjectFile(NamedTuple):
-    """Compiled code: the bytes of the file, and the functions and variables it expects from who links it."""
+    """Compiled code: bytes of the object file, and its undefined functions and variables."""
 
     content: bytes
     functions: tuple[str, ...]
@@ -91,7 +91,7 @@ class ObjectFile(NamedTuple):
 
 
 class _Compiled(NamedTuple):
-    """The step as text of LLVM: its name there, the text, and that of each generated function by symbol."""
+    """The step as LLVM IR: its name, its text, and the code of each generated function by symbol."""
 
     name: str
     text: str
@@ -99,7 +99,7 @@ class _Compiled(NamedTuple):
 
 
 class StepCode:
-    """The compiled step of a machine, before it is made for a platform.
+    """The compiled step of a machine, independent of the target platform.
 
     Parameters
     ----------
@@ -125,9 +125,9 @@ class StepCode:
         )  # fmt: skip
 
     def object_file(self, triple: str) -> ObjectFile:
-        """Return the object file for a platform, such as ``x86_64-unknown-linux-gnu``; compiled once for one content.
+        """Return the object file for a platform, such as ``x86_64-unknown-linux-gnu``; cached by its sources.
 
-        Numbers of a configuration are no part of it, so a machine that was exported before is only linked.
+        It does not contain the numbers of a configuration, so a machine that was exported before is only linked.
         """
         modules = sorted({each.__module__ for each in self._packed.names.values() if isinstance(each, type)})
         if not all(map(is_known_module, modules)):
@@ -153,16 +153,16 @@ class StepCode:
             "motor_step": motor_step, "force_step": force_step, "run_steps": run_steps, "Places": Places,
             "Widths": Widths, Models.__name__: Models, **packed.names,
         }  # fmt: skip
-        exec(compile(self._source, "<entry of the unit>", "exec"), named)  # numbers and names of this package
+        exec(compile(self._source, "<entry of the unit>", "exec"), named)  # only numbers and names of this package
         pointer, whole, real = types.voidptr, types.int64, types.float64
         arguments = (pointer, pointer, pointer, whole, whole, real, pointer, pointer)
         compiler = _numba.njit(
             whole(*arguments), fastmath=False, _nrt=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
         )
         for symbol, function in packed.generated.items():
-            llvm.add_symbol(symbol, function.address())  # for this process, which links what it compiles
+            llvm.add_symbol(symbol, function.address())  # for this process, which links the compiled code
         found = compiler(named[SYMBOL]).overloads[arguments]
-        # the texts of exceptions, which nobody reads here, name files of the machine that exports
+        # unused exception texts contain file names of the exporting computer: blank them
         text = _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str())
         generated = {symbol: function.code() for symbol, function in packed.generated.items()}
         return _Compiled(found.fndesc.llvm_func_name, text, generated)
@@ -191,7 +191,7 @@ class StepCode:
 
 
 def _identity(code: CodeType) -> tuple[object, ...]:
-    """Return what a generated function computes, apart from where it stands."""
+    """Return the code of a generated function without file name and line numbers."""
     inner = tuple(_identity(each) if isinstance(each, CodeType) else each for each in code.co_consts)
     return (code.co_code, inner, code.co_names, code.co_varnames)
 
@@ -203,8 +203,8 @@ def _drop_unused(module: Any, machine: Any) -> None:
 
 
 def of_interpreter(names: Sequence[str]) -> list[str]:
-    """Return the names of the interpreter among those expected: how an exception would be made for Python.
+    """Return the names of the Python C API among undefined symbols, which would create exceptions for Python.
 
-    Code without Python never calls them; their addresses stand in the tables of exceptions all the same.
+    Code without Python never calls them, but the exception tables contain their addresses.
     """
     return [name for name in names if re.match(r"_?Py[A-Z]", name)]

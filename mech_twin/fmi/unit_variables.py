@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The variables of a unit: what an importer sets and reads, each with its unit, in the names of the samples."""
+"""The variables of a unit that an importer sets and reads: each with its physical unit, named as in the samples."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.roles import EffortMotor, Machine
 from mech_twin.samples import Frame
 
-# value references; those of one group follow each other (the same numbers stand in sources/unit.h)
+# value references, consecutive within each group (the same numbers as in sources/unit.h)
 TIME_REFERENCE, COMMAND, MOTOR_GIVEN, EFFORTS, PARAMETERS, FRAME, EVENTS = 0, 1, 2, 100, 10_000, 100_000, 1_000_000
 FIRST_COMMAND = 1.0
-WIDEST = 2.0  # a parameter may be set from its value over this to its value times this
+WIDEST = 2.0  # a parameter may be set from its value divided by this to its value times this
 TRIED = (1.001, 0.999, 1.25, 0.8, 1.5, 1.0 / 1.5, WIDEST, 1.0 / WIDEST)
 Causality = Literal["independent", "input", "parameter", "output", "local"]
 
 
 class Variable(NamedTuple):
-    """A variable of a unit: name, value reference, unit, and what it is."""
+    """A variable of the model description: name, value reference, type, unit, start value, bounds."""
 
     name: str
     reference: int
@@ -51,7 +51,7 @@ class Variable(NamedTuple):
 
 
 class Adjustable(NamedTuple):
-    """A configuration key that an importer may set: its declaration and where the kernels' constants hold it."""
+    """A configuration key that an importer may set: declaration, indices in the real constants, and bounds."""
 
     key: Key
     places: tuple[int, ...]
@@ -61,15 +61,15 @@ class Adjustable(NamedTuple):
 
 @dataclass(frozen=True)
 class MachineUnit:
-    """A machine as its unit sees it: constants, first frame, variables."""
+    """Data of a machine for its unit: constants, first frame vector, variables."""
 
     machine: Machine
     compiled: CompiledMachine
     packed: PackedModels
     first_row: Array
     adjustable: tuple[Adjustable, ...]
-    efforts: tuple[int, ...]  # places of the motor's efforts in a row, none where the linkage does not feel the motor
-    kinds: tuple[str, ...]  # of events: the linkage's, then the body's
+    efforts: tuple[int, ...]  # indices of motor efforts in a frame vector; empty if they do not act on the linkage
+    kinds: tuple[str, ...]  # kinds of events: of the linkage, then of the body
 
     @property
     def name(self) -> str:
@@ -78,23 +78,23 @@ class MachineUnit:
 
     @property
     def supply_off(self) -> bool:
-        """Whether the supply is off where the efforts are given: the linkage feels them and no command beside."""
+        """Whether the supply is off if efforts are given as inputs: then only they act on the linkage."""
         motor = self.machine.motor
         return isinstance(motor, EffortMotor) and motor.effort_limit > 0.0
 
     @property
     def variables(self) -> tuple[Variable, ...]:
-        """Every variable, in the order of the description."""
+        """All variables, in the order of the model description."""
         return tuple(_variables(self))
 
 
 def unit_name(machine: Machine) -> str:
-    """Return the name of a machine, that of a page where it is one."""
+    """Return the name of a machine, or of the configuration page it is built from."""
     return str(machine.parameters.name) if isinstance(machine.parameters, Page) else machine.name
 
 
 def unit_of(machine: Machine, compiled: CompiledMachine) -> MachineUnit:
-    """Return a machine as its unit sees it."""
+    """Return the data of a machine for its unit."""
     frame = _first_frame(machine)
     layout = compiled.layout
     packed, row = packed_models(compiled.models), layout.row(frame)
@@ -110,17 +110,17 @@ def _first_frame(machine: Machine) -> Frame:
 
 
 def _feels_motor(machine: Machine, frame: Frame) -> bool:
-    """Return whether another effort of the motor changes the next step of the linkage."""
+    """Return whether a changed motor effort changes the next step of the linkage."""
     stronger = frame.motor._replace(effort=tuple(2.0 * effort + 1.0 for effort in frame.motor.effort))
     alike = machine.linkage.advance(frame.linkage, frame.motor, frame.body)
     return machine.linkage.advance(frame.linkage, stronger, frame.body) != alike
 
 
 def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[Adjustable]:
-    """Yield the keys whose value the kernels' constants hold as it is, wherever it was tried within its range.
+    """Yield the keys whose value appears unchanged in the kernels' constants, for all tried values in its range.
 
-    Another key decides constants that are derived from it, or the first frame; for those the machine is exported anew.
-    A live key may decide the first frame: it changes while the unit runs, as in a run, and never before.
+    Other keys enter derived constants or the first frame; to change those, export the machine again.  A live key may
+    enter the first frame: it changes only while the unit runs, as in a run.
     """
     for key in keys(machine.parameters):
         if type(key.value) is not float or key.value == 0.0:
@@ -147,7 +147,7 @@ class _Other(NamedTuple):
 
 
 def _other(machine: Machine, key: str, value: float) -> _Other | None:
-    """Return the machine with another value of a key; None where the configuration refuses it."""
+    """Return the machine with another value of a key; None if the configuration does not allow it."""
     entry = catalogue_entry(machine.name)
     tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat({key: value}, key))
     try:
@@ -163,7 +163,7 @@ def _other(machine: Machine, key: str, value: float) -> _Other | None:
 def _places(
     machine: Machine, packed: PackedModels, row: Array, other: _Other, key: Key, old: float
 ) -> tuple[int, ...] | None:
-    """Return where the constants hold the value itself; None where anything else has changed beside it."""
+    """Return the indices of the value in the real constants; None if anything else has changed too."""
     theirs = other.packed
     if other.machine.coupling_step_s != machine.coupling_step_s:
         return None
@@ -171,11 +171,11 @@ def _places(
         return None
     new, live = key.value, key.live
     ours, found = np.array(packed.reals), np.array(theirs.reals)
-    apart = np.flatnonzero((ours != found) & ~(np.isnan(ours) & np.isnan(found)))  # nan: not used
+    apart = np.flatnonzero((ours != found) & ~(np.isnan(ours) & np.isnan(found)))  # NaN: unused
     if not (np.all(ours[apart] == old) and np.all(found[apart] == new)):
         return None
     if not live and not np.array_equal(row, other.row, equal_nan=True):
-        return None  # a live key counts from the first step on, and leaves the first frame as it is
+        return None  # a live key acts from the first step on; the first frame stays
     return tuple(apart.tolist())
 
 

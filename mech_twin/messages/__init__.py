@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples to ROS messages and back."""
+"""Conversion between samples and ROS messages."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a strain gauge tells of a blow: its numbers on ``blow/gauge``, its curve on ``blow/wave``.
+"""Strain gauge signals of a blow as messages: its numbers on ``blow/gauge``, its curve on ``blow/wave``.
 
-Both bear the stamp of the blow.  The curve is a trajectory of one joint, ``gauge``: position is the strain, effort the
-force (N), compression positive; each point has its time since the first touch, rounded to the nanosecond.
+Both have the stamp of the blow.  The curve is a trajectory of one joint, ``gauge``: position is the strain, effort the
+force (N), compression positive; each point has its time since first contact, rounded to the nanosecond.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ JOINT = "gauge"
 
 
 def numbers_message(gauge: BlowGauge, event: Event) -> StepMessage:
-    """Return the numbers of a blow as efforts by their names; positions and velocities, which they have none, are 0."""
+    """Return the numbers of a blow as named efforts; positions and velocities are 0."""
     numbers = gauge.numbers(event)
     zeros = (0.0,) * len(numbers)
     return StepMessage(Header(stamp_of(event.time_s)), tuple(GAUGE_UNITS), zeros, zeros, numbers)
 
 
 def numbers_bytes(gauge: BlowGauge, event: Event) -> bytes:
-    """Return the bytes of `numbers_message`."""
+    """Return `numbers_message` as CDR bytes."""
     return encoded(numbers_message(gauge, event))
 
 
 def curve_message(gauge: BlowGauge, event: Event) -> JointTrajectory:
-    """Return the curve of a blow."""
+    """Return the strain and force curve of a blow as a trajectory."""
     curve = gauge.curve(event)
     message = JointTrajectory(joint_names=[JOINT])
     set_stamp(message.header, event.time_s)
@@ -45,6 +45,6 @@ def curve_message(gauge: BlowGauge, event: Event) -> JointTrajectory:
 
 
 def told_blows(gauge: BlowGauge | None, events: tuple[Event, ...]) -> Iterator[tuple[BlowGauge, Event]]:
-    """Yield the gauge and each of the events it tells of."""
+    """Yield the gauge and each event that it measures."""
     if gauge is not None:
         yield from ((gauge, event) for event in events if gauge.tells(event))

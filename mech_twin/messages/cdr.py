@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages as CDR bytes: small stamped ones, and step messages, whose row names are encoded once a stream.
+"""CDR encoding of small stamped messages, and of step messages, whose row names are encoded once per stream.
 
 ::
 
@@ -7,9 +7,9 @@
       head | sec, nanosec | frame, n, names, n  | gap | positions | n | velocities | n | efforts
            4              12                          8-byte aligned, from the head's end
 
-The middleware's own converter turns a message attribute by attribute, and every name of every message into a string and
-back, which is most of what it costs.  Here, while the bytes before the columns of a step message stay the same, only
-the numbers are read or written; any other message goes to the converter.
+The middleware's converter handles a message attribute by attribute, and converts every name in it to a string and
+back, which takes most of its time.  Here only the numbers of a step message are read or written while the bytes before
+its columns stay the same; any other message goes to that converter.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ MOST_LAYOUTS = 256
 
 
 class CdrError(ValueError):
-    """Bytes that are no JointState."""
+    """The bytes are not a valid message."""
 
 
 class Stamp(NamedTuple):
-    """A time as a header holds it."""
+    """A time as in a message header: seconds and nanoseconds."""
 
     sec: int
     nanosec: int
 
 
 class Header(NamedTuple):
-    """The part of a header that is used."""
+    """A message header."""
 
     stamp: Stamp
     frame_id: str = ""
@@ -48,37 +48,37 @@ class Header(NamedTuple):
 
 @lru_cache(maxsize=64)
 def stamp_of(time_s: float) -> Stamp:
-    """Return a time as a header holds it, rounded to the nanosecond."""
+    """Return a time (s) as a stamp, rounded to the nanosecond."""
     return Stamp(*divmod(round(time_s * 1e9), 1_000_000_000))
 
 
 def words(*texts: str) -> bytes:
-    """Return strings in CDR: each with its length before it, NUL-terminated, 4-byte aligned."""
+    """Return strings in CDR: each preceded by its length, NUL-terminated, 4-byte aligned."""
     letters = [text.encode() + b"\0" for text in texts]
     return b"".join(struct.pack("<I", len(each)) + each + bytes(-len(each) % 4) for each in letters)
 
 
 @lru_cache(maxsize=256)
 def _stamped_form(frames: tuple[str, ...], numbers: int) -> tuple[struct.Struct, bytes]:
-    """Return what writes a message of these frames, and the bytes of their names."""
+    """Return the struct that packs a message with these frame names, and the bytes of the names."""
     block = words(*frames)
     gap = -(STAMP.size + len(block)) % 8
     return struct.Struct(f"<{len(HEAD)}siI{len(block)}s{gap}x{numbers}d"), block
 
 
 def stamped_bytes(time_s: float, *frames: str, numbers: tuple[float, ...] = ()) -> bytes:
-    """Return a time, frames and numbers as Clock, WrenchStamped, Vector3Stamped or TransformStamped; padding is 0."""
+    """Return time (s), frames and numbers as CDR of Clock, Wrench-, Vector3- or TransformStamped; padding is 0."""
     form, block = _stamped_form(frames, len(numbers))
     return form.pack(HEAD, *stamp_of(time_s), block, *numbers)
 
 
 def wrench_bytes(time_s: float, frame: str, force_x_n: float, force_y_n: float = 0.0, moment_nm: float = 0.0) -> bytes:
-    """Return a planar wrench in a frame, a pin's or the tool's, as a WrenchStamped; padding is 0."""
+    """Return a planar wrench in the frame of a pin or the tool as CDR of a WrenchStamped; padding is 0."""
     return stamped_bytes(time_s, frame, numbers=(force_x_n, force_y_n, 0.0, 0.0, 0.0, moment_nm))
 
 
 class StepMessage(NamedTuple):
-    """What a JointState says, under the names of its fields, and the bytes it came as, if it was received."""
+    """The content of a JointState with the same field names, and its CDR bytes if it was received."""
 
     header: Header
     name: tuple[str, ...]
@@ -93,7 +93,7 @@ AnyStep: TypeAlias = JointState | StepMessage
 
 @lru_cache(maxsize=MOST_LAYOUTS)
 def row_layout(names: tuple[str, ...], frame: str = "") -> tuple[bytes, struct.Struct]:
-    """Return the bytes from frame to gap of messages with these row names, and what reads and writes what follows."""
+    """Return the bytes from the frame to the gap of messages with these row names, and the struct of the columns."""
     rows = len(names)
     count = struct.pack("<I", rows)
     block = words(frame) + count + words(*names) + count
@@ -101,17 +101,17 @@ def row_layout(names: tuple[str, ...], frame: str = "") -> tuple[bytes, struct.S
     return block, struct.Struct(f"<{gap}x{rows}dI{between}x{rows}dI{between}x{rows}d")
 
 
-_layouts: dict[int, list[tuple[Any, bytes, struct.Struct]]] = {}  # and names of the messages read, by their length
+_layouts: dict[int, list[tuple[Any, bytes, struct.Struct]]] = {}  # names and layouts of messages read, by length
 
 
 @lru_cache(maxsize=8)
 def received_message(raw: bytes) -> StepMessage:
-    """Return what bytes say; bytes that several listeners of one process hear are read once.
+    """Return the step message decoded from CDR; cached, so that several listeners of a process decode it once.
 
     Raises
     ------
     CdrError
-        If they are no JointState.
+        If the bytes are not a JointState.
     """
     for names, block, columns in _layouts.get(len(raw), ()):
         if raw.startswith(block, BLOCK_AT) and raw.startswith(HEAD):
@@ -125,7 +125,7 @@ def received_message(raw: bytes) -> StepMessage:
 
 
 def _converted(raw: bytes) -> StepMessage:
-    """Return what bytes say as the converter reads them, and keep their layout."""
+    """Return the step message decoded by the middleware's converter, and store its layout."""
     try:
         message: JointState = deserialize_message(raw, JointState)
     except RuntimeError as error:
@@ -134,7 +134,7 @@ def _converted(raw: bytes) -> StepMessage:
     names, stamp = tuple(message.name), message.header.stamp
     block, columns = row_layout(names, message.header.frame_id)
     if len(raw) == BLOCK_AT + len(block) + columns.size and raw.startswith(block, BLOCK_AT):
-        if sum(map(len, _layouts.values())) >= MOST_LAYOUTS:  # bounds the memory a stream of ever new names takes
+        if sum(map(len, _layouts.values())) >= MOST_LAYOUTS:  # bounds the memory for a stream of ever new names
             _layouts.clear()
         _layouts.setdefault(len(raw), []).append((names, block, columns))
     header = Header(Stamp(stamp.sec, stamp.nanosec))
@@ -142,7 +142,7 @@ def _converted(raw: bytes) -> StepMessage:
 
 
 def encoded(message: StepMessage) -> bytes:
-    """Return the bytes of a step message, padding zeroed, so that equal messages are equal bytes."""
+    """Return a step message as CDR with zero padding, so that equal messages give equal bytes."""
     rows, (block, columns) = len(message.name), row_layout(tuple(message.name), message.header.frame_id)
     numbers = columns.pack(*message.position, rows, *message.velocity, rows, *message.effort)
     return b"".join((HEAD, STAMP.pack(*message.header.stamp), block, numbers))

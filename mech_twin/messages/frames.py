@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Frames of a mechanism <-> geometry_msgs/TransformStamped on ``frames``, and on ``/tf`` where tf2_msgs is installed.
+"""Frames of a mechanism <-> geometry_msgs/TransformStamped on ``frames``, and on ``/tf`` if tf2_msgs is installed.
 
-Names of frames bear the namespace of the run, so that several runs have one tree each: ``winding_drum/shaft``.
+Frame names start with the namespace of the run, so that each of several runs has its own tree: ``winding_drum/shaft``.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ TOOL_FRAME = "tool"
 
 @lru_cache(maxsize=1024)
 def frame_id(namespace: str, frame: str) -> str:
-    """Return the name of a frame among those of all runs.
+    """Return the frame name with the namespace of the run, unique among all runs.
 
     Parameters
     ----------
     namespace : str
-        Full namespace of the run, with or without the slash it begins with.
+        Full namespace of the run, with or without the leading slash.
     frame : str
         Name of the frame within the machine.
     """
@@ -64,6 +64,6 @@ def _numbers(pose: Pose) -> tuple[float, ...]:
 
 
 def pose(message: TransformStamped) -> Pose:
-    """Return the pose a message tells of."""
+    """Return the planar pose of a transform message."""
     at, turn = message.transform.translation, message.transform.rotation
     return Pose(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w))

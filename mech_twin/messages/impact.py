@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Event -> geometry_msgs/Vector3Stamped on ``impacts``: x speed before, y speed after, z impulse.
+"""Event -> geometry_msgs/Vector3Stamped on ``impacts``: x velocity before (m/s), y after (m/s), z impulse (N s).
 
-The stamp is the event's time, rounded to the nanosecond a stamp can hold.  The unrounded time travels with the step
-message of the role the event belongs to.
+The stamp is the event's time rounded to the nanosecond.  The exact time is in the step message of the role that the
+event belongs to.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mech_twin.samples import Event
 
 
 def to_bytes(event: Event) -> bytes:
-    """Return the bytes of `to_message`."""
+    """Return `to_message` as CDR bytes."""
     numbers = (event.pre_velocity_m_per_s, event.post_velocity_m_per_s, event.impulse_ns)
     return stamped_bytes(event.time_s, f"{event.contact}/{event.kind}", numbers=numbers)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drawing <-> visualization_msgs/MarkerArray on ``scene``, one marker a shape.
+"""Drawing <-> visualization_msgs/MarkerArray on ``scene``, one marker per shape.
 
-It is written straight into CDR bytes: the middleware's converter reads a marker attribute by attribute, its empty mesh
-and texture included.  ::
+It is written directly as CDR bytes: the middleware's converter handles a marker attribute by attribute, including the
+empty mesh and texture.  ::
 
       (gap) | sec, nanosec | frame, name | number, type, action | gap | pose, scale, colour, ... | points | empty, text
       4-byte aligned                                              8-byte aligned, from the head's end
@@ -25,12 +25,12 @@ FRAME = "machine"
 TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARROW, "text": Marker.TEXT_VIEW_FACING}
 KINDS = {value: key for key, value in TYPES.items()}
 ARROW_POINTS = 2
-FARTHEST_M = 1000.0  # of anything drawn from the machine's origin: the picture would be widened to it for good
+FARTHEST_M = 1000.0  # largest distance from the machine's origin: the view would stay zoomed out
 MOST_MARKERS = 2000
-MOST_POINTS = 100_000  # of all markers together
+MOST_POINTS = 100_000  # in all markers together
 COUNT = struct.Struct("<I")
 NUMBERS = struct.Struct("<3i")
-POSE_TO_POINTS = struct.Struct("<7d3d4f12xI")  # pose, scale, colour, lifetime, whether locked to its frame, points
+POSE_TO_POINTS = struct.Struct("<7d3d4f12xI")  # pose, scale, colour, lifetime, frame_locked, number of points
 ALIGNMENT = 8
 
 
@@ -40,13 +40,13 @@ AFTER_TEXT = NOTHING + NOTHING + bytes(5)  # mesh
 
 
 def to_message(drawing: Drawing, frame: str = FRAME) -> MarkerArray:
-    """Return a drawing in a frame as markers, its names as their namespaces."""
+    """Return a drawing in a frame as markers; the names of its shapes are the marker namespaces."""
     message: MarkerArray = deserialize_message(to_bytes(drawing, frame), MarkerArray)
     return message
 
 
 def to_bytes(drawing: Drawing, frame: str = FRAME) -> bytes:
-    """Return the bytes of `to_message`; padding is 0."""
+    """Return `to_message` as CDR bytes; padding is 0."""
     stamp = STAMP.pack(*stamp_of(drawing.time_s))
     parts = [COUNT.pack(len(drawing.shapes))]
     end = COUNT.size  # counted from the end of the head
@@ -60,7 +60,7 @@ def to_bytes(drawing: Drawing, frame: str = FRAME) -> bytes:
 
 @lru_cache(maxsize=4096)
 def _opening(begin: int, frame: str, name: str, index: int, kind: str) -> tuple[bytes, bytes]:
-    """Return what a marker that begins there has before its stamp, and after it up to its pose."""
+    """Return the bytes of a marker before its stamp, and from stamp to pose; ``begin`` is its offset modulo 8."""
     gap = bytes(-begin % 4)
     named = words(frame, name) + NUMBERS.pack(index, TYPES[kind], Marker.ADD)
     return gap, named + bytes(-(begin + len(gap) + STAMP.size + len(named)) % ALIGNMENT)
@@ -68,7 +68,7 @@ def _opening(begin: int, frame: str, name: str, index: int, kind: str) -> tuple[
 
 def _body(shape: Shape) -> bytes:
     x, y, points = 0.0, 0.0, shape.points_m
-    if shape.kind == "text":  # stands at its pose
+    if shape.kind == "text":  # placed by its pose
         (x, y), points = points[0], ()
     red, green, blue = (part / 255.0 for part in shape.colour)
     width = shape.width_m
@@ -78,13 +78,12 @@ def _body(shape: Shape) -> bytes:
 
 
 def from_message(message: MarkerArray, step: int = 0) -> Drawing:
-    """Return the drawing of a marker array; the exact step is not in it.
+    """Return the drawing of a marker array, which does not contain the step.
 
     Raises
     ------
     MessageError
-        If a marker is of a kind no drawing has, if it or its place is no part of a machine's picture, or if there are
-        more than a picture has.
+        If a marker has an unknown type, or values out of range, or if there are too many markers or points.
     """
     markers = message.markers
     if not markers:
@@ -109,14 +108,14 @@ def _shape(marker: Marker) -> Shape:
 
 
 def _place(value_m: float) -> float:
-    """Return a coordinate or a width that a picture may have."""
+    """Return a coordinate or width (m) if within `FARTHEST_M`."""
     if not -FARTHEST_M <= value_m <= FARTHEST_M:
         raise MessageError(f"a marker has a place or width of {value_m:g} m; expected at most {FARTHEST_M:g} m")
     return value_m
 
 
 def _byte(share: float) -> int:
-    """Return a share of a colour as 0-255."""
+    """Return a colour component 0 to 1 as 0 to 255."""
     if not 0.0 <= share <= 1.0:
         raise MessageError(f"a marker's colour has a share of {share}; expected 0 to 1")
     return round(share * 255)

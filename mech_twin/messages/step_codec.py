@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Samples <-> step messages, by the layouts of `engine.sample_vectors`: ``linkage``, ``motor``, ``force``, ``body``.
 
-Rows of joints, or of pins and what follows from them, come first, under their own names.  What a sample carries beyond
-follows in rows whose names begin with ``~``, so that a reader who wants the joints only drops them by name; then events
-or loads, and what the publishing node adds.  Every number travels as the float64 it is.  Where each stands is worked
-out once for the names of a stream.
+Rows of joints, or of pins and derived quantities, come first with their own names.  Other content of a sample follows
+in rows whose names begin with ``~``, so that a reader can filter the joints by name; then events or loads, and rows
+added by the publishing node.  Every number is transmitted as the same float64.  The index of each number is computed
+once for the row names of a stream.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSampl
 
 Names = tuple[str, ...]
 Indices = NDArray[np.int64]
-ABSENT = {"~regime": 0.0, "~command": 1.0}  # what is meant where a message does not say
+ABSENT = {"~regime": 0.0, "~command": 1.0}  # defaults of rows that a message lacks
 
 
 @lru_cache(maxsize=1024)
 def _write_form(kind: Any, of: tuple[Names, ...], more: Names) -> tuple[bytes, Array, Indices, Indices]:
-    """Return bytes from the frame up to the numbers, the columns (all 0), where a row, and step and more, go in them.
+    """Return bytes from frame to numbers, zeroed columns, and indices in them of a sample vector and of added rows.
 
-    One number follows the columns: what of a row is not in the message goes there.
+    One extra number follows the columns: it takes entries of the sample vector that are not in the message.
     """
     entries = kind(*of).entries
     own = dict.fromkeys(entry.row for entry in entries)
@@ -41,7 +41,7 @@ def _write_form(kind: Any, of: tuple[Names, ...], more: Names) -> tuple[bytes, A
     if more:
         names = (*names, more[0], *(row for row in own if row.startswith(MARK)), *more[1:])
     rows, (block, columns) = len(names), row_layout(names)
-    zeros, stride = [0.0] * rows, rows + 1  # the number of rows stands between two columns
+    zeros, stride = [0.0] * rows, rows + 1  # the number of rows precedes each next column
     raw = block + columns.pack(*zeros, rows, *zeros, rows, *zeros)
     begin = len(raw) - 8 * (3 * stride - 1)
     at = {name: place for place, name in enumerate(names)}
@@ -55,14 +55,14 @@ def _write_form(kind: Any, of: tuple[Names, ...], more: Names) -> tuple[bytes, A
 
 @lru_cache(maxsize=1024)
 def _read_form(kind: Any, names: Names) -> tuple[SampleLayout[Any], Any, int | None, Any]:
-    """Return the layout of a sample, what picks its row, where its step is, what makes its last field.
+    """Return the layout of a sample, the getter of its vector, the index of its step, the maker of its last field.
 
-    All of them stand in the numbers of a message, which those of `ABSENT` follow.
+    Getter and index refer to the numbers of a message followed by those of `ABSENT`.
 
     Raises
     ------
     MessageError
-        If a name stands twice, a row is missing, or an event or a load is incomplete.
+        If a name occurs twice, a row is missing, or an event or a load is incomplete.
     """
     if len(set(names)) != len(names):
         double = next(name for i, name in enumerate(names) if name in names[:i])
@@ -84,29 +84,29 @@ def _read_form(kind: Any, names: Names) -> tuple[SampleLayout[Any], Any, int | N
         pin = f"; a pin has {', '.join(kind.threes)}" if row in of_pins else ""
         raise MessageError(f"row '{row}' is missing{pin}")
     places = [at[entry.row] + stride * entry.place for entry in layout.entries]
-    return layout, itemgetter(*places, 0), at.get(STEP), parts_of(kind.kind, names)  # one more: a tuple in any case
+    return layout, itemgetter(*places, 0), at.get(STEP), parts_of(kind.kind, names)  # one more: always a tuple
 
 
 class StepCodec(Generic[SampleOf]):
-    """Both ways between the samples of a role and their messages.
+    """Encodes and decodes the samples of a role.
 
     Parameters
     ----------
     kind : type
-        The sample.
+        Class of the sample.
     """
 
     def __init__(self, kind: type[SampleOf]) -> None:
         self.layout: Any = LAYOUTS[kind]
 
     def to_bytes(self, sample: Any, marks: tuple[Row, ...] = ()) -> bytes:
-        """Return the bytes of a sample as a step message, with the rows the publishing node adds; padding is 0."""
+        """Return a sample as CDR of a step message, with the rows added by the publishing node; padding is 0."""
         more = (*rows_of(sample), *marks)
         numbers = (*sample[:2], 0.0, *[number for row in more for number in row[1:]])
         return self._written(sample, (STEP, *[row[0] for row in more]), numbers)
 
     def shown(self, sample: Any) -> bytes:
-        """Return the bytes of a plain joint state: the joints of a sample, or its efforts, and no more."""
+        """Return CDR of a plain joint state: only the joints of a sample, or its efforts."""
         return self._written(sample, (), ())
 
     def _written(self, sample: Any, more: Names, numbers: tuple[float, ...]) -> bytes:
@@ -117,19 +117,19 @@ class StepCodec(Generic[SampleOf]):
         return b"".join((HEAD, STAMP.pack(*stamp_of(sample[1])), block, columns.data[:-1]))
 
     def to_message(self, sample: Any) -> JointState:
-        """Return a sample as a message of the middleware."""
+        """Return a sample as a ROS message."""
         message: JointState = deserialize_message(self.to_bytes(sample), JointState)
         return message
 
     def from_message(self, message: AnyStep, step_s: float | None = None) -> SampleOf:
         """Return the sample of a message.
 
-        One without bookkeeping rows comes from somebody's own motor, or a measured linkage.
+        A message without bookkeeping rows comes from a user's own motor node, or a measured linkage.
 
         Raises
         ------
         MessageError
-            If the message is no sample of the role.
+            If the message is not a sample of the role.
         """
         names, numbers = tuple(message.name), numbers_of(message, *ABSENT.values())
         layout, pick, at, told = _read_form(self.layout, names)
@@ -139,16 +139,16 @@ class StepCodec(Generic[SampleOf]):
         return made
 
     def received(self, raw: bytes, step_s: float, joints: Names | None = None) -> SampleOf:
-        """Return the sample of a received step message, its joints in this order, if any.
+        """Return the sample of a received step message, its joints in the given order, if any.
 
-        Several nodes of one process hear the same bytes: whoever is not the first gets the sample made of them.
+        Cached, because several nodes of one process receive the same bytes.
 
         Raises
         ------
         CdrError
-            If it is no JointState.
+            If it is not a JointState.
         MessageError
-            If it is no sample of the role, or a joint is missing.
+            If it is not a sample of the role, or a joint is missing.
         """
         made: SampleOf = _received(self, raw, step_s, joints)
         return made

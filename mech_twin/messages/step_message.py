@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The step message, one whole sample as the named rows of a sensor_msgs/JointState: its own rows, and what nodes add.
+"""The step message: one complete sample as the named rows of a sensor_msgs/JointState, and rows that nodes add.
 
-A publishing node adds its own number, and the configuration the sample was computed with.
+A publishing node adds its source number, and a mark of the configuration that the sample was computed with.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ EVENT = "~event/"
 LOAD = "~load/"
 LARGEST_STEP = 2.0**53
 SHOWN_NAMES = 6
-ANONYMOUS = 0.0  # the source of who does not sign
+ANONYMOUS = 0.0  # source number of unsigned messages
 
 
 class MessageError(ValueError):
-    """A message that is no sample; the text says what is wrong with it."""
+    """A message is not a valid sample; the text gives the reason."""
 
 
 def set_stamp(header: Any, time_s: float) -> None:
-    """Write a time into a header, rounded to the nanosecond a stamp can hold."""
+    """Set the stamp of a header to a time (s), rounded to the nanosecond."""
     header.stamp.sec, header.stamp.nanosec = stamp_of(time_s)
 
 
 def stamp_s(header: Any) -> float:
-    """Return the time of a header in seconds."""
+    """Return the stamp of a header in seconds."""
     return float(header.stamp.sec + header.stamp.nanosec * 1e-9)
 
 
 class Row(NamedTuple):
-    """One bookkeeping row of a step message: its name and its entry in each column."""
+    """One bookkeeping row of a step message: its name, and its number in each column."""
 
     name: str
     position: float
@@ -49,17 +49,17 @@ class Row(NamedTuple):
 
 
 def marked(message: AnyStep, name: str, absent: float = 0.0, column: str = "position") -> float:
-    """Return a number a node has added to a step message, or ``absent`` if it has not."""
+    """Return a number of a named row of a step message, or ``absent`` if there is no such row."""
     return float(getattr(message, column)[message.name.index(name)]) if name in message.name else absent
 
 
 def step_index(message: AnyStep) -> int | None:
-    """Return the step of a message that is not decoded any further; None if it has no step row.
+    """Return the step number of a message without decoding the rest; None if it has no step row.
 
     Raises
     ------
     MessageError
-        If its columns have not one entry a row, or the step is no whole number a float64 holds exactly.
+        If the positions are not one per row, or the step is not an integer below 2^53.
     """
     if len(message.name) != len(message.position):
         raise MessageError(f"{len(message.name)} rows, but {len(message.position)} positions")
@@ -70,24 +70,24 @@ def step_index(message: AnyStep) -> int | None:
 
 
 class ConfigurationMark(NamedTuple):
-    """The configuration a sample was computed with: its revision, and the source of the node that described it."""
+    """The configuration of a sample: its revision, and the source number of the node that published it."""
 
     revision: int = 0
     source: float = 0.0
 
 
 def configuration_mark(message: AnyStep) -> ConfigurationMark:
-    """Return which configuration the sample was computed with; revision 0 if the message does not say."""
+    """Return the mark of the configuration that the sample was computed with; revision 0 if there is none."""
     return ConfigurationMark(int(marked(message, REVISION)), marked(message, REVISION, column="velocity"))
 
 
 def numbers_of(message: AnyStep, *more: float) -> tuple[float, ...]:
-    """Return the columns of a step message with a number between each two, as they stand in its bytes, and more.
+    """Return the columns of a step message, with one number between columns as in its bytes, followed by ``more``.
 
     Raises
     ------
     MessageError
-        If they have not one entry a row, or hold a number that is not finite.
+        If a column has not one number per row, or a number is not finite.
     """
     names, columns = message.name, (message.position, message.velocity, message.effort)
     if not names:
@@ -107,12 +107,12 @@ def numbers_of(message: AnyStep, *more: float) -> tuple[float, ...]:
 
 
 def step_and_time(stamp: float, told: tuple[float, float] | None, step_s: float | None) -> tuple[int, float]:
-    """Return the step index and its exact time: as the step's row tells them, else from stamp and step's length (s).
+    """Return step index and exact time (s): from the step's row ``told``, else from the stamp and the step length (s).
 
     Raises
     ------
     MessageError
-        If neither is known, or the stamp contradicts the row, or the stamp lies off the grid.
+        If neither is known, the stamp contradicts the row, or the stamp is not a multiple of the step length.
     """
     if told is not None:
         step, time_s = int(told[0]), told[1]

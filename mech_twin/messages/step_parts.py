@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a step message has some of: events of linkage and body, loads of the forces, the effort asked of a motor."""
+"""Optional parts of a step message: events of linkage and body, loads of the forces, effort command of a motor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Numbers = Sequence[float]
 
 
 def rows_of(sample: Sample) -> tuple[Row, ...]:
-    """Return the rows of what a sample has some of."""
+    """Return the rows of the optional parts of a sample (its last field)."""
     told: Any = sample[-1]
     if not told:
         return ()
@@ -28,7 +28,7 @@ def rows_of(sample: Sample) -> tuple[Row, ...]:
 
 
 def _part_rows(index: str, part: Event | Load) -> list[Row]:
-    """Return the rows of an event or a load, which stand together."""
+    """Return the consecutive rows of an event or a load."""
     if isinstance(part, Load):
         head = f"{LOAD}{index}/{part.kind}/{part.contact}"
         numbers = zip(LOAD_COLUMNS, (part.time_s, *part[3:]), strict=True)
@@ -43,12 +43,12 @@ def _part_rows(index: str, part: Event | Load) -> list[Row]:
 
 
 def parts_of(kind: type[Sample], names: tuple[str, ...]) -> Callable[[Numbers], Any]:
-    """Return what makes the last field of a role's sample of the numbers of a message with these row names.
+    """Return a function that makes the last field of a role's sample from the numbers of a message with these rows.
 
     Raises
     ------
     MessageError
-        If an event, a load or the effort asked has not all its rows.
+        If an event, a load or the effort command lacks a row.
     """
     if kind is MotorSample:
         rows = [names.index(name) for name in (ASKED, HELD) if name in names]
@@ -63,14 +63,14 @@ def parts_of(kind: type[Sample], names: tuple[str, ...]) -> Callable[[Numbers], 
 
 
 def _part(names: tuple[str, ...], rows: list[int]) -> tuple[Callable[[Numbers], Any], Callable[[Numbers], Any]]:
-    """Return what picks the numbers of the event or the load that these rows tell, and what makes it of them."""
+    """Return the getter of the numbers of an event or load in these rows, and the function that makes it of them."""
     head, *others = [names[row].split("/") for row in rows]
     if len(head) > 3:
         pre, post = (sum(words[2:3] == [side] for words in others) for side in ("pre", "post"))
         loaded = names[rows[0]].startswith(LOAD)
         make = partial(load_of, head[2], head[3]) if loaded else partial(event_of, head[2], head[3], pre)
         count = len(LOAD_COLUMNS) if loaded else 5 + 3 * (pre + post)
-        found = _part_rows(head[1], make(range(1, count + 1)))  # each number is its place, counted from 1
+        found = _part_rows(head[1], make(range(1, count + 1)))  # each number is its own index, from 1
         if [row.name for row in found] == [names[row] for row in rows]:
             stride = len(names) + 1
             at = {n: rows[i] + stride * k for i, row in enumerate(found) for k, n in enumerate(row[1:]) if n}

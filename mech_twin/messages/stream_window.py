@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decimation of a stream: of whole samples those around impacts go out, of numbers the greatest of each window.
+"""Decimation of streams: samples keep those around impacts, scalar quantities the largest of each window.
 
 ::
 
@@ -21,26 +21,26 @@ STREAM_RATE_HZ = 100.0
 
 
 def steps_per_window(rate_hz: float, step_s: float) -> int:
-    """Return how many coupling steps a window of a stream has: 1 where the rate is that of the steps, or higher."""
+    """Return the number of coupling steps per window of a stream; 1 if the rate (Hz) is that of the steps or higher."""
     return max(1, round(1.0 / (rate_hz * step_s)))
 
 
 def has_impact(happenings: Sequence[Event] | Sequence[Load]) -> bool:
-    """Return whether one of these events, or of the loads they brought, has an impulse."""
+    """Return whether one of these events or loads has an impulse."""
     if not happenings:
         return False
     return any((each.impulse_ns if isinstance(each, Event) else each.impulse_nms) != 0.0 for each in happenings)
 
 
 def wrench_size(wrench: Wrench) -> float:
-    """Return the magnitude by which wrenches are compared when a stream is decimated."""
+    """Return the magnitude for comparing wrenches in decimation: force (N) plus moment (N m)."""
     return math.hypot(wrench.force_x_n, wrench.force_y_n) + abs(wrench.moment_nm)
 
 
 class StreamWindow(Generic[Kept]):
-    """Which items of a stream go out: the first of each window, those around an impact, and the window's greatest.
+    """Selects items of a stream: the first of each window, those around an impact, and the largest of the window.
 
-    Items go out in order, each at most once.
+    Items are returned in order, each at most once.
 
     Parameters
     ----------
@@ -55,18 +55,18 @@ class StreamWindow(Generic[Kept]):
         self._largest = 0.0
 
     def offer(self, step: int, item: Kept, magnitude: float = 0.0, impact: bool = False) -> tuple[Kept, ...]:
-        """Offer the item of a step; return the items to publish now.
+        """Add the item of a step; return the items to publish now.
 
         Parameters
         ----------
         step : int
             Index of the step.
         item : Kept
-            What there is of it.
+            Item of the step.
         magnitude : float
-            By which the greatest of a window is found; where it is always 0 there is none.
+            Magnitude for the largest of a window; if always 0, no largest is selected.
         impact : bool
-            Whether something struck in the step that ends here.
+            Whether an impact occurred in the step that ends here.
         """
         begins = step % self._length == 0
         if begins or impact:
@@ -81,7 +81,7 @@ class StreamWindow(Generic[Kept]):
         return ()
 
     def rest(self) -> tuple[Kept, ...]:
-        """Return the greatest of the window so far, if it has not gone out."""
+        """Return the largest item of the window so far, if not yet returned."""
         greatest, self._greatest = self._greatest, None
         if greatest is None:
             return ()
@@ -91,7 +91,7 @@ class StreamWindow(Generic[Kept]):
 
 
 class PeakHoldWindow(Generic[Kept]):
-    """Which items of a stream go out: the greatest of each window, so that spikes survive.
+    """Selects items of a stream: the largest of each window, so that peaks are kept.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class PeakHoldWindow(Generic[Kept]):
         return self.rest() if self._seen >= self._length else ()
 
     def rest(self) -> tuple[Kept, ...]:
-        """End the window here and return its greatest, if it saw anything."""
+        """End the window here, and return its largest item if it has any."""
         kept = self._kept
         self._seen, self._largest, self._kept = 0, -1.0, ()
         return kept

@@ -14,7 +14,7 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-DEPTH = 2000  # two seconds at a thousand steps a second: a listener may stall that long and miss nothing
+DEPTH = 2000  # 2 s at 1000 steps/s: a subscriber may stall that long without loss
 
 DATA = QoSProfile(depth=DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
@@ -40,12 +40,12 @@ class Topic(NamedTuple):
     qos: QoSProfile = DATA
 
 
-# what the roles exchange: one whole sample a step, with rows that are no joints
+# exchange of the roles: one complete sample per step, with rows besides the joints
 STEP_LINKAGE = Topic("step/linkage", JointState)
 STEP_MOTOR = Topic("step/motor", JointState)
 STEP_FORCES = Topic("step/forces", JointState)
 STEP_BODY = Topic("step/body", JointState)
-# what people and other tools read: joints and efforts alone, decimated
+# for display and other tools: joints and efforts only, decimated
 JOINT_STATES = Topic("joint_states", JointState)
 MOTOR_JOINT_STATES = Topic("motor/joint_states", JointState)
 FORCE_JOINT_STATES = Topic("forces/joint_states", JointState)
@@ -56,30 +56,31 @@ POSITION_COMMAND = Topic("motor/position_command", Float64MultiArray)
 PRESSING_FORCE = Topic("body/pressing_force", WrenchStamped)
 IMPACTS = Topic("impacts", Vector3Stamped)
 SCENE = Topic("scene", MarkerArray)
-BLOW_GAUGE = Topic("blow/gauge", JointState)  # one message a blow; where a gauge is on what is struck
-BLOW_WAVE = Topic("blow/wave", JointTrajectory)  # where its curve is asked for
+BLOW_GAUGE = Topic("blow/gauge", JointState)  # one message per blow, if there is a gauge on the struck part
+BLOW_WAVE = Topic("blow/wave", JointTrajectory)  # if its curve is requested
 DESCRIPTION = Topic("description", String, LATCHED)
-FRAMES = Topic("frames", TransformStamped)  # one message a frame; the same on /tf where tf2_msgs is installed
+FRAMES = Topic("frames", TransformStamped)  # one message per frame; also on /tf if tf2_msgs is installed
 ROBOT_DESCRIPTION = Topic("robot_description", String, LATCHED)  # URDF
-REJOIN = Topic("rejoin", String)  # "linkage", "body" or "motor" asks where that one was
+REJOIN = Topic("rejoin", String)  # "linkage", "body" or "motor" requests its last state
 REJOIN_MOTOR = Topic("rejoin/motor", JointState)
 REJOIN_LINKAGE = Topic("rejoin/linkage", JointState)
 REJOIN_DESCRIPTION = Topic("rejoin/description", String)
 REJOIN_BODY = Topic("rejoin/body", JointState)
-WRENCHES = "forces"  # below it, one topic a pin
-# what a shadow says of a machine, beside it and never on its own names
+WRENCHES = "forces"  # prefix of one topic per pin
+
+# topics of a shadow, below a prefix of their own and never on the machine's topics
 TWIN = "twin"
 ESTIMATED = Topic(f"{TWIN}/estimated/joint_states", JointState)
 RESIDUALS = Topic(f"{TWIN}/residuals/joint_states", JointState)
 STANDARD_RESIDUALS = Topic(f"{TWIN}/residuals/standard", JointState)  # features of a cycle, in sigma
-VIRTUAL = f"{TWIN}/virtual"  # below it, one topic a pin
+VIRTUAL = f"{TWIN}/virtual"  # prefix of one topic per pin
 VIRTUAL_DRIVE = Topic(f"{VIRTUAL}/drive", WrenchStamped)
 VIRTUAL_PRESSING_FORCE = Topic(f"{VIRTUAL}/pressing_force", WrenchStamped)
 DETECTED_IMPACTS = Topic(f"{TWIN}/impacts", Vector3Stamped)
 RECOMMENDATION = Topic(f"{TWIN}/recommendation", DiagnosticStatus, LATCHED)
 DECISIONS = Topic(f"{TWIN}/decisions", DiagnosticStatus)
 CLOCK = Topic("/clock", Clock)
-OWN_CLOCK = Topic("clock", Clock)  # in the namespace, where CLOCK may be another machine's
+OWN_CLOCK = Topic("clock", Clock)  # in the namespace; CLOCK may be of another machine
 DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray)
 
 
@@ -94,12 +95,12 @@ def virtual_pin(pin: str) -> Topic:
 
 
 def sigma_of(topic: Topic) -> Topic:
-    """Return the topic of the standard deviation of what is estimated on a topic."""
+    """Return the topic with the standard deviation of an estimated topic."""
     return topic._replace(name=f"{topic.name}/sigma")
 
 
 def shadow_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
-    """Return the topics of a shadow."""
+    """Return the topics that a shadow publishes."""
     body = (VIRTUAL_PRESSING_FORCE,) if has_body else ()
     estimated = (ESTIMATED, *map(virtual_pin, pins), VIRTUAL_DRIVE, *body)
     return (
@@ -114,7 +115,7 @@ def shadow_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
 
 
 def step_topics(has_body: bool) -> tuple[Topic, ...]:
-    """Return the topics that carry one whole sample each step."""
+    """Return the topics with one complete sample per step."""
     always = (STEP_LINKAGE, STEP_MOTOR, STEP_FORCES)
     return (*always, STEP_BODY) if has_body else always
 
@@ -126,12 +127,12 @@ def joint_state_topics(has_body: bool) -> tuple[Topic, ...]:
 
 
 def run_topics(has_body: bool) -> tuple[Topic, ...]:
-    """Return the topics of which there is one publisher each: step messages and joint states."""
+    """Return the topics that must have a single publisher each: step messages and joint states."""
     return (*step_topics(has_body), *joint_state_topics(has_body))
 
 
 def recorded_topics(pins: tuple[str, ...], has_body: bool) -> tuple[Topic, ...]:
-    """Return everything a recording holds."""
+    """Return the topics of a recording."""
     body = (PRESSING_FORCE,) if has_body else ()
     wrenches = tuple(pin_wrench(pin) for pin in pins)
     commands = (SPEED_COMMAND, EFFORT_COMMAND, POSITION_COMMAND)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The process: signals and interruption, what it needs of system and packages, where its output goes."""
+"""The process: signals and interruption, requirements on system and packages, terminal output."""

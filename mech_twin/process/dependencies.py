@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the package needs of others: versions at start, extras when they are used; each fault is one line."""
+"""Checks of dependencies: versions at start, extras when they are used; each error is one line."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def unmet(requirements: Iterable[str], installed: Callable[[str], str] = version
     Parameters
     ----------
     requirements : iterable of str
-        As in the metadata of a package, ``numba>=0.60``; those of an extra (with ``;``) are passed over.
+        As in the metadata of a package, ``numba>=0.60``; those of an extra (with ``;``) are skipped.
     installed : callable, optional
-        Name of a distribution to its version; raises PackageNotFoundError.
+        Returns the version of a distribution; raises PackageNotFoundError.
     """
     found = []
     for requirement in requirements:
@@ -61,7 +61,7 @@ def unmet(requirements: Iterable[str], installed: Callable[[str], str] = version
 
 
 def require_versions() -> None:
-    """End the program in one line if a package it needs is missing or too old; a bare source tree is not checked."""
+    """Exit with a one-line message if a required package is missing or too old; an uninstalled tree is not checked."""
     try:
         declared = requires(PACKAGE) or []
     except PackageNotFoundError:
@@ -74,28 +74,28 @@ def require_versions() -> None:
 
 
 def extra_needed(extra: str) -> str:
-    """Return the line that names an extra and how it is installed."""
+    """Return a line that names an extra and its installation command."""
     return f"needs the extra '{extra}': pip install '{PACKAGE}[{extra}]'"
 
 
 def require_extra(extra: str) -> None:
-    """Raise before the work begins what using the extra would raise after it.
+    """Check before a computation that the modules of an extra are installed.
 
     Raises
     ------
     ModuleNotFoundError
-        If a module of the extra is not installed; `missing_extra` puts it in a line.
+        If a module of the extra is not installed; `missing_extra` gives the line for it.
     """
     require_modules(*(name for name, brings in EXTRA_OF.items() if brings == extra))
 
 
 def require_modules(*modules: str) -> None:
-    """Raise before the work begins what using modules of an extra would raise after it.
+    """Check before a computation that modules are installed.
 
     Raises
     ------
     ModuleNotFoundError
-        If one is not installed; `missing_extra` puts it in a line.
+        If one is not installed; `missing_extra` gives the line for it.
     """
     for module in modules:
         if find_spec(module) is None:
@@ -105,7 +105,7 @@ def require_modules(*modules: str) -> None:
 
 
 def missing_extra(error: ImportError) -> str | None:
-    """Return the line for an import that failed for want of an extra, or None if it failed for another reason."""
+    """Return a line for an import that failed because an extra or ROS is missing; None for another reason."""
     module = (error.name or "").partition(".")[0]
     if _OF_ROS.fullmatch(module):
         return f"expected ROS 2 for Python, no module {module!r}: {extra_needed('jazzy')}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where a signal may raise an exception, and how a process ends where it may not."""
+"""Places where a signal handler may raise an exception, and how the process ends at other places."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from types import FrameType
 from typing import ClassVar, NoReturn
 
 SIGNALS = (SIGINT, SIGTERM, SIGHUP)
-EXIT_CODE_BASE = 128  # of a process that a signal ends, and its number
+EXIT_CODE_BASE = 128  # plus the signal number: exit code of a process ended by a signal
 INTERRUPTED_LINE = "mech-twin: interrupted\n"
 RETRY_S = 0.005
 COMPILER = ("numba", "llvmlite")
@@ -21,14 +21,14 @@ MAIN_THREAD = threading.main_thread().ident
 
 
 def answered_signals() -> tuple[Signals, ...]:
-    """Return the signals to answer: under ``nohup``, which ignores SIGHUP, a run outlives its terminal."""
+    """Return the signals to handle: without SIGHUP under ``nohup``, so that a run outlives its terminal."""
     return tuple(number for number in SIGNALS if number != SIGHUP or getsignal(number) is not SIG_IGN)
 
 
 def is_in_wrapper(frame: FrameType | None) -> bool:
-    """Return whether a compiled function's result is being wrapped: an exception there is a segmentation fault.
+    """Return whether the result of a compiled function is being wrapped: an exception there is a segmentation fault.
 
-    The wrapper constructs named tuples and does not expect that to fail.
+    The wrapper constructs named tuples, and does not check whether that failed.
     """
     return frame is not None and str(frame.f_globals.get("__name__", "")).startswith("namedtuple_")
 
@@ -36,8 +36,8 @@ def is_in_wrapper(frame: FrameType | None) -> bool:
 def is_in_compiler(frame: FrameType | None) -> bool:
     """Return whether a kernel is being compiled.
 
-    The compiler calls Python from finalizers and from callbacks of C, which drop an exception: the process would go on
-    compiling, or go on with a kernel that is not there.
+    The compiler calls Python from finalizers and C callbacks, which drop an exception: the process would continue to
+    compile, or continue without the kernel.
     """
     while frame is not None:
         if str(frame.f_globals.get("__name__", "")).partition(".")[0] in COMPILER:
@@ -49,8 +49,8 @@ def is_in_compiler(frame: FrameType | None) -> bool:
 def is_importing(frame: FrameType | None) -> bool:
     """Return whether a module is being imported.
 
-    An exception there may be dropped by a callback of the import system, or turned into another one by the class that
-    is being made.
+    An exception there may be dropped by a callback of the import system, or replaced by another one when a class is
+    being created.
     """
     while frame is not None:
         if frame.f_globals.get("__name__") == IMPORTING:
@@ -60,12 +60,12 @@ def is_importing(frame: FrameType | None) -> bool:
 
 
 class UninterruptedLock:
-    """A reentrant lock; a signal to the main thread while that holds it comes when it is released.
+    """A reentrant lock that delays signals to the main thread, while this holds it, until the release.
 
-    An exception in between would leave what the lock guards half changed.
+    An exception in between would leave the guarded data half changed.
     """
 
-    _depth = 0  # of all locks that the main thread holds or waits for
+    _depth = 0  # number of such locks that the main thread holds or waits for
     _held_back: ClassVar[list[int]] = []
 
     def __init__(self) -> None:
@@ -73,19 +73,19 @@ class UninterruptedLock:
 
     @classmethod
     def holds_back(cls, number: int) -> bool:
-        """Keep a signal for later, if the main thread holds such a lock; return whether that is so."""
+        """Delay a signal if the main thread holds such a lock; return whether it does."""
         if cls._depth:
             cls._held_back.append(number)
         return cls._depth > 0
 
     def __enter__(self) -> None:
-        """Count first: a signal after that waits."""
+        """Count before acquiring, so that a later signal is delayed."""
         if threading.get_ident() == MAIN_THREAD:
             UninterruptedLock._depth += 1
         self._lock.acquire()
 
     def __exit__(self, *_: object) -> None:
-        """Release, and send what was held back."""
+        """Release the lock, and raise a delayed signal."""
         self._lock.release()
         if threading.get_ident() == MAIN_THREAD:
             UninterruptedLock._depth -= 1
@@ -96,14 +96,14 @@ class UninterruptedLock:
 
 
 def send_after_wrapper(number: int, frame: FrameType | None) -> None:
-    """Send the main thread the signal again as the function that called a wrapper goes on.
+    """Raise the signal again when the function that called a wrapper continues.
 
-    A signal that comes while a kernel computes is seen first in the wrapper of its result: sent again by the clock, it
-    could meet every wrapper and nothing else.
+    A signal during a kernel's computation is first handled in the wrapper of its result: sent again by a timer, it
+    could hit only wrappers every time.
     """
     while is_in_wrapper(frame):
         frame = frame.f_back  # type: ignore[union-attr]  # a wrapper is not None
-    if frame is None or sys.gettrace() is not None:  # a debugger or a measure of coverage traces already
+    if frame is None or sys.gettrace() is not None:  # a debugger or coverage tool uses the trace already
         send_again(number)
         return
 
@@ -112,26 +112,26 @@ def send_after_wrapper(number: int, frame: FrameType | None) -> None:
         raise_signal(number)
 
     frame.f_trace = trace
-    sys.settrace(lambda *_: None)  # calls are not traced, but the marked function is
+    sys.settrace(lambda *_: None)  # traces no calls, only the marked frame
 
 
 def tell_interrupted() -> None:
-    """Write the line of an interrupted program to standard error, if that can be done now."""
+    """Write `INTERRUPTED_LINE` to standard error, if possible now."""
     with suppress(OSError, ValueError, AttributeError, RuntimeError):  # RuntimeError: it is being written to
         sys.stderr.write(INTERRUPTED_LINE)
 
 
 def send_again(number: int) -> None:
-    """Send the main thread the signal again a little later."""
+    """Send the signal to the main thread again after `RETRY_S`."""
     again = threading.Timer(RETRY_S, pthread_kill, (threading.main_thread().ident, number))
     again.daemon = True
     again.start()
 
 
 def end_at_once(code: int) -> NoReturn:
-    """End the process without taking down interpreter and compiler, which takes up to a second; all is closed."""
+    """Flush output and exit without shutdown of interpreter and compiler, which takes up to 1 s; close files before."""
     for stream in (sys.stdout, sys.stderr):
-        # nobody reads it any more, there is none, or it is being written to
+        # the reader is gone, there is no stream, or it is being written to
         with suppress(OSError, ValueError, AttributeError, RuntimeError):
             stream.flush()
     os._exit(code)

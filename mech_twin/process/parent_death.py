@@ -13,7 +13,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def end_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
-    """Ask the kernel for a signal when this process's parent ends; end here if it has ended already.
+    """Let the kernel send a signal when the parent process ends; exit at once if it has ended already.
 
     Parameters
     ----------

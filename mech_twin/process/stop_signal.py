@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""SIGINT, SIGTERM and SIGHUP: as exceptions where those are safe, or as a request to stop that is asked for later.
+"""Handling of SIGINT, SIGTERM and SIGHUP: as exceptions where safe, or as a stop request to be polled.
 
-Where an exception is not safe (`mech_twin.process.interruption`) the signal is sent again a little later, or, while a
+Where an exception is not safe (`mech_twin.process.interruption`) the signal is sent again a little later; while a
 kernel is compiled or a module is imported, the process ends at once.
 """
 
@@ -33,7 +33,7 @@ _to_close: list[bool] = []
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Turn SIGINT into KeyboardInterrupt, and SIGTERM and SIGHUP into SystemExit 128 + N, where that is safe."""
+    """Raise KeyboardInterrupt on SIGINT, and SystemExit 128 + N on SIGTERM and SIGHUP, where that is safe."""
     before = _handled(_raise)
     try:
         yield
@@ -72,7 +72,7 @@ def raising_interrupt() -> Iterator[None]:
 
 
 class StopSignal:
-    """While this context is open, a signal sets ``asked`` and ``number``; it interrupts only what is `interrupting`."""
+    """A context in which a signal sets ``asked`` and ``number``; it interrupts only a block of `interrupting`."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -112,12 +112,12 @@ class StopSignal:
             return
         if is_in_compiler(frame) or is_importing(frame):
             end_at_once(EXIT_CODE_BASE + number)
-        self._interrupts = False  # a second one must not interrupt the clearing up
+        self._interrupts = False  # a second signal must not interrupt the clean-up
         raise SystemExit(EXIT_CODE_BASE + number)
 
 
 def _handled(handler: Handler) -> dict[signal.Signals, Any]:
-    """Set the handler of every signal that is answered; return those before."""
+    """Set the handler of all handled signals; return the previous handlers."""
     return {number: signal.signal(number, handler) for number in answered_signals()}
 
 

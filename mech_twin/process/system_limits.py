@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the system may lack: an error that comes from it as one line that says what is missing."""
+"""Limits of the system (memory, open files): errors caused by them as one line that names the limit."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import resource
 MIB = 1 << 20
 UNLIMITED = "none"
 _OPEN_FILES = {errno.EMFILE, errno.ENFILE}
-# the words of the dynamic loader and of libraries that reserve memory themselves
+# messages of the dynamic loader and of libraries that allocate memory themselves
 _NO_MEMORY = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "bad_alloc")
-_SECURITY = "security"  # what the middleware says of a missing key, and of a library that was built without
+_SECURITY = "security"  # in the middleware's errors on a missing key, or a library built without security
 
 
-NUMERICS_BYTES = 480 * MIB  # with less, the libraries of the kernels fail at places of their own, or wait for ever
+NUMERICS_BYTES = 480 * MIB  # with less, the libraries of the kernels fail unpredictably, or hang
 
 
 def check_address_space(needed: int, what: str) -> None:
-    """Raise where the limit of address space leaves less than is needed.
+    """Check that the limit of address space is at least ``needed`` (bytes).
 
     Raises
     ------
     SurroundingsError
-        Naming the limit, and what takes more.
+        The limit is lower; the message names it, and what needs more.
     """
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < needed:
@@ -37,12 +37,12 @@ class SurroundingsError(Exception):
 
 
 def lacking(error: BaseException) -> str | None:
-    """Return the line that names what the system lacks, or None if the error has another reason.
+    """Return a line that names the exceeded limit of the system; None if the error has another reason.
 
     Parameters
     ----------
     error : BaseException
-        As it was raised; what it was raised from is looked at too.
+        The error; its causes and contexts are checked too.
     """
     if isinstance(error, SurroundingsError):
         return str(error)
@@ -64,13 +64,13 @@ def lacking(error: BaseException) -> str | None:
 def _is_open_files(error: BaseException) -> bool:
     if isinstance(error, OSError):
         return error.errno in _OPEN_FILES
-    return isinstance(error, RuntimeError) and os.strerror(errno.EMFILE) in str(error)  # as the middleware tells it
+    return isinstance(error, RuntimeError) and os.strerror(errno.EMFILE) in str(error)  # as reported by the middleware
 
 
 def _is_memory(error: BaseException) -> bool:
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    if isinstance(error, SystemError):  # an extension that did not look whether it got its memory
+    if isinstance(error, SystemError):  # an extension that did not check an allocation
         return resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
     return isinstance(error, ImportError | RuntimeError) and any(words in str(error) for words in _NO_MEMORY)
 

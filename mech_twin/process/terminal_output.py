@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard output and standard error, whatever they are: a terminal that may close, a full disk, or nothing at all.
+"""Robust standard output and standard error: they may be a terminal that closes, a full disk, or closed from the start.
 
-What is written to a closed terminal is lost, and no error: the kernel takes a terminal away before it sends SIGHUP, and
-under ``nohup`` sends none that is answered.  What cannot be said on standard error is lost too.  A result that cannot
-be written is an error, `StandardOutputError`.
+Output to a closed terminal is discarded without an error: the kernel detaches a terminal before it sends SIGHUP, and
+``nohup`` ignores that signal.  A failed write to standard error is discarded too.  A result that cannot be written is
+an error, `StandardOutputError`.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _NOT_IN_JSON = re.compile(r"[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u20
 
 
 class StandardOutputError(OSError):
-    """A result that could not be written to standard output."""
+    """A result cannot be written to standard output."""
 
     def __str__(self) -> str:
         return f"standard output: cannot be written: {self.strerror}"
 
 
 def printable(text: str) -> str:
-    r"""Return a text with what a terminal would obey, or cannot show, written as an escape.
+    r"""Return a text with control characters and other unprintable ones written as escapes.
 
     Examples
     --------
@@ -41,12 +41,12 @@ def printable(text: str) -> str:
 
 
 def printable_json(text: str) -> str:
-    """Return JSON with what a terminal would obey, or cannot show, written as its escapes."""
+    """Return JSON with control characters and other unprintable ones written as JSON escapes."""
     return _NOT_IN_JSON.sub(lambda found: f"\\u{ord(found.group()):04x}", text)
 
 
 def outlive_terminal() -> None:
-    """From here on let nothing that is said raise an error; a closed stream is one that cannot be written."""
+    """Replace both streams: messages no longer raise errors; standard output that was closed cannot be written."""
     _fill_closed()
     sys.stdout = _outliving(sys.stdout, STANDARD_OUTPUT, _Results)
     sys.stderr = _outliving(sys.stderr, STANDARD_ERROR, _Said)
@@ -63,7 +63,7 @@ def give_up_output() -> None:
 def _fill_closed() -> None:
     """Open the null device for closed standard streams, so that no other file gets their descriptors and the output."""
     ways = {STANDARD_INPUT: os.O_RDONLY, STANDARD_OUTPUT: os.O_RDONLY, STANDARD_ERROR: os.O_WRONLY}
-    for number, way in ways.items():  # in rising order: the lowest free number is the one that is opened
+    for number, way in ways.items():  # in rising order: open() takes the lowest free descriptor
         try:
             os.fstat(number)
         except OSError:
@@ -71,10 +71,10 @@ def _fill_closed() -> None:
 
 
 def _outliving(stream: TextIO | None, number: int, kind: type[io.FileIO]) -> TextIO:
-    """Return the stream over a file of this kind; None: the program was started with it closed."""
+    """Return a text stream on a file of this class; ``stream`` is None if the program was started with it closed."""
     try:
         descriptor = number if stream is None else stream.fileno()
-    except (OSError, ValueError):  # it is no file, but a test's
+    except (OSError, ValueError):  # not a file, but a test's stream
         assert stream is not None
         return stream
     encoding, errors = ("utf-8", "strict") if stream is None else (stream.encoding, stream.errors)
@@ -85,10 +85,10 @@ def _outliving(stream: TextIO | None, number: int, kind: type[io.FileIO]) -> Tex
 
 class _Results(io.FileIO):
     def write(self, data: Any, /) -> int:
-        """Return the number of bytes written, or lost with the terminal."""
+        """Return the number of bytes written, or discarded after the terminal has closed."""
         try:
             return super().write(data)
-        except BrokenPipeError:  # who reads has had enough
+        except BrokenPipeError:  # the reader has closed the pipe
             raise
         except OSError as error:
             if error.errno != errno.EIO:
@@ -98,7 +98,7 @@ class _Results(io.FileIO):
 
 class _Said(io.FileIO):
     def write(self, data: Any, /) -> int:
-        """Return the number of bytes written, or lost."""
+        """Return the number of bytes written, or discarded after an error."""
         try:
             return super().write(data)
         except OSError:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MCAP: write, read, replay, recover."""
+"""Recordings: write, read and recover MCAP files and rosbag2 directories."""

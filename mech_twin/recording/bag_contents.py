@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording holds: messages, topics, files, totals."""
+"""Contents of a recording: messages, topics, files, totals; and the interface of its readers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 
 class BagMessage(NamedTuple):
-    """One recorded message, still encoded."""
+    """One recorded message, serialized."""
 
     topic: str
     type_name: str
@@ -52,8 +52,8 @@ class BagInfo:
     Attributes
     ----------
     counters : dict
-        Loss counters by topic (received, written, dropped, missed, late), and the most publishers of it at one time;
-        empty for foreign bags.
+        Loss counters by topic (received, written, dropped, missed, late), and the largest number of simultaneous
+        publishers; empty for foreign bags.
     configuration : str, optional
         The machine's configuration as YAML.
     finished : bool
@@ -75,7 +75,7 @@ class BagInfo:
 
 
 class RecordingReader(Protocol):
-    """A recording open for reading, whatever its storage."""
+    """Interface of a recording open for reading, for all storage formats."""
 
     path: Path
     topics: dict[str, TopicInfo]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a rosbag2 directory: found, ordered, and never outside it."""
+"""Finds and orders the files of a rosbag2 directory; refuses files outside it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def is_sqlite_bag(path: Path) -> bool:
 
 
 def parts(directory: Path, suffix: str) -> list[Path]:
-    """Return the files of a bag in order of their number; of one that is there plain and compressed the plain one."""
+    """Return the files of a bag in order of their number; a plain file is preferred to its compressed copy."""
     plain = list(directory.glob(f"*{suffix}"))
     held = {path.name for path in plain}
     packed = (path for path in directory.glob(f"*{suffix}{ZSTD_SUFFIX}"))
@@ -65,7 +65,7 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def missing_parts(path: Path, files: list[Path]) -> list[str]:
-    """Return a line for each part that a bag's consecutive numbers leave out; a last one that is missing has none."""
+    """Return a line for each gap in the numbers of a bag's files; missing files at the end are not detected."""
     own = {split_order(file)[0]: file for file in files if file.name.startswith(f"{path.name}_")}
     last = max(own, default=-1)
     if last >= MOST_PARTS:

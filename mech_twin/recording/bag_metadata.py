@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`metadata.yaml` (version 9) of a rosbag2 directory: written and read."""
+"""Writes and reads `metadata.yaml` (version 9) of a rosbag2 directory."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a recording in order of log time, in memory that does not grow with its size."""
+"""Reads a recording in order of log time, in bounded memory."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVER
 
 Answer = TypeVar("Answer")
 MAX_OPEN_BYTES = 1 << 30
-MESSAGE_BYTES = 256  # what a message takes in memory beside its payload
+MESSAGE_BYTES = 256  # memory per message besides its payload
 
 
 @dataclass
@@ -97,20 +97,20 @@ class BagReader(OpenBag):
         return () if salvaged is None else (f"{self.path}: salvaged from a damaged recording: {salvaged}",)
 
     def _counters(self) -> dict[str, dict[str, int]]:
-        """Return the loss counters by topic, which only grow: the greatest of the last file and of `metadata.yaml`.
+        """Return the loss counters by topic: the larger of those in the last file and in `metadata.yaml`.
 
-        What was received after the last file was finished, on a full disk, only the latter counts.
+        They only grow; messages received after the last file was finished (disk full) are only in `metadata.yaml`.
         """
         counters: dict[str, dict[str, int]] = {}
         for source in self._sources:
             counters = source.index.counters() or counters
         if self.path.is_file() and any(source.index.split_number() for source in self._sources):
-            return {}  # they count the whole bag, of which this is a later part
+            return {}  # they count the whole bag; this is one later file of it
         told = counter_rows(parsed_mapping(_custom_data(self.path).get(COUNTERS_KEY, "{}")))
         for topic in counters.keys() & told.keys():
             row, later = counters[topic], told[topic]
             counters[topic] = {key: max(value, later.get(key, 0)) for key, value in row.items()}
-        for topic, row in counters.items():  # what is held is counted, and the rest of what was written is cut off
+        for topic, row in counters.items():  # "written": messages present; the others were cut
             held = self.topics[topic].message_count if topic in self.topics else 0
             cut = max(0, row.get("written", 0) - held)
             row["written"] = held
@@ -134,7 +134,7 @@ class BagReader(OpenBag):
         Raises
         ------
         DamagedBagError, BagBeyondLimitsError
-            A damaged record is reached; the chunks overlap so far that sorting needs too much memory.
+            A damaged record is reached; the chunks overlap in time so much that sorting needs too much memory.
         """
         if self.start_ns is None:
             return
@@ -198,7 +198,7 @@ class BagReader(OpenBag):
             yield number, record
 
     def _check_disorder(self, extents: Iterator[Extent]) -> None:
-        """Refuse a bag whose chunks overlap in time so far that sorting exceeds `MAX_OPEN_BYTES`."""
+        """Refuse a bag whose chunks overlap in time so much that sorting exceeds `MAX_OPEN_BYTES`."""
         borders: list[tuple[int, int, int]] = []
         for extent in extents:
             borders += [(extent.start_ns, 0, extent.size_bytes), (extent.end_ns, 1, -extent.size_bytes)]
@@ -251,7 +251,7 @@ class BagReader(OpenBag):
 
 
 def open_bag(path: Path | str, *, salvage: bool = False) -> RecordingReader:
-    """Return a reader of a recording in MCAP or sqlite3 storage; ``salvage`` takes what is there of a damaged one.
+    """Return a reader of a recording in MCAP or sqlite3 storage; ``salvage`` reads the intact part of a damaged one.
 
     Raises
     ------
@@ -271,7 +271,7 @@ def bag_info(path: Path | str) -> BagInfo:
 
 
 def about_bag(path: Path | str, ask: Callable[[RecordingReader], Answer]) -> tuple[BagInfo, Answer]:
-    """Return the summary of a bag and what else is asked of it; of a damaged one as its intact part tells."""
+    """Return the summary of a bag and the result of ``ask``; for a damaged bag those of its intact part."""
     try:
         with open_bag(path) as reader:
             return reader.info, ask(reader)
@@ -310,8 +310,8 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path
 
 
 def lost_messages(path: Path) -> str:
-    """Return what a recording just made has lost, in one line; empty if nothing."""
-    if not path.exists():  # a run that recorded nothing leaves nothing
+    """Return a line on the messages that a new recording has lost; empty if none."""
+    if not path.exists():  # an empty recording was deleted
         return ""
     try:
         info = bag_info(path)

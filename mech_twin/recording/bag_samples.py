@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A recording decoded to samples, step by step, each step once."""
+"""Decodes a recording to samples, step by step, each step once."""
 
 from __future__ import annotations
 
@@ -133,24 +133,24 @@ class BagSamples:
 
     @property
     def contradicted_from(self) -> int | None:
-        """The lowest step so far of which two samples differ; None where there is none."""
+        """The lowest step so far with two different samples; None if there is none."""
         return None if self._assembler is None else self._assembler.contradicted_from
 
     @property
     def count(self) -> int:
-        """How many messages of the linkage there are."""
+        """Number of recorded messages of the linkage."""
         return self._reader.topics[self.topics["linkage"]].message_count
 
     def descriptions(self) -> list[str]:
         """Return the configurations of the run, in order; without any, the one attached to the bag.
 
-        A bag holds what anybody published on the description's topic: of those only what the step messages name counts.
+        The description topic may have foreign publishers: only sources that the step messages refer to are used.
         """
         texts = self._described()
         sources = {_source_of(text) for text in texts}
         if texts and sources != {next(self._named_sources("linkage"), None)}:
             followed = set(self._named_sources("linkage"))
-            if "forces" in self.topics:  # it answers one linkage only, whoever else publishes
+            if "forces" in self.topics:  # it answers only the linkage that it follows
                 followed &= set(self._named_sources("forces"))
             texts = [text for text in texts if _source_of(text) in followed]
         configuration = self._reader.info.configuration
@@ -170,7 +170,7 @@ class BagSamples:
         return texts
 
     def _named_sources(self, field: str) -> Iterator[float]:
-        """Yield the source of the configuration that each message of a topic of steps was computed with."""
+        """Yield the source number in the configuration mark of each message of a step topic."""
         for message in self._reader.messages([self.topics[field]]):
             try:
                 yield configuration_mark(received_message(message.raw)).source
@@ -180,14 +180,14 @@ class BagSamples:
     def steps(self) -> Iterator[StepSamples]:
         """Yield the samples of each step, in order of the steps.
 
-        Of a step recorded more than once the first sample counts: it is the one the run continued with.
+        If a step is recorded more than once, the first sample is used: the run continued with it.
         """
         for item in self.shown(drawings=False):
             if isinstance(item, StepSamples):
                 yield item
 
     def shown(self, drawings: bool = True) -> Iterator[StepSamples | Drawing]:
-        """Yield the steps and, at their time between them, the drawings of the mechanism."""
+        """Yield the steps and the drawings of the mechanism, in order of time."""
         topics = [*self._steps, *([self._scene] if drawings and self._holds(self._scene, SCENE) else [])]
         assembler = self._assembler = StepAssembler(self.fields, self.unused)
         for message in self._reader.messages(topics):
@@ -242,7 +242,7 @@ class BagSamples:
 
 
 def _source_of(description: str) -> float:
-    """Return the number a description is signed with, 0 where it is not, whatever else the text holds."""
+    """Return the source number in a description; 0 if it has none, even if the text is not valid."""
     found = SOURCE_LINE.search(description)
     return 0.0 if found is None else float(found.group(1))
 

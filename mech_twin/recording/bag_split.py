@@ -54,7 +54,7 @@ class TopicCounters:
     late : int
         Received after a later one.
     publishers : int
-        The most publishers of the topic at one time, where the recorder follows one of them.
+        Largest number of simultaneous publishers of the topic, if the recorder follows one of them.
     """
 
     received: int = 0

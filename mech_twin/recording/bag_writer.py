@@ -121,7 +121,7 @@ class BagWriter:
                     self._topics[description_topic].latched = Latched(string_cdr(configuration), 0, 1)
                 self._open_first()
                 opened = True
-        except (KeyboardInterrupt, SystemExit):  # a signal that waited: nobody has this writer to close it
+        except (KeyboardInterrupt, SystemExit):  # a delayed signal: the caller has no writer to close
             if opened:
                 self._discard()
             raise
@@ -143,7 +143,7 @@ class BagWriter:
 
     @property
     def dropped(self) -> int:
-        """How many messages the disk did not accept so far."""
+        """Number of messages lost because of disk errors so far."""
         return sum(row.dropped for row in self.counters.values())
 
     def add_topic(
@@ -338,14 +338,14 @@ class BagWriter:
         self._state = WriterState.ERROR
 
     def _write_losses(self) -> None:
-        """Write what is lost into `metadata.yaml`, if the disk accepts that much."""
+        """Write the loss counters to `metadata.yaml`, if the disk accepts it."""
         try:
             self._series.write_metadata(finished=False)
         except OSError as error:
             self._note(error)
 
     def _fail(self, error: OSError, now: float) -> None:
-        """Stop recording; in the space released from the reservation the buffered data and the summary still fit."""
+        """Stop recording; release the reserved disk space, in which the buffered data and the summary fit."""
         self._note(error)
         self._next_attempt = now + self._retry_s
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What rosbag2 compresses as a whole, files or messages, made plain again; known by its content, not by metadata."""
+"""Decompresses files and messages compressed by rosbag2, recognised by their content, not by metadata."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, Mi
 from mech_twin.recording.mcap_records import MAX_RECORD_BYTES, UnreadableRecordError
 
 ZSTD_SUFFIX = ".zstd"
-_FRAME = b"\x28\xb5\x2f\xfd"  # how zstd begins; a message in CDR begins with a zero
-_PIECE_BYTES = 1 << 12  # read at once: as content at most some 128 MiB
-_SHARE_OF_DISK = 0.9  # of what is free: more is not filled
+_FRAME = b"\x28\xb5\x2f\xfd"  # magic number of zstd; a CDR message begins with a zero
+_PIECE_BYTES = 1 << 12  # compressed bytes read at once; decompressed at most about 128 MiB
+_SHARE_OF_DISK = 0.9  # of the free disk space that may be used
 
 
 def plain_message(raw: bytes) -> bytes:
-    """Return a message that may be compressed by itself.
+    """Return a message, decompressed if it is compressed individually.
 
     Raises
     ------
@@ -42,16 +42,16 @@ def plain_message(raw: bytes) -> bytes:
 
 
 def plain_file(path: Path, stack: ExitStack, *, partial: bool = False) -> Path:
-    """Return a file that may be compressed as a whole, as a plain one, which the stack removes again.
+    """Return the path of a file, or of a decompressed temporary copy if its suffix is `.zstd`.
 
     Parameters
     ----------
     path : Path
         The file.
     stack : ExitStack
-        Owns the plain copy.
+        Deletes the copy when it closes.
     partial : bool
-        Take a damaged file as far as it goes.
+        Accept a damaged file up to the damage.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def plain_file(path: Path, stack: ExitStack, *, partial: bool = False) -> Path:
 
 
 def _content(path: Path, source: BinaryIO, partial: bool) -> Iterator[bytes]:
-    """Yield the content of a compressed file, frame after frame, piece by piece."""
+    """Yield the decompressed content of a file of one or more frames, in pieces."""
     frame = zstandard.ZstdDecompressor().decompressobj()
     while data := source.read(_PIECE_BYTES):
         while data:

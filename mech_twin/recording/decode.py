@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decodes raw CDR to Python objects, by the message definitions stored in the bag."""
+"""Decodes CDR to Python objects, by the message definitions stored in the bag."""
 
 from __future__ import annotations
 

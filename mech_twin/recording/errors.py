@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Errors of recordings: file, reason and, if there is one, the remedy, in one line."""
+"""Errors of recordings: one line with file, reason and, if known, remedy."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class MissingBagError(BagError):
 
 
 class MissingPartError(MissingBagError):
-    """A part of a bag in sqlite3 storage, which `recover` does not take, is not there."""
+    """A file of a bag in sqlite3 storage, which `recover` does not support, is missing."""
 
     def __init__(self, bag: Path, file: Path, index: str) -> None:
         super().__init__(file, f"is listed in {index} but does not exist; to read the rest, move {bag / index} away")
@@ -46,14 +46,14 @@ class UnfinishedBagError(BagError):
 
 
 class DamagedBagError(BagError):
-    """The recording is corrupt; without a remedy of its own, `recover` takes the file."""
+    """The recording is corrupt; the default remedy is `recover`."""
 
     def __init__(self, file: Path | str, reason: str, remedy: str = "") -> None:
         super().__init__(file, f"{reason}; {remedy or salvage(file)}")
 
 
 def salvage(bag: Path | str) -> str:
-    """Return what salvages a bag that `recover` takes."""
+    """Return the remedy for a bag that `recover` supports."""
     return f"salvage the intact part: mech-twin recover {bag} OUT"
 
 

@@ -116,7 +116,7 @@ class FileIndex:
         return None
 
     def split_number(self) -> int:
-        """Return which part of its bag the file is; 0 for the first, and where it does not say."""
+        """Return the number of the file in its bag; 0 for the first file, or if unknown."""
         number = self.metadata_record(SPLIT_RECORD).get("index", "0")
         return int(number) if number.isascii() and number.isdigit() and len(number) < 10 else 0
 
@@ -135,7 +135,7 @@ class FileIndex:
 
 
 def counter_rows(rows: Mapping[str, object]) -> dict[str, dict[str, int]]:
-    """Return the whole numbers of loss counters by topic."""
+    """Return loss counters by topic, without values that are not integers."""
     return {
         topic: {key: value for key, value in row.items() if isinstance(value, int)}
         for topic, row in rows.items()
@@ -144,7 +144,7 @@ def counter_rows(rows: Mapping[str, object]) -> dict[str, dict[str, int]]:
 
 
 def parsed_mapping(text: str) -> dict[str, object]:
-    """Return a JSON object; empty if the text is none."""
+    """Return a JSON object; empty if the text is not one."""
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):

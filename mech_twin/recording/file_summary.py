@@ -121,7 +121,7 @@ def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
 
 
 def _check_against_data(index: FileIndex, footer: Footer) -> None:
-    """Compare what the summary says of chunks and counts with the heads of the records it speaks of.
+    """Compare chunks and message counts in the summary with the heads of the records in the data section.
 
     Raises
     ------

@@ -100,7 +100,7 @@ class FrameRecorder:
         self._describe(description)
 
     def change(self, machine: Machine, description: str) -> None:
-        """Record that another configuration of the machine holds from the next frame on."""
+        """Record a change of the configuration, valid from the next frame on."""
         self._machine = machine
         self._revision += 1
         self._describe(description)

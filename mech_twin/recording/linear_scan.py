@@ -23,8 +23,8 @@ from mech_twin.recording.mcap_records import (
 from mech_twin.recording.record_file import RecordFile
 
 _RUN_BYTES = 256 * 1024
-# what the chunks of a file may come to together: so much, and so many times its size.  A message counts for more than
-# its bytes, since one without any takes time and memory too.
+# bound on the decompressed bytes of all chunks of a file: this plus this many times the file size; each record counts
+# as RECORD_BYTES in addition, since an empty message takes time and memory too
 SCAN_BYTES = 1 << 30
 MOST_EXPANSION = 200
 RECORD_BYTES = 256
@@ -55,7 +55,7 @@ class _LinearScan:
         self._taken_bytes = 0
 
     def accept(self, found: LocatedRecord) -> None:
-        """Verify what the record contains: the records of a chunk must be intact, too."""
+        """Verify the content of a record: the records within a chunk must be intact too."""
         record = found.record
         if isinstance(record, Chunk):
             if self._verified_chunk[0] != found.offset:
@@ -66,7 +66,7 @@ class _LinearScan:
                 raise UnreadableRecordError("a footer before the end of the file")
 
     def _contents(self, chunk: Chunk) -> list[Record]:
-        self._count(min(chunk.uncompressed_size, MAX_CHUNK_BYTES))  # before, and whether or not it is intact
+        self._count(min(chunk.uncompressed_size, MAX_CHUNK_BYTES))  # counted first, even if the chunk is damaged
         inner = []
         for record in inner_records(decompressed(chunk)):
             self._count(RECORD_BYTES)

@@ -67,7 +67,7 @@ class UnreadableRecordError(Exception):
 
 
 class RawMessage(NamedTuple):
-    """A message record, its payload still encoded."""
+    """A message record with serialized payload."""
 
     channel_id: int
     sequence: int
@@ -102,7 +102,7 @@ def parse(opcode: int, content: bytes) -> Record:
     Raises
     ------
     UnreadableRecordError
-        The fields exceed the content, or a checksum fails.  What follows the known fields is ignored, as MCAP asks.
+        The fields exceed the content, or a checksum fails.  Bytes after the known fields are ignored, as MCAP requires.
     """
     if opcode == Opcode.MESSAGE:
         return _message(content, 0, len(content))
@@ -143,7 +143,7 @@ def _message(content: bytes, start: int, stop: int) -> RawMessage:
 
 
 def decompressed(chunk: Chunk) -> bytes:
-    """Return the decompressed content of a chunk, of its declared size, checksum verified.
+    """Return the decompressed content of a chunk, after verification of its size and checksum.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def decompressed(chunk: Chunk) -> bytes:
 
 
 def inner_records(data: bytes) -> Iterator[Record]:
-    """Yield the schemas, channels and messages of an unpacked chunk.
+    """Yield the schemas, channels and messages of a decompressed chunk.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bag of foreign topics as channels of numbers: joints of JointState, dotted fields of any other message."""
+"""Channels of numbers from a bag of foreign topics: joints of JointState, dotted fields of any other message."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STAMP = "stamp"  # the field that is the time of the message
 SAMPLES_PER_BLOCK = 4096
 EPOCH_NS = 10**15
 SECOND_NS = 10**9
-BOOKKEEPING = "~"  # first sign of the names in a step message that are no joints
+BOOKKEEPING = "~"  # first character of names in a step message that are not joints
 
 
 class TopicField(NamedTuple):
@@ -45,7 +45,7 @@ class TopicField(NamedTuple):
 
 
 class FieldBlock(NamedTuple):
-    """Samples of one field: stamps (s), values, and log time less stamp, less that of the first sample (s)."""
+    """Samples of one field: stamps (s), values, and changes of the delay (log time minus stamp) since the first (s)."""
 
     channel: int
     times_s: Array
@@ -54,7 +54,7 @@ class FieldBlock(NamedTuple):
 
 
 class MeasuredTopics:
-    """The numbers in the messages of a bag, whoever recorded it.
+    """The numbers in the messages of a bag from any recorder.
 
     Parameters
     ----------
@@ -96,9 +96,9 @@ class MeasuredTopics:
         Parameters
         ----------
         wanted : sequence of TopicField
-            Topics are matched without their namespace where no topic has the very name.
+            Topics are matched without their namespace if no topic has exactly this name.
         by_header : bool
-            Time is the stamp in the header, where a message has one; else the log's.
+            Use the header stamp as time if a message has one, else the log time.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class MeasuredTopics:
                 yield channel.block()
 
     def _topic(self, name: str) -> TopicInfo:
-        """Return the topic of this name, or the only one that has it below another namespace."""
+        """Return the topic of this name, or the only one with this name in another namespace."""
         topics = self._reader.topics
         if name in topics or f"/{name}" in topics:
             return topics.get(name) or topics[f"/{name}"]
@@ -147,7 +147,7 @@ class MeasuredTopics:
 
 
 class _Gathered:
-    """Samples of one field that wait to be given out."""
+    """Buffer of samples of one field."""
 
     def __init__(self, place: int, wanted: TopicField) -> None:
         self.wanted = wanted
@@ -179,7 +179,7 @@ class _Gathered:
         )
 
     def absence(self) -> str:
-        """Return why there is not one sample."""
+        """Return the reason why there are no samples."""
         topic, joint, field = self.wanted
         if joint is None:
             return f"topic {topic!r} holds no message"

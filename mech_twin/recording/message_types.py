@@ -60,7 +60,7 @@ def decoded(raw: bytes, kind: Any) -> Any:
 
 
 def recorded_qos(qos_yaml: str) -> QoSProfile:
-    """Return the quality of service offered on a topic; of several publishers the strictest.
+    """Return the quality of service offered on a topic; the strictest of several publishers.
 
     Deadline, lifespan and lease are ignored: they are valid at the recorded rate only.
     """

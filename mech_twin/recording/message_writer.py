@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 _HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FIXED_BYTES = 22  # content of a message record before the payload
-_CHUNK_INDEX_BYTES = 64  # content of a chunk index but for the offsets of its channels and the name of its compression
+_CHUNK_INDEX_BYTES = 64  # content of a chunk index without channel offsets and compression name
 _INDEXES = "_Writer__chunk_indices"
 
 
@@ -38,7 +38,7 @@ class _PackedIndex(MessageIndex):
 
 
 class _PackedChunkIndexes:
-    """The chunk indexes of a file, in place of the writer's list of them: one row of records."""
+    """The chunk indexes of a file as packed records; replaces the writer's list of objects."""
 
     def __init__(self) -> None:
         self._records = bytearray()
@@ -65,7 +65,7 @@ class _PackedChunkIndexes:
         )
 
     def __iter__(self) -> Iterator[_PackedChunkIndexes]:
-        """Yield all records as one thing to write."""
+        """Yield this object once: it writes all records together."""
         yield self
 
     def write(self, stream: RecordBuilder) -> None:
@@ -79,11 +79,11 @@ class MessageWriter(Writer):
     Parameters
     ----------
     output : binary stream
-        Where the bytes go.
+        Destination of the bytes.
     chunk_bytes : int
         Uncompressed size at which a chunk is closed.
     compression : CompressionType
-        Of the chunks.
+        Compression of the chunks.
     enable_data_crcs : bool
         Whether the data section has a checksum of its own.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What every reader of a bag is: files that are open until it is closed, by a call or at the end of a context."""
+"""Base of the bag readers: a context manager that holds files open until it is closed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Self
 
 
 class OpenBag:
-    """A bag whose files are open.
+    """A bag with open files.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The directory of a new recording: checked before a run, created for it, never shared with other files."""
+"""The directory of a new recording: checked before a run, created for it, free of other files."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from mech_twin.recording.split_file import RESERVATION_NAME
 
 
 def check_recording_directory(directory: Path, *, force: bool = False) -> None:
-    """Raise unless a recording can be created in this directory.
+    """Check that a recording can be created in this directory.
 
     Parameters
     ----------
     directory : Path
-        The directory; it may be absent or empty.
+        The directory; it may be empty or not exist yet.
     force : bool
-        Whether it may hold another recording, which `remove_recording` deletes.
+        Whether it may contain another recording, which `remove_recording` deletes.
 
     Raises
     ------
     BagExistsError
-        It is not empty; with ``force``, it holds files that do not belong to a recording.
+        It is not empty; with ``force``, it contains files that do not belong to a recording.
     UnwritableDirectoryError
         It cannot be created or written.
     """
@@ -41,7 +41,7 @@ def check_recording_directory(directory: Path, *, force: bool = False) -> None:
 
 
 def remove_recording(directory: Path) -> None:
-    """Delete the recording in this directory, if there is one; the directory stays.
+    """Delete the recording in this directory, if there is one, but not the directory.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def new_directory(wanted: Path, if_exists: str) -> tuple[Path, list[Path]]:
 
 
 def _recording_files(directory: Path) -> list[Path]:
-    """Return the files of a directory that holds a recording and nothing else."""
+    """Return the files of a directory, which must contain a recording and nothing else."""
     if not directory.is_dir():
         raise BagExistsError(directory, "is not a directory")
     files = list(directory.iterdir())
@@ -95,7 +95,7 @@ def _recording_files(directory: Path) -> list[Path]:
 
 
 def _occupied(directory: Path) -> bool:
-    """Whether anything is there: files, or a symbolic link, through which a recording is never written."""
+    """Whether the path is a non-empty directory, another file, or a symbolic link, which is never followed."""
     try:
         if not os.path.lexists(directory):
             return False

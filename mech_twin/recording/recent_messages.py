@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The last seconds of what was heard, kept in memory until somebody wants them on the disk."""
+"""Ring buffer in memory of the messages of the last seconds, for a snapshot to disk on request."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ NS_PER_S = 1_000_000_000
 
 
 class RecentMessage(NamedTuple):
-    """A message as bytes: full topic name, and log time."""
+    """A serialized message: full topic name, and log time (ns)."""
 
     topic: str
     raw: bytes
@@ -18,12 +18,12 @@ class RecentMessage(NamedTuple):
 
 
 class RecentMessages:
-    """Messages of the last seconds of log time.
+    """Buffer of the messages of the last seconds of log time.
 
     Parameters
     ----------
     seconds : float
-        How long a message is kept.
+        Log time for which a message is kept (s).
     """
 
     def __init__(self, seconds: float) -> None:
@@ -32,7 +32,7 @@ class RecentMessages:
         self.heard: Counter[str] = Counter()
 
     def take(self, message: RecentMessage) -> None:
-        """Keep a message, and let go of those that are too old; where time jumps back, of what came before."""
+        """Add a message and drop those that are too old; if log time jumps back, drop all earlier ones."""
         if self._kept and message.at_ns < self._kept[0].at_ns:
             self._kept.clear()
         self.heard[message.topic] += 1
@@ -41,7 +41,7 @@ class RecentMessages:
             self._kept.popleft()
 
     def released(self) -> tuple[RecentMessage, ...]:
-        """Return what is kept, and keep it no longer."""
+        """Return the buffered messages, and clear the buffer."""
         found = tuple(self._kept)
         self._kept.clear()
         return found

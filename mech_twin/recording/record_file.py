@@ -35,9 +35,9 @@ class RecordFile:
     Parameters
     ----------
     path : Path
-        The file as errors name it.
+        Path of the file, used in errors.
     content : Path, optional
-        The file that is read in its place, where that one is compressed.
+        The file to read instead if ``path`` is compressed.
     """
 
     def __init__(self, path: Path, content: Path | None = None) -> None:
@@ -141,7 +141,7 @@ class RecordFile:
         return 0 < opcode <= Opcode.DATA_END
 
     def _following(self, offset: int, accept: Callable[[LocatedRecord], None]) -> int:
-        """Return where the next record begins after damage at an offset."""
+        """Return the offset of the next record after damage at an offset."""
         try:
             _, length = self.head_at(offset)
             after = offset + HEAD_BYTES + length

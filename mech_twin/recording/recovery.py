@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recovers the intact records of a damaged or unfinished recording into a new one."""
+"""Copies the intact records of a damaged or unfinished recording into a new one."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class RecoveryReport:
     messages_of_lost_topics : int
         Intact messages whose channel record is lost.
     bytes_read, bytes_skipped : int
-        Size of the files, and how many bytes were not part of an intact record.
+        Size of the files, and number of bytes outside intact records.
     damages : list of str
         Position and reason, one line each; the first fifty.
     """
@@ -73,9 +73,9 @@ class RecoveryReport:
 
 
 def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> RecoveryReport:
-    """Write a new bag with every intact record of another, and return what was salvaged.
+    """Write a new bag with every intact record of another; return a report.
 
-    The contents of the files never make it raise; the source is only read.
+    No file content raises an error; the source is only read.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
     out : Path
         The new rosbag2 directory.
     force : bool
-        Overwrite a recording that is there already.
+        Overwrite an existing recording.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
 
 
 def _absent(source: Path, files: list[Path]) -> list[str]:
-    """Return a line for each part of a bag that is not there, by its numbers and by `metadata.yaml`."""
+    """Return a line for each missing file of a bag, by its numbers and by `metadata.yaml`."""
     if not source.is_dir():
         return []
     unknown: list[str] = []
@@ -128,7 +128,7 @@ def _absent(source: Path, files: list[Path]) -> list[str]:
 
 
 def _check_apart(source: Path, target: Path) -> None:
-    """Refuse to write over, into or around the recording that is read."""
+    """Refuse an output that equals, contains or lies within the source."""
     one, other = source.resolve(), target.resolve()
     if one == other or one in other.parents or other in one.parents:
         raise BagExistsError(target, f"is not separate from {source}; choose another directory")
@@ -141,7 +141,7 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
         with ExitStack() as stack:
             file = RecordFile(path, plain_file(path, stack, partial=True))
             stack.callback(file.close)
-            index = scanned_index(file)  # neither index nor summary is believed
+            index = scanned_index(file)  # index and summary are not trusted
             report.bytes_read += file.size
             report.bytes_skipped += sum(damage.length for damage in index.damages)
             report.damages += index.problems()[: _MAX_DAMAGES - len(report.damages)]
@@ -153,7 +153,7 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
 
 
 def _told_counters(source: Path) -> dict[str, str]:
-    """Return the loss counters of `metadata.yaml`: after a full disk no file holds the last of them."""
+    """Return the loss counters of `metadata.yaml`: after a full disk the files lack the last ones."""
     try:
         told = read_metadata(source).custom if source.is_dir() else {}
     except BagError:

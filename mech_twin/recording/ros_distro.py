@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The name of the ROS 2 release that runs, as recordings tell it."""
+"""The name of the running ROS 2 release, as written to recordings."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ UNKNOWN = "unknown"
 
 
 def running_distro(environment: Mapping[str, str] = os.environ, installed: Callable[[str], str] = version) -> str:
-    """Return the release, from the environment or from the version of rclpy; ``unknown`` where neither says it.
+    """Return the release, from the environment or from the version of rclpy; ``unknown`` if neither gives it.
 
     Parameters
     ----------
     environment : mapping, optional
-        Of the process.
+        Environment variables of the process.
     installed : callable, optional
-        Name of a distribution to its version; raises PackageNotFoundError.
+        Returns the version of a distribution; raises PackageNotFoundError.
     """
     named = environment.get(VARIABLE)
     if named:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of sensors as a bag of foreign topics: the messages a real machine's own nodes would send."""
+"""Records sensor readings as a bag of foreign topics: the messages that a real machine's nodes would publish."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DEPTH = 100
 
 
 class SensorRecorder:
-    """A bag in progress of the readings of sensors.
+    """Writer of a bag of sensor readings.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class SensorRecorder:
     Raises
     ------
     BagError
-        The bag cannot be created; a field is of no message type that is written, or a topic would need two types.
+        The bag cannot be created; a field belongs to no supported message type; a topic would need two types.
     """
 
     def __init__(self, directory: Path, fields: Iterable[TopicField]) -> None:
@@ -77,7 +77,7 @@ class SensorRecorder:
         self._writer.close(discard_empty=True)
 
     def write(self, time_s: float, fields: Sequence[TopicField], values: Sequence[float]) -> None:
-        """Record one message: fields of one topic at one stamp, which is the log time too."""
+        """Record one message: fields of one topic at one stamp (s), which is also the log time."""
         topic = fields[0].topic
         message = self._kinds[topic][0]()
         if hasattr(message, "header"):

@@ -19,7 +19,7 @@ RESERVATION_NAME = ".reserve"
 
 
 class SplitFile:
-    """The stream an MCAP writer writes to."""
+    """The output stream of an MCAP writer."""
 
     def __init__(self, path: Path, fsync: bool) -> None:
         self.path = path

@@ -65,12 +65,12 @@ class SplitSeries:
         return {name: topic.counters for name, topic in self._topics.items()}
 
     def waiting(self) -> Counter[str]:
-        """Return how many messages of each topic are buffered because the disk did not accept them."""
+        """Return the number of messages by topic that are buffered because the disk did not accept them."""
         pending = self.current is not None and self.current.file.pending
         return self.current.uncommitted if self.current is not None and pending else Counter()
 
     def open_next(self) -> None:
-        """Start a file; nothing remains of it if that fails."""
+        """Start a file; it is deleted if that fails."""
         path = self._directory / f"{self._directory.name}_{self.started}.mcap"
         latched = {name: topic.latched.sequence for name, topic in self._topics.items() if topic.latched}
         split = BagSplit(path, self._storage, self._configuration, self.started, latched if self.started else {})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reads rosbag2 recordings in sqlite3 storage (`.db3`), by means of rosbags."""
+"""Reads rosbag2 recordings in sqlite3 storage (`.db3`) with the package rosbags."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SqliteReader(OpenBag):
     path : Path
         The bag.
     salvage : bool
-        Read the parts that are there of a bag of which one is missing.
+        Read the existing files of a bag of which others are missing.
 
     Raises
     ------
@@ -77,7 +77,7 @@ class SqliteReader(OpenBag):
     def messages(
         self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
     ) -> Iterator[BagMessage]:
-        """Yield the messages in order of their time, file by file; see `BagReader.messages`.
+        """Yield the messages file by file, in order of time within each; see `BagReader.messages`.
 
         Raises
         ------
@@ -132,7 +132,7 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> list[Path]:
 
 @contextmanager
 def _reported(file: Path) -> Iterator[None]:
-    """Report the various errors of rosbags and sqlite as a damaged bag."""
+    """Raise the various errors of rosbags and sqlite as `DamagedBagError`."""
     try:
         yield
     except _FAILURES as error:

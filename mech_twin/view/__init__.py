@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""rerun scenes."""
+"""Display of runs: rerun recordings, and the bench in a browser."""

@@ -22,16 +22,16 @@ from mech_twin.view.extent import Bounds
 from mech_twin.view.scale import round_above, with_prefix
 
 LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
-KEPT_STEPS = 256  # steps that a drawing may come behind its forces
-ARROW_SHARE = 0.20  # length of the arrow of the greatest force, in widths of the figure
+KEPT_STEPS = 256  # steps by which a drawing may lag behind its forces
+ARROW_SHARE = 0.20  # length of the arrow at full scale, in widths of the figure
 FLASH_S = 0.15
 FLASH = (225, 130, 0)
 RAYS = 9
-SAME_PLACE = 0.01  # pins closer than this share of the width are written together
+SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 
 
 class BlowMark(NamedTuple):
-    """A blow: its time (s), the frame it falls on, and the energy it takes from the mechanism (J)."""
+    """A blow: its time (s), the frame of its contact, and its energy (J)."""
 
     time_s: float
     frame: str
@@ -74,7 +74,7 @@ class Annotations:
             self._blow = BlowMark(event.time_s, event.contact, energy_j)
 
     def shapes(self, time_s: float, bounds: Bounds | None) -> tuple[Shape, ...]:
-        """Return what to add to the drawing of this time; nothing before the first step."""
+        """Return the shapes to add to the drawing at a time (s); none before the first step."""
         if bounds is None or not self._recent:
             return ()
         linkage, forces = min(self._recent, key=lambda step: abs(step[0].time_s - time_s))
@@ -123,12 +123,12 @@ class Annotations:
 
 
 def lost_energy(event: Event) -> float:
-    """Return the energy an impact takes from the mechanism (J): its impulse times the mean speed of the contact."""
+    """Return the energy lost by the mechanism in an impact (J): impulse times mean contact velocity."""
     return abs(event.impulse_ns * 0.5 * (event.pre_velocity_m_per_s + event.post_velocity_m_per_s))
 
 
 def _letters(pins: Sequence[str], at: dict[str, Pose], width_m: float) -> list[Shape]:
-    """Return the letters of the pins, those of pins in one place together."""
+    """Return the letters of the pins as labels; coincident pins share one."""
     places: list[tuple[Pose, str]] = []
     for letter, pin in zip(LETTERS, pins, strict=False):
         pose = at[pin]
@@ -142,7 +142,7 @@ def _letters(pins: Sequence[str], at: dict[str, Pose], width_m: float) -> list[S
 
 
 def _rows_m(count: int, bounds: Bounds) -> float:
-    """Return the height of a text of so many rows (m), in a figure that fills a panel of usual size."""
+    """Return the height of a text of this many rows (m) in a figure that fills a panel of usual size."""
     return (count + 1) * 0.034 * (bounds.high_m - bounds.low_m)
 
 

@@ -13,12 +13,12 @@ from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, Mot
 from mech_twin.view.annotations import lost_energy
 from mech_twin.view.scale import with_prefix
 
-RECENT_S = 2.0  # over which rate, energy and power are taken
+RECENT_S = 2.0  # time window of blow rate, energy and power
 WEAK_SHARE = 0.05  # blows below this share of the hardest recent one are bounces
 AT_REST = 1e-3  # rad/s or m/s
 STALLED = ("stalled", "stalled_1")
 POWER = "drive_power_w"
-REST = "rest"  # the regime of a body that lies against what it is pressed on
+REST = "rest"  # regime of a body in contact with the surface it is pressed on
 
 
 class Card(NamedTuple):
@@ -27,15 +27,15 @@ class Card(NamedTuple):
     Attributes
     ----------
     name, shown : str
-        As they are read.
+        Name and value as displayed.
     key : str
-        The name without what changes of it; empty where it has no number.
+        The constant part of the name; empty for a card without a number.
     value : float or None
-        In ``unit``.
+        Value in ``unit``.
     unit : str
         SI, or ``sigma``.
     most : float or None
-        Rated value of the machine; None if unknown.
+        Rated value of the machine, or limit; None if unknown.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Banner:
                 self._last_blow = (event.time_s, energy_j)
 
     def text(self) -> str:
-        """Return the line, in Markdown."""
+        """Return the line in Markdown."""
         linkage = self._linkage
         if linkage is None:
             return "waiting for the first step"
@@ -123,7 +123,7 @@ class Banner:
 
     @property
     def command(self) -> float | None:
-        """The supply in force, as a share of the rated one; None before the first step."""
+        """The supply command as a share of rated frequency; None before the first step."""
         return None if math.isnan(self._command) else self._command
 
     def alarm(self) -> str:
@@ -147,7 +147,7 @@ class Banner:
         name = joint.replace("_", " ")
         if joint in self._slides:
             return [Card(name, f"{speed:+.2f} m/s", name, speed, "m/s")]
-        return [Card(name, f"{speed:.4g} rad/s", name, speed, "rad/s")]  # as at the terminal and on every topic
+        return [Card(name, f"{speed:.4g} rad/s", name, speed, "rad/s")]  # unit of terminal and topics
 
     def _work(self, linkage: LinkageSample) -> list[Card]:
         _forget(self._blows, linkage.time_s)
@@ -180,7 +180,7 @@ class Banner:
 
 
 def sliding_joints(tree: FrameTree | None) -> frozenset[str]:
-    """Return the joints that slide: their positions are lengths (m)."""
+    """Return the names of the prismatic joints, whose positions are in m."""
     if tree is None:
         return frozenset()
     return tree.sliding_joints

@@ -18,7 +18,7 @@ RESIDUAL_FLOOR = 1e-18
 class Group(NamedTuple):
     """Curves with common time stamps: entity path, names, and values of shape (n, k).
 
-    With ``worst``, only the largest value of each window is drawn.
+    With ``worst`` only the largest value of each window is drawn.
     """
 
     path: str
@@ -32,7 +32,7 @@ Groups = list[Group]
 
 
 def motor_groups(samples: Sequence[MotorSample], sliding: frozenset[str] = frozenset()) -> Groups:
-    """Return speed and torque of the drive, where it slides its force, and the fraction of rated supply frequency."""
+    """Return speed and torque of the drive (force of a linear drive), and the fraction of rated supply frequency."""
     joints = samples[0].joints
     columns = {
         "torque": _rows([sample.effort for sample in samples]),
@@ -45,7 +45,7 @@ def motor_groups(samples: Sequence[MotorSample], sliding: frozenset[str] = froze
 
 
 def linkage_groups(samples: Sequence[LinkageSample], sliding: frozenset[str] = frozenset()) -> Groups:
-    """Return position, speed and effort of every joint, those that slide apart (m, not rad), and the residuals."""
+    """Return position, speed and effort of every joint, prismatic joints (m) in separate groups, and the residuals."""
     joints = samples[0].joints
     columns = {
         "position": _rows([sample.position for sample in samples]),
@@ -56,7 +56,7 @@ def linkage_groups(samples: Sequence[LinkageSample], sliding: frozenset[str] = f
 
 
 def force_groups(samples: Sequence[ForceSample]) -> Groups:
-    """Return magnitude and components of every pin reaction, and the derived quantities, those of one unit together."""
+    """Return magnitude and components of every pin reaction, and the derived quantities grouped by unit."""
     pins = samples[0].pins
     wrenches = np.array([sample.wrenches for sample in samples], dtype=np.float64).reshape(len(samples), len(pins), 3)
     force_x_n, force_y_n = wrenches[:, :, 0], wrenches[:, :, 1]
@@ -103,7 +103,7 @@ def quantity_path(unit: str) -> str:
 def _by_unit_of_joint(
     role: str, joints: tuple[str, ...], columns: Mapping[str, npt.NDArray[np.float64]], sliding: frozenset[str]
 ) -> Groups:
-    """Return the columns of the joints that turn, and under a path of their own those of the joints that slide."""
+    """Return the columns of the revolute joints, and in separate groups those of the prismatic joints."""
     groups = []
     for path, slides in ((role, False), (f"{role}_sliding", True)):
         places = [place for place, joint in enumerate(joints) if (joint in sliding) == slides]

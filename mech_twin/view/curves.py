@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How time series of the samples are logged to rerun.
+"""Logs time series of the samples to rerun.
 
-Curves that belong together (one quantity of all joints, one component of all pins) share one entity, one time column
-and one call, which is several times cheaper than one call per curve.
+Curves of a group (one quantity of all joints, one component of all pins) share one entity, one time column and one
+call, which is several times faster than one call per curve.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class Track(Generic[Sample]):
         self.units: dict[str, str] = {}
 
     def add(self, sample: Sample) -> bool:
-        """Take a sample; return whether a batch was sent because of it."""
+        """Add a sample; return whether this sent a batch."""
         sent = False
         if self._pending and not same_names(self._pending[0], sample):
             sent = self.flush()

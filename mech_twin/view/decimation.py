@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""Decimation that keeps extremes: a spike of one sample remains in the decimated curve.
+r"""Decimation that keeps extremes: a peak of one sample remains in the decimated curve.
 
 ::
 

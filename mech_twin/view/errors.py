@@ -5,7 +5,7 @@ from __future__ import annotations
 
 
 class RerunSceneError(RuntimeError):
-    """The view cannot show or keep the run; the message is one line."""
+    """The view cannot show the run or write its file; the message is one line."""
 
 
 class ViewerError(RuntimeError):

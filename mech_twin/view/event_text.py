@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from mech_twin.samples import Event
 
-LEAST_SPEED_M_PER_S = 1e-3  # of what is told: slower touches are the end of a bounce
-ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest but for rounding
+LEAST_SPEED_M_PER_S = 1e-3  # slower impacts are not logged: they are the end of a series of bounces
+ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest except for rounding
 
 
 def is_told(event: Event) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The range of the machine's plane that a drawing covers."""
+"""The range of the machine's plane covered by its drawings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mech_twin.samples import Shape
 
 MARGIN = 0.08
 CAPTION = 0.16  # share of the figure's height below the drawing, for values and scales
-ASPECT = 1.3  # of the panel the figure is made for
+ASPECT = 1.3  # width to height of the panel the figure is made for
 
 
 class Bounds(NamedTuple):

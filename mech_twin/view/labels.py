@@ -13,14 +13,14 @@ import numpy as np
 
 from mech_twin.samples import Shape
 
-PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, and of a letter, and height of a line in it
-FRAME_PX = 12.0  # of the box round a text, both sides together
-SHIFTS = (0.0, 1.15, -1.15, 2.3, -2.3, 3.45, -3.45)  # in lines, tried in this order
-SIDES = (0.0, 1.1, -1.1, 2.2, -2.2)  # in halves of the text's width, where no shift up or down does
+PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, of a letter, height of a line
+FRAME_PX = 12.0  # padding of the box of a text, both sides together
+SHIFTS = (0.0, 1.15, -1.15, 2.3, -2.3, 3.45, -3.45)  # vertical shifts in lines, tried in this order
+SIDES = (0.0, 1.1, -1.1, 2.2, -2.2)  # horizontal shifts in half text widths, tried if no vertical shift is free
 
 
 class _Box(NamedTuple):
-    """A rectangle: centre, and half of its sides (m)."""
+    """A rectangle: centre, half width and half height (m)."""
 
     x: float
     y: float
@@ -28,14 +28,14 @@ class _Box(NamedTuple):
     half_height: float
 
     def overlap(self, other: _Box) -> float:
-        """Return the area that both cover."""
+        """Return the overlapping area (m2)."""
         wide = self.half_width + other.half_width - abs(self.x - other.x)
         high = self.half_height + other.half_height - abs(self.y - other.y)
         return wide * high if wide > 0.0 and high > 0.0 else 0.0
 
 
 def written_beside(shape: Shape, width_m: float) -> Shape:
-    """Return the text of a line or arrow as a text of its own, next to the middle of it; inside one that is closed."""
+    """Return the text of a line or arrow as a separate text beside its middle, or inside a closed line."""
     points = np.array(shape.points_m)
     pixel_m = width_m / PANEL_PX
     text_m, line_m = (len(shape.text) * LETTER_PX + FRAME_PX) * pixel_m, LINE_PX * pixel_m
@@ -67,7 +67,7 @@ def texts_of(shapes: Sequence[Shape], notes: Sequence[Shape], width_m: float) ->
 
 
 def apart(texts: Sequence[Shape], fixed: Sequence[Shape], width_m: float) -> list[Shape]:
-    """Return texts, those that would cover another one or a fixed one moved aside by a few lines at most."""
+    """Return texts, shifted by a few lines at most if they would cover each other or a fixed text."""
     line_m = LINE_PX * width_m / PANEL_PX
     taken = [_box(shape, width_m) for shape in fixed]
     placed = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Layout of the panels; each plot has one unit, which its title names.
+"""Layout of the panels (rerun blueprint); each plot has one unit, given in its title.
 
 ::
 
@@ -39,15 +39,15 @@ METRICS = "metrics"
 BANNER = "banner"
 PHASE_PORTRAIT = "phase_portrait"
 ASPECT = 2.0
-# of a plot's width, kept free right of the curves for their legend: its frame, each letter of a name, and at most
+# share of a plot's width kept free right of the curves for the legend: frame, per letter of a name, and maximum
 LEGEND_FRAME, LEGEND_LETTER, LEGEND_MOST = 0.09, 0.0135, 0.42
 MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
-CONTACTS = ("a contact",)  # marks are named after what is hit, in a word or two
+CONTACTS = ("a contact",)  # typical length of a mark's name, which is that of a contact
 FIRST_UNITS = ("W", "J", "m", "m/s", "N s")
 
 
 class SceneContents(NamedTuple):
-    """What there is to show: curve names by entity path, body joints, bounds of the mechanism, whether events came."""
+    """Contents of a scene: curve names and units by entity path, body joints, bounds of the mechanism, events."""
 
     curves: Mapping[str, tuple[str, ...]]
     portraits: tuple[str, ...]
@@ -63,9 +63,9 @@ def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
     Parameters
     ----------
     contents : SceneContents
-        What there is to show.
+        Contents of the scene.
     window_s : float
-        Simulated time span of the curves.
+        Simulated time span of the curves (s).
     """
     panels = _full(contents, window_s)
     shares = [5, *([68, 27] if len(panels) > 2 else [95])]
@@ -95,13 +95,13 @@ def _full(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Conta
 
 
 def banner_view() -> rrb.TextDocumentView:
-    """Return the line above the picture."""
+    """Return the panel of the state line above the picture."""
     return rrb.TextDocumentView(origin=f"/{BANNER}", name="Run", titlebar=False)
 
 
 def mechanism_view(bounds: Bounds | None) -> rrb.Spatial2DView:
     """Return the panel of the mechanism."""
-    # the ground is the theme's: the viewer's labels are light boxes on the light one, dark boxes on the dark one
+    # background of the theme: the viewer's labels are light boxes on a light theme, dark boxes on a dark one
     visible = None
     if bounds is not None:
         visible = rrb.VisualBounds2D(x_range=(bounds.left_m, bounds.right_m), y_range=(-bounds.high_m, -bounds.low_m))
@@ -174,25 +174,25 @@ def _names(curves: Mapping[str, Sequence[str]], paths: Sequence[str]) -> list[st
 
 
 def legend_share(names: Iterable[str]) -> float:
-    """Return what part of the time shown is kept free after it, so that the legend covers no curve.
+    """Return the share of the shown time to add after the newest data, so that the legend covers no curve.
 
-    The legend is as wide as the longest name, those scrolled out of sight too.
+    The legend is as wide as its longest name, including names scrolled out of sight.
     """
     width = min(LEGEND_FRAME + LEGEND_LETTER * max(map(len, names), default=0), LEGEND_MOST)
     return width / (1.0 - width)
 
 
 def plot(name: str, paths: Sequence[str], window_s: float, names: Iterable[str]) -> rrb.TimeSeriesView:
-    """Return a panel of curves over the last stretch of time (s), with room for the legend beside them.
+    """Return a panel of curves over the last ``window_s`` (s), with room for the legend beside them.
 
     Parameters
     ----------
     name : str
         Title, with the unit.
     paths : sequence of str
-        Entities shown.
+        Entity paths of the curves.
     window_s : float
-        Time shown.
+        Time span shown (s).
     names : iterable of str
         Names of the curves.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drawing of the mechanism in rerun: lines, points and arrows, and the range of the plane they cover."""
+"""Logs the drawing of the mechanism to rerun: lines, points, arrows and texts, and the range they cover."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TEXT_RADIUS_M = 1e-9
 
 
 class Mechanism(DrawnExtent):
-    """The drawing of the mechanism: one entity, one row a drawing, in the machine's own frame.
+    """The drawing of the mechanism: one entity, one row per drawing, in the machine's frame.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Mechanism(DrawnExtent):
         stream.log(MECHANISM, rr.Transform3D(mat3x3=MIRROR), static=True)  # the viewer's second axis points down
 
     def show(self, shapes: Sequence[Shape], notes: Sequence[Shape] = ()) -> None:
-        """Log the shapes at the stream's time, and notes over them; what the range covers is for `widen` to say.
+        """Log the shapes at the stream's time, with notes over them; `widen` sets the range, not this.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class Mechanism(DrawnExtent):
         self.place([*texts_of(shapes, notes, width_m), *every])
 
     def place(self, shapes: Sequence[Shape]) -> None:
-        """Log shapes at the stream's time, each text where it stands.
+        """Log shapes at the stream's time, each text at its own position.
 
         Raises
         ------
@@ -65,9 +65,9 @@ class Mechanism(DrawnExtent):
 
 
 def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
-    """Return the shapes with those first that are written at, and what is written.
+    """Return the shapes, labelled ones first, and the labels.
 
-    The viewer takes labels in order, and leaves the rest without; a single label would go to the middle of all.
+    The viewer assigns labels in order, and leaves the other shapes without; a single label would go to the centre.
     """
     ordered = sorted(shapes, key=lambda shape: not shape.text)
     texts = [shape.text for shape in ordered if shape.text]
@@ -84,7 +84,7 @@ def _lines(shapes: Sequence[Shape]) -> rr.LineStrips2D:
 
 
 def _points(shapes: Sequence[Shape]) -> rr.Points2D:
-    """Return the points; a shape of several is written at its first one."""
+    """Return the points; a shape of several points has its label at the first one."""
     single = [
         shape._replace(points_m=(point,), text=shape.text if place == 0 else "")
         for shape in shapes

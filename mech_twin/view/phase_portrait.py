@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-r"""The phase portrait of a body joint: rate against angle over the recent past, older points fainter.
+r"""The phase portrait of a body joint: angular rate over angle for the recent past, older points fainter.
 
 ::
 

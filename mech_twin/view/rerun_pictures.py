@@ -21,21 +21,21 @@ from mech_twin.view.stream import set_time
 
 REGIMES = "regimes"
 WINDOW_S = 1.0  # shown in the plots
-ROOM = 0.1  # of the height, below the drawing
-OWN_PLOTS = 3  # of a machine stand by themselves, its others in tabs
+ROOM = 0.1  # share of the height added below the drawing
+OWN_PLOTS = 3  # plots with a panel of their own; further ones share tabs
 KIND_OF_LETTER = {kind[0]: kind for kind in KINDS}
 Values = npt.NDArray[np.float64]
 
 
 class RerunPictures:
-    """The recording of a run as its pictures come.
+    """The rerun recording of a run, extended with each picture.
 
     Parameters
     ----------
     name : str
-        Of the run.
+        Name of the run.
     panels : sequence of mapping
-        The plots, as the page is told.
+        The plots, as sent to the page.
     """
 
     def __init__(self, name: str, panels: Sequence[Mapping[str, Any]]) -> None:
@@ -110,7 +110,7 @@ class RerunPictures:
         regimes = rrb.StateTimelineView(origin="/", contents=[f"/{REGIMES}/**"], name="Regimes")
         below = rrb.Tabs(*([regimes] if self._lanes else []), events_view(has_level=False), active_tab=0)
         bounds = self._bounds
-        if bounds is not None:  # in a panel smaller than a page the texts at the edge want more room
+        if bounds is not None:  # in a small panel the texts at the edge need more room
             bounds = bounds._replace(low_m=bounds.low_m - ROOM * (bounds.high_m - bounds.low_m))
         left = rrb.Vertical(mechanism_view(bounds), below, row_shares=[3, 1])
         middle = rrb.Horizontal(left, *([rrb.Vertical(*beside)] if beside else []))
@@ -118,7 +118,7 @@ class RerunPictures:
 
 
 def unpacked_shapes(packed: Mapping[str, Any]) -> list[Shape]:
-    """Return the shapes of a picture."""
+    """Return the shapes of a picture from its packed arrays."""
     points = _unpacked(packed["points"], "<f4").reshape(-1, 2)
     ends = np.cumsum(packed["counts"])
     fields = zip(

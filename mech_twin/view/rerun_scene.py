@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Shows samples in rerun as they arrive, into a file.
+"""Logs samples to a rerun file as they arrive.
 
 Everything is logged at simulation time, never wall-clock time.  The names of joints and pins come from the samples, so
-recordings of machines outside the catalogue can be shown as well.
+recordings of machines outside the catalogue can be shown too.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class RerunScene:
     rrd_path : path
         File to write.
     sending : Sending
-        How much is sent how often; by default everything a file should keep.
+        Decimation and batch size; by default for a file.
     curve_span_s, portrait_span_s : float
-        Simulated time span of the curves and of the phase portrait.
+        Simulated time span of the curves and of the phase portrait (s).
     flush_limit_s : float
-        How long ``close`` waits for the file to be written.
+        Longest wait of ``close`` for the file to be written (s).
 
     Raises
     ------
@@ -86,12 +86,12 @@ class RerunScene:
 
     @property
     def stream(self) -> rr.RecordingStream:
-        """Where all of it is logged."""
+        """The rerun recording stream."""
         return self._stream
 
     @property
     def contents(self) -> SceneContents | None:
-        """What the layout was made for; None before the first one."""
+        """The contents of the present layout; None before the first one."""
         return self._shown
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
@@ -129,7 +129,7 @@ class RerunScene:
             self._lay_out()
 
     def drawing_due(self, time_s: float) -> bool:
-        """Return whether the mechanism should be drawn at this time: 30 times a simulated second at most."""
+        """Return whether the mechanism should be drawn at this time (s): at most 30 times per simulated second."""
         return _picture(time_s) != self._last_picture
 
     def drawing(self, drawing: Drawing) -> None:
@@ -141,7 +141,7 @@ class RerunScene:
         self._mechanism.show(drawing.shapes, notes)
 
     def event(self, event: Event, level: str = "INFO") -> None:
-        """Show an event at its exact time: a line of the log, and for an impact vertical marks and a flash."""
+        """Show an event at its exact time: a log line, and for an impact vertical marks and a flash."""
         if is_told(event):
             self._told = True
             self._events.append((event.time_s, event_line(event), level))
@@ -262,11 +262,11 @@ def _picture(time_s: float) -> int:
     return math.floor(time_s * VIEW_RATE_HZ + 1e-6)
 
 
-FOOT_S = 1e-9  # the finest step of the time line
+FOOT_S = 1e-9  # resolution of the timeline
 
 
 class ImpactMarks:
-    """Marks waiting to be sent.
+    """Vertical marks of impacts in the plots.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ class ImpactMarks:
             self._mark(f"{IMPACTS}/speed/{event.contact}", event.contact, event.time_s, event.pre_velocity_m_per_s)
 
     def send(self) -> None:
-        """Send what has been added."""
+        """Send the marks added since the last call."""
         for path, marks in self._marks.items():
             stems = [
                 row
@@ -313,7 +313,7 @@ class ImpactMarks:
 
 
 def _mark_lines(name: str, colour: tuple[int, int, int]) -> rr.SeriesLines:
-    """Return the look of marks; drawn point by point, for the viewer would else join what falls into one pixel."""
+    """Return the style of marks, without aggregation: the viewer would merge points that fall into one pixel."""
     return rr.SeriesLines(
         names=[name], colors=[colour], widths=[1.5], aggregation_policy=rr.components.AggregationPolicy.Off
     )

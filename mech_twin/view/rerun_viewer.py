@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The files of rerun's web viewer: its command has them inside, and serves them for a moment to this machine alone."""
+"""Extracts the files of rerun's web viewer: its program embeds them, and serves them briefly on the loopback only."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ UP_LIMIT_S, FETCH_LIMIT_S, LOOK_S = 20.0, 60.0, 0.05
 
 
 def fetch_viewer(folder: Path) -> None:
-    """Put the viewer's files into a folder, each only as the program has it inside.
+    """Copy the viewer's files to a folder, after a check that the program contains them.
 
-    Its port may be taken by another user of this machine before the program has it.
-    The command keeps its settings below that folder too, where it is told to send nobody anything of its use.
+    The check is needed because another user of this computer could take the port before the program does.  The program
+    also keeps its settings in that folder, with usage analytics disabled.
 
     Raises
     ------
     ViewerError
-        rerun is not installed, or its command serves nothing; one line.
+        rerun is not installed, or its program serves nothing; one line.
     """
     found = find_spec("rerun_cli")
     if found is None or found.origin is None:
@@ -54,12 +54,12 @@ def fetch_viewer(folder: Path) -> None:
 
 
 def keep_own(program: Path, content: bytes, file: Path) -> None:
-    """Write what a program has inside to a file, which is there whole or not at all.
+    """Write content that a program contains to a file, atomically.
 
     Raises
     ------
     ViewerError
-        The program does not have it.
+        The program does not contain it.
     """
     with program.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as inside:
         if not content or inside.find(content) < 0:
@@ -70,7 +70,7 @@ def keep_own(program: Path, content: bytes, file: Path) -> None:
 
 
 def _served(server: subprocess.Popen[bytes], address: str) -> bytes:
-    """Return a file, as soon as the server listens."""
+    """Return the content at an address, as soon as the server answers."""
     end = time.monotonic() + UP_LIMIT_S
     while True:
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Round numbers for axes and scale bars, and values as they are written in a figure."""
+"""Round numbers for axes and scale bars, and formatting of values in a figure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def round_above(value: float) -> float:
 
 
 def with_prefix(value: float, unit: str) -> str:
-    """Return a value to three digits with the prefix of its size: 1731 N is ``1.73 kN``; below a millionth it is 0."""
+    """Return a value to three digits with an SI prefix: 1731 N is ``1.73 kN``; a value below 1e-6 is 0."""
     for factor, prefix in PREFIXES:
         if abs(value) >= factor:
             return f"{value / factor:.3g} {prefix}{unit}"

@@ -16,13 +16,13 @@ class Sending(NamedTuple):
     Attributes
     ----------
     window : int
-        Samples per decimation window of the curves, at least; each window keeps its extremes.
+        Least number of samples per decimation window of the curves; each window keeps its extremes.
     window_s : float
-        Simulated time per decimation window, at least (s).
+        Least simulated time per decimation window (s).
     batch_s : float
-        Simulated time per batch of curve data, at least (s).
+        Least simulated time per batch of curve data (s).
     picture_s : float
-        Least time between two pictures by the wall clock (s).
+        Least wall-clock time between two pictures (s).
     """
 
     window: int
@@ -31,6 +31,6 @@ class Sending(NamedTuple):
     picture_s: float = 0.0
 
 
-AT_ONCE = Sending(window=5, batch_s=0.1)  # all that a file should keep
-RECORDED = Sending(window=5, batch_s=1.0)  # a recording, as fast as it is read
+AT_ONCE = Sending(window=5, batch_s=0.1)  # for a file
+RECORDED = Sending(window=5, batch_s=1.0)  # for a recording, at the speed of reading
 LIVE = Sending(window=10, window_s=0.01, batch_s=0.03, picture_s=0.033)

@@ -23,24 +23,24 @@ BANDED = ("residual", "+2 sigma", "-2 sigma")
 
 
 class ShownChannel(NamedTuple):
-    """A channel: its column, a title with its unit, and the entity paths of its two plots."""
+    """A channel for display: its column, title with unit, and the entity paths of its two plots."""
 
     column: str
     title: str
 
     @property
     def curves(self) -> str:
-        """Path of measured and model."""
+        """Entity path of the measured and model curves."""
         return f"{CHANNELS}/{self.column}"
 
     @property
     def residual(self) -> str:
-        """Path of the residual and its band."""
+        """Entity path of the residual and its 2-sigma band."""
         return f"{RESIDUALS}/{self.column}"
 
 
 class ChannelReading(NamedTuple):
-    """A channel at a sample: measured value, measured less predicted, its standard deviation (SI units)."""
+    """A channel at a sample: measured value, residual (measured minus predicted), its standard deviation (SI units)."""
 
     measured: float
     residual: float
@@ -48,7 +48,7 @@ class ChannelReading(NamedTuple):
 
 
 class ChannelRows(NamedTuple):
-    """Rows of one plot of a channel: its path, names of the columns, times (n,) and values (n, columns)."""
+    """Data of one plot of a channel: entity path, names of the columns, times (n,) and values (n, columns)."""
 
     path: str
     names: tuple[str, ...]
@@ -78,15 +78,15 @@ class ShownFault(NamedTuple):
     Attributes
     ----------
     name, state : str
-        Which, and the state of its life.
+        Name of the fault, and its state.
     since_s : float
-        Time at which it came into that state (s).
+        Time at which it entered that state (s).
     size : str
-        Of the best candidate, with interval and unit; empty where nothing has a size.
+        Size of the best candidate, with interval and unit; empty if there is none.
     is_acknowledged : bool
-        Whether somebody has said yes to it.
+        Whether an operator has acknowledged it.
     shelved_until_s : float or None
-        Time until which it is not announced (s); None where it is.
+        Time until which it is shelved, i.e. not announced (s); None if it is not shelved.
     """
 
     name: str
@@ -103,18 +103,17 @@ class ShownFit(NamedTuple):
     Attributes
     ----------
     phase, told : str
-        How far it is, in a word (``idle``, ``running``, ``found``, ``not better``, ``failed``, ``taken over``), and a
-        line on it.
+        State (``idle``, ``running``, ``found``, ``not better``, ``failed``, ``taken over``), and a line on it.
     free : tuple of str
         Keys that may change.
     kept_s : int
-        How much of the machine's time is kept (s).
+        Length of the buffered data (s).
     rows : tuple of rows
         Key, value before, value found, 95 % interval, verdict.
     held_out : tuple of rows
-        Channel, and its fit before and after on what was held out.
+        Channel, and its fit before and after on the held-out data.
     text : str
-        The configuration found, as a parameter file; empty where nothing is found.
+        The configuration found, as a parameter file; empty if none is found.
     """
 
     phase: str
@@ -127,10 +126,10 @@ class ShownFit(NamedTuple):
 
 
 class ShadowPicture(NamedTuple):
-    """Contents of one picture besides the curves: drawings of model and measurement, and the state of the shadow.
+    """One picture, besides the curves: drawings of model and measurement, state, faults, advice and identification.
 
-    ``banner`` is all of it in one line; ``cards`` are headline numbers, ``advice`` name and value of what is
-    recommended and waits for an answer (empty: nothing); ``fit`` is an identification, where one can be asked for.
+    ``banner`` is the state line; ``cards`` are headline numbers; ``advice`` has names and values of a recommendation
+    that waits for an answer (empty: none); ``fit`` is an identification, if one can be requested.
     """
 
     model: Sequence[Shape]

@@ -41,12 +41,12 @@ from mech_twin.view.shadow_picture import (
 from mech_twin.view.stream import closed_stream, opened_stream, set_time
 
 MODEL_COLOUR = (86, 180, 233)
-BAND_COLOURS = ((213, 94, 0), (130, 130, 130), (130, 130, 130))  # of the residual, and of its band
+BAND_COLOURS = ((213, 94, 0), (130, 130, 130), (130, 130, 130))  # of the residual and its band
 WINDOW = 5
-PICTURE_S = 0.05  # of the machine's time, between two pictures
-KEPT_S = 1.0  # of the curves, which is what they show
+PICTURE_S = 0.05  # least machine time between two pictures
+KEPT_S = 1.0  # time span of the curves
 FLUSH_LIMIT_S = 0.5
-STACKED = 2  # channels that have plots of their own at once; further ones are in tabs
+STACKED = 2  # channels with separate plots; further ones share tabs
 
 
 class ShadowScene:
@@ -57,7 +57,7 @@ class ShadowScene:
     name : str
         Name in the viewer.
     channels : sequence of ShownChannel
-        What is measured.
+        Measured channels.
     rrd_path : path
         File to write.
     """
@@ -84,7 +84,7 @@ class ShadowScene:
             kept.append((time_s, reading))
 
     def is_due(self) -> bool:
-        """Return whether the next picture may go out: 20 in a second of the machine."""
+        """Return whether the next picture is due: 20 per second of machine time."""
         return self._time_s - self._drawn_s >= PICTURE_S
 
     def show(self, picture: ShadowPicture) -> None:
@@ -127,7 +127,7 @@ class ShadowScene:
 
 
 def shadow_blueprint(channels: Sequence[ShownChannel], bounds: Bounds | None) -> rrb.Blueprint:
-    """Return the layout."""
+    """Return the blueprint of the panels."""
     panels: list[rrb.View | rrb.Container] = []
     for each in channels[:STACKED]:
         panels += _plots(each)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recording streams of rerun, into a file."""
+"""rerun recording streams to a file."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from mech_twin.files.output_file import FILE_MODE
 from mech_twin.view.curves import SIM_TIME, STEP
 from mech_twin.view.errors import RerunSceneError
 
-FLUSH_S = 0.1  # drawings of this time (s) go into one piece of the file
+FLUSH_S = 0.1  # drawings within this time (s) go into one chunk of the file
 
 
 def opened_stream(application_id: str, rrd_path: str | Path) -> rr.RecordingStream:
-    """Return a new stream into a file.
+    """Return a new stream to a file.
 
     Raises
     ------

@@ -134,10 +134,10 @@ class TwinNode(Node):
         self.every(WINDOW_S, self.report)
         self.every(PULSE_S, self._pulse)
 
-    # -- what a node may add ----------------------------------------------------------------------------------------
+    # -- hooks of a subclass ----------------------------------------------------------------------------------------
 
     def diagnostic_values(self) -> Mapping[str, str]:
-        """Return further values for the diagnostics."""
+        """Return key-value pairs to add to the diagnostics status."""
         return {}
 
     def close(self) -> None:
@@ -149,7 +149,7 @@ class TwinNode(Node):
 
     @property
     def received(self) -> dict[str, int]:
-        """Messages recorded, by full topic name."""
+        """Number of recorded messages by full topic name."""
         return {}
 
     def adopt(self, parameters: Parameters) -> None:
@@ -233,7 +233,7 @@ class TwinNode(Node):
         return listener
 
     def join(self, hand_over: HandOver) -> None:
-        """Exchange steps as objects with the nodes of one executor."""
+        """Exchange steps as objects with the nodes that share this hand-over's executor."""
         self._hand_over = hand_over
         for listener in self._listeners:
             hand_over.listen(listener)
@@ -241,7 +241,7 @@ class TwinNode(Node):
             output.join(hand_over.channel(self.resolve_topic_name(output.name)))
 
     def leave(self) -> None:
-        """Exchange steps as bytes only."""
+        """Exchange steps as serialized bytes only."""
         hand_over, self._hand_over = self._hand_over, None
         if hand_over is None:
             return
@@ -302,7 +302,7 @@ class TwinNode(Node):
     # -- diagnostics ------------------------------------------------------------------------------------------------
 
     def report(self) -> None:
-        """Publish the diagnostics of the window that ends now."""
+        """Publish the diagnostics of the window (`WINDOW_S`) that ends now."""
         if self.quiet:
             return
         sent = {f"sent {output.name}": str(output.sent) for output in self.outputs}
@@ -331,7 +331,7 @@ def _options(tree: Mapping[str, Any], source: str) -> RunOptions:
 
 
 def sent_messages(nodes: Iterable[TwinNode]) -> dict[str, int]:
-    """Return how many messages nodes have published, by full topic name."""
+    """Return the number of messages published by the nodes, by full topic name."""
     total: dict[str, int] = {}
     for node in nodes:
         for output in node.outputs:

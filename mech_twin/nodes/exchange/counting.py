@@ -45,7 +45,7 @@ class SequenceFault(NamedTuple):
 
 
 class StepSequence:
-    """The first and the newest step of a topic."""
+    """Checks the step numbers of a topic for gaps and repetitions; holds the first and the highest number."""
 
     def __init__(self) -> None:
         self.first: int | None = None
@@ -65,7 +65,7 @@ class StepSequence:
 
 
 class TopicStatistics:
-    """Counts per topic and kind, in all and since the last report."""
+    """Fault counts per topic and kind, since the start and since the last report."""
 
     def __init__(self) -> None:
         self.total: Counter[tuple[str, str]] = Counter()
@@ -86,7 +86,7 @@ class TopicStatistics:
         return {f"{topic}: {kind}": number for (topic, kind), number in sorted(self.total.items())}
 
     def close_window(self) -> list[Report]:
-        """Return one report a topic that saw anything since the last call."""
+        """Return a report for each topic with faults since the last call, and start a new window."""
         topics = sorted({topic for topic, _ in self._window})
         reports = [
             Report(topic, {k: n for (t, k), n in self._window.items() if t == topic}, self._reasons.get(topic, ""))
@@ -97,19 +97,19 @@ class TopicStatistics:
         return reports
 
 
-HARMLESS = {"repeated"}  # a run that waits repeats its step: counted, and no reason to warn
+HARMLESS = {"repeated"}  # a run that waits for a peer repeats its step: counted, but no warning
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 
 class NodeDiagnostics:
-    """Collects a window and turns it into a diagnostics message.
+    """Collects states, residuals and faults over a window, and makes a diagnostics status of them.
 
     Parameters
     ----------
     name : str
-        Full name of the node; its namespace, without the first slash, is the hardware that is diagnosed.
+        Full name of the node; its namespace without the leading slash is the ``hardware_id``.
     statistics : TopicStatistics
-        What was lost.
+        Fault counts of the node's topics.
     """
 
     def __init__(self, name: str, statistics: TopicStatistics) -> None:
@@ -141,7 +141,7 @@ class NodeDiagnostics:
         self._warnings.append(text)
 
     def close_window(self, extra: Mapping[str, str]) -> tuple[DiagnosticStatus, list[str]]:
-        """Return the status of the window that ends now, and one line for the log per topic that lost something."""
+        """Return the status of the window that ends now, and a log line for each topic with faults."""
         reports = [report for report in self._statistics.close_window() if set(report.counts) - HARMLESS]
         residuals = self._window.close()
         lines = [_line(report) for report in reports]
@@ -164,7 +164,7 @@ def _line(report: Report) -> str:
 
 
 def array_message(time_s: float, status: DiagnosticStatus) -> DiagnosticArray:
-    """Return one status as a diagnostics message, stamped with simulation time."""
+    """Return a diagnostics message of one status, stamped with simulation time (s)."""
     message = DiagnosticArray(status=[status])
     set_stamp(message.header, time_s)
     return message
@@ -188,7 +188,7 @@ class CountingPublisher:
         Called when a subscriber requests a quality of service that is not offered.
     """
 
-    exclusive = False  # whether nobody else may publish on the topic
+    exclusive = False  # whether this must be the only publisher of the topic
 
     def __init__(
         self, node: Node, topic: Topic, listeners: int, on_incompatible: Callable[[Any], None] | None = None
@@ -213,7 +213,7 @@ class CountingPublisher:
         return self._kept or self._count() > 0
 
     def send(self, message: Any) -> None:
-        """Publish a message, or the bytes of one."""
+        """Publish a message, given as a message object or as serialized bytes."""
         self.sent += 1
         self._pass_on(message)
 
@@ -250,7 +250,7 @@ class CountingPublisher:
 
 
 class StepPublisher(CountingPublisher):
-    """A topic of step messages: objects for listeners served by the same executor, bytes for those elsewhere."""
+    """A publisher of step messages: objects for listeners of the same executor, serialized bytes for all others."""
 
     exclusive = True
 

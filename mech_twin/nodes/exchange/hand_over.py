@@ -24,7 +24,7 @@ from mech_twin.engine.sample_vectors import row_of
 from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import ANONYMOUS, REVISION, ConfigurationMark, Row, configuration_mark
 
-SOURCES = 64  # of a topic that are remembered
+SOURCES = 64  # remembered per topic
 
 
 class PublisherNumbers:
@@ -40,7 +40,7 @@ class PublisherNumbers:
 
     def __init__(self, silence_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._silence_s, self._clock = silence_s, clock
-        self._newest: OrderedDict[float, tuple[int, float]] = OrderedDict()  # its number, and when it came
+        self._newest: OrderedDict[float, tuple[int, float]] = OrderedDict()  # sequence number and time of arrival (s)
 
     def is_own(self, source: float, number: int | None, alone: Callable[[], bool]) -> bool:
         """Return whether a message comes from the publisher of the source number in it.
@@ -66,7 +66,7 @@ class PublisherNumbers:
         return True
 
 
-REMEMBERED = 1 << 15  # messages of a topic: half a minute of steps of 1 ms, longer than any listener is behind
+REMEMBERED = 1 << 15  # messages per topic: 33 s at steps of 1 ms, more than any listener lags
 
 
 class HandedStep:
@@ -90,19 +90,19 @@ class HandedStep:
 
     @property
     def source(self) -> float:
-        """The number the publishing node signs with."""
+        """Source number of the publishing node."""
         return self._marks[-1].position
 
     @property
     def configuration(self) -> ConfigurationMark:
-        """The configuration the sample was computed with."""
+        """The configuration that the sample was computed with; see `ConfigurationMark`."""
         row = self._marks[-2] if len(self._marks) > 1 else None
         known = row is not None and row.name == REVISION
         return ConfigurationMark(int(row.position), row.velocity) if row is not None and known else ConfigurationMark()
 
     @property
     def raw(self) -> bytes:
-        """The bytes of the step message."""
+        """The serialized step message."""
         if not self._raw:
             self._raw = self._encode(self.sample, self._marks)
         return self._raw
@@ -117,7 +117,7 @@ class HandedStep:
 class HandedBytes:
     """A message of which only the bytes are used."""
 
-    finite = True  # nobody asks it for numbers
+    finite = True  # not checked: no listener reads its numbers
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -150,12 +150,12 @@ class ReceivedStep:
 
     @property
     def configuration(self) -> ConfigurationMark:
-        """The configuration the sample was computed with; revision 0 if the message does not say."""
+        """The configuration that the sample was computed with; revision 0 if the message has no such row."""
         return configuration_mark(self._message)
 
     @property
     def raw(self) -> bytes:
-        """The bytes as they came."""
+        """The bytes as received."""
         return self._message.raw
 
 
@@ -208,7 +208,7 @@ class Listener:
         self._take, self._receive = take, receive
         self._waiting: Waiting | None = None
         self._queued = 0
-        self._expected: deque[tuple[bytes, bool]] = deque()  # whether it was handed over as well
+        self._expected: deque[tuple[bytes, bool]] = deque()  # bytes; whether the object was passed too
         self._only_bytes = 0
         self._channel: StepChannel | None = None
         self._numbers = PublisherNumbers(silence_s)
@@ -270,7 +270,7 @@ Waiting = deque[tuple[Listener, Callable[[Any], None], Any]]
 
 
 class StepChannel:
-    """The listeners and senders of one executor on one topic."""
+    """The listeners and senders of one topic on one executor."""
 
     def __init__(self) -> None:
         self.listeners: list[Listener] = []
@@ -355,7 +355,7 @@ class HandOver:
         queue.extend(others)
 
     def deliver(self) -> None:
-        """Deliver the step that has waited longest."""
+        """Deliver the oldest queued step."""
         _deliver(self.waiting)
 
     def deliver_later(self) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameter models <-> ROS 2 parameters: every key declared with type, range, unit and description."""
+"""Declares every key of a parameter model as a ROS 2 parameter with type, range, unit and description."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _is_float(annotation: Any) -> bool:
 
 
 def descriptor(key: Key) -> ParameterDescriptor:
-    """Return the ROS descriptor of a key: description with unit, range, and whether it is read-only."""
+    """Return the ROS parameter descriptor of a key: description with unit, range, and whether it is read-only."""
     extra = key.field.json_schema_extra
     unit = extra.get("unit") if isinstance(extra, dict) else None
     text = f"{key.field.description or key.name} [{unit}]" if unit else key.field.description or key.name
@@ -59,7 +59,7 @@ def descriptor(key: Key) -> ParameterDescriptor:
 
 
 def live_keys(parameters: Parameters) -> list[dict[str, Any]]:
-    """Return the keys that may change while the machine runs: name, meaning, unit, value, bounds, words to choose."""
+    """Return the keys that may change during a run: name, meaning, unit, value, bounds, choices."""
     found = []
     for key in keys(parameters):
         if not key.live or key.value is None or isinstance(key.value, list):
@@ -120,7 +120,7 @@ def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]
         If an override has an unknown key, a wrong type or a value out of range.
     """
     known = {key.name: key for prefix, parameters in groups for key in keys(parameters, prefix)}
-    overrides = dict(node._parameter_overrides)  # rclpy has no public reader of them
+    overrides = dict(node._parameter_overrides)  # rclpy has no public access to them
     own = {name for name in overrides if node.has_parameter(name)}
     for name in overrides:
         if name not in known and name not in own and not is_of_ros(name):

@@ -45,14 +45,14 @@ class Admission(Enum):
 
 
 class SourceLock:
-    """The one publisher that is followed on a topic."""
+    """The source number that is followed on a topic, if any."""
 
     def __init__(self) -> None:
         self.source: float | None = None
 
     @property
     def locked(self) -> bool:
-        """Whether somebody is followed."""
+        """Whether a source is followed."""
         return self.source is not None
 
     def admit(self, source: float, vacant: bool) -> Admission:
@@ -114,7 +114,7 @@ class AnswerFault(NamedTuple):
 
 
 class SteppingBarrier:
-    """Answers of the peers to one step.
+    """Collects the answers of the peers to one step.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ class SteppingBarrier:
 
     @property
     def body(self) -> BodySample | None:
-        """The body's answer, None where there is none."""
+        """The body's answer; None if it has not answered or the machine has no body."""
         answer = self._answers.get("body")
         return answer if isinstance(answer, BodySample) else None
 
@@ -208,7 +208,7 @@ class PeerWait:
         return self._since_s is not None
 
     def silence_s(self, now_s: float) -> float:
-        """Return the time since the last step."""
+        """Return the time since the last step (s)."""
         return now_s - self._step_at_s
 
     def total_s(self, now_s: float) -> float:
@@ -244,21 +244,21 @@ def other_clocks(node: Node) -> str:
     """Return a warning that names other publishers of a node's clock and the remedy; empty if there is none."""
     topic = node.resolve_topic_name(CLOCK.name)
     others = clock_publishers(node)
-    if not others or len(node.get_publishers_info_by_topic(topic)) == len(others):  # this node is none of them
+    if not others or len(node.get_publishers_info_by_topic(topic)) == len(others):  # this node does not publish it
         return ""
     names = ", ".join(sorted(others))
     return f"{topic} is published by {names} as well: with --namespace a replay has a clock of its own"
 
 
 def clock_publishers(node: Node) -> set[str]:
-    """Return the full names of the other nodes that publish a node's clock."""
+    """Return the full names of the other nodes that publish the node's ``/clock``."""
     topic = node.resolve_topic_name(CLOCK.name)
     found = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in node.get_publishers_info_by_topic(topic)}
     return found - {node.get_fully_qualified_name()}
 
 
-FORGOTTEN_S = 30.0  # middlewares forget a silent participant after 10 s to 20 s
-UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of rmw: the endpoint is discovered before the name of its node, or outlives it
+FORGOTTEN_S = 30.0  # the middleware drops a silent participant after 10 s to 20 s
+UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of rmw: an endpoint can be known before, and longer than, its node's name
 
 
 class LivingPublishers:
@@ -302,7 +302,7 @@ class HostClaims:
         self.holder = ""
         self._held = ExitStack()
         domain = rclpy.get_default_context().get_domain_id()
-        for name in sorted(names):  # all in one order, so that one of several gets them all
+        for name in sorted(names):  # in the same order in all processes, so that one of them gets all names
             address = b"\0mech_twin/" + hashlib.sha256(f"{domain} {name}".encode()).digest()
             try:
                 held = self._held.enter_context(socket.socket(socket.AF_UNIX))

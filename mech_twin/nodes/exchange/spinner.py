@@ -31,9 +31,9 @@ LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4
 SLICE_S = 0.02
 LONGEST_SLICE_S = 1.0
-BY_MESSAGE_S = 1.0  # after a node has waited for the wall clock
-# a step makes some thousand short-lived tuples: with the interpreter's own thresholds a twentieth of a run is spent
-# looking for cycles among them
+BY_MESSAGE_S = 1.0  # spin message by message for so long after a call of ``interrupt``
+# a step makes some thousand short-lived tuples: with the default thresholds the garbage collector takes a twentieth of
+# a run to search them for cycles
 GARBAGE_THRESHOLDS = (50_000, 20, 50)
 
 
@@ -59,11 +59,11 @@ class Exchanging(Protocol):
     """A node that exchanges steps, as objects with nodes of the same executor."""
 
     def join(self, hand_over: HandOver) -> None:
-        """Exchange objects there from now on."""
+        """Exchange objects through this hand-over from now on."""
         ...
 
     def leave(self) -> None:
-        """Exchange bytes only."""
+        """Exchange serialized bytes only."""
         ...
 
 
@@ -92,7 +92,7 @@ class Spinner:
             self.add(node)
 
     def add(self, node: Node) -> None:
-        """Serve one more node."""
+        """Add a node to the executor."""
         self.nodes.append(node)
         self._executor.add_node(node)
         if isinstance(node, Exchanging):
@@ -107,7 +107,7 @@ class Spinner:
         self._executor.remove_node(node)
 
     def until(self, predicate: Callable[[], bool]) -> None:
-        """Serve the nodes until the predicate, asked after each message, holds or rclpy is shut down."""
+        """Spin until the predicate, evaluated after each message, holds or rclpy is shut down."""
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         running, spin_once = rclpy.get_default_context().ok, self._executor.spin_once
         while running() and not predicate():
@@ -184,7 +184,7 @@ class Spinner:
         self._slice.set_result(None)
 
     def __enter__(self) -> Spinner:
-        gc.freeze()  # what is loaded by now stays; to search it for garbage again and again halts a run for 0.15 s
+        gc.freeze()  # loaded modules stay; collecting over them repeatedly would stop a run for 0.15 s
         self._thresholds = gc.get_threshold()
         gc.set_threshold(*GARBAGE_THRESHOLDS)
         return self
@@ -207,7 +207,7 @@ def _wait_s(ticking: Iterable[Ticking]) -> float:
     return max(wait_s, SHORTEST_WAIT_S)
 
 
-LIMIT_S = 4.0  # it takes a tenth of a second, on a busy machine one
+LIMIT_S = 4.0  # usually 0.1 s, on a busy machine 1 s
 
 
 def destroy_nodes(nodes: Sequence[Node]) -> None:

@@ -36,7 +36,7 @@ IMPATIENCE_S = 1.0
 
 
 class ReplayPublisher:
-    """One topic going out.
+    """Publisher of one replayed topic.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class ReplayPublisher:
         """Publish; at half the history's depth wait for listeners, as unread messages would be overwritten."""
         try:
             self._publisher.publish(raw)
-        except RuntimeError as error:  # what rmw raises, such as on a full keep-all history
+        except RuntimeError as error:  # raised by rmw, for instance on a full keep-all history
             self.refused += 1
             self._node.get_logger().warning(f"{self.topic.name}: not published: {error}", throttle_duration_sec=1.0)
             return
@@ -95,7 +95,7 @@ SETTLE_S, MATCH_LIMIT_S, LISTENER_LIMIT_S = 0.3, 2.0, 10.0
 
 
 class ReplayOptions(NamedTuple):
-    """How a recording is replayed: ``listeners`` is how many subscribers each topic must have at the beginning."""
+    """Options of a replay: rate, loop, own ``/clock``; ``listeners``: subscribers each topic must have at the start."""
 
     rate: float = 1.0
     loop: bool = False
@@ -109,9 +109,9 @@ class ReplayNode(Node):
     Parameters
     ----------
     source : ReplaySource
-        What is replayed.
+        The messages to replay.
     options : ReplayOptions
-        How.
+        Options of the replay.
     """
 
     def __init__(self, source: ReplaySource, options: ReplayOptions) -> None:
@@ -138,7 +138,7 @@ class ReplayNode(Node):
         self.create_service(Trigger, "~/next_impact", self._on_next_impact)
         self.create_timer(WINDOW_S, self.report)
 
-    # -- where it is ------------------------------------------------------------------------------------------------
+    # -- position --------------------------------------------------------------------------------------------------
 
     @property
     def position_ns(self) -> int:
@@ -163,7 +163,7 @@ class ReplayNode(Node):
         """Recorded seconds per second."""
         return float(self.get_parameter("rate").value)
 
-    # -- going on ---------------------------------------------------------------------------------------------------
+    # -- playback ---------------------------------------------------------------------------------------------------
 
     def turn(self) -> float:
         """Publish due messages, a limited number; return the time to the next one (s)."""
@@ -263,7 +263,7 @@ class ReplayNode(Node):
             self._announce(f"the recorded clock jumps back from {last * 1e-9:.6f} s to {stamp * 1e-9:.6f} s", True)
         self._told_ns[message.topic] = stamp
 
-    # -- steering ---------------------------------------------------------------------------------------------------
+    # -- control ----------------------------------------------------------------------------------------------------
 
     def pause(self) -> str:
         """Pause."""
@@ -320,13 +320,13 @@ class ReplayNode(Node):
             elif change.name == "seek_s":
                 self._jump(self._source.log_time_ns(change.value), "seek")
 
-    # -- saying so --------------------------------------------------------------------------------------------------
+    # -- diagnostics ------------------------------------------------------------------------------------------------
 
     def _announce(self, text: str, back: bool) -> None:
         if back:
             self.get_logger().warning(text)
         else:
-            self.get_logger().info(text)  # a call of its own: rclpy ties the severity to the line
+            self.get_logger().info(text)  # a separate call: rclpy ties the severity to the source line
         self._send(text, DiagnosticStatus.WARN if back else DiagnosticStatus.OK)
 
     def report(self) -> None:

@@ -23,16 +23,16 @@ LARGEST_LAG_S = 0.1
 
 
 class ReplayClock:
-    """Position that runs at a rate.
+    """Replay position, which advances at a rate.
 
     Parameters
     ----------
     position_ns : int
-        Log time to begin at.
+        Log time at the start.
     rate : float
         Recorded seconds per second.
     now_s : float
-        Steady time of the beginning.
+        Steady time at the start.
     """
 
     def __init__(self, position_ns: int, rate: float, now_s: float) -> None:
@@ -42,7 +42,7 @@ class ReplayClock:
         self._anchor_s = now_s
 
     def position_ns(self, now_s: float) -> int:
-        """Return the log time that is due at a steady time."""
+        """Return the position (log time in ns) at a steady time (s)."""
         if self.paused:
             return self._anchor_ns
         return self._anchor_ns + round((now_s - self._anchor_s) * self.rate * 1e9)
@@ -101,25 +101,25 @@ class PlayedTopic(NamedTuple):
 
 
 class ReplaySource:
-    """Part of a bag.
+    """The part of a bag to replay.
 
     Parameters
     ----------
     reader : RecordingReader
         The open bag.
     topics : list of str
-        Full names, or names below the machine's; all if empty.
+        Full names, or names relative to the machine's namespace; all if empty.
     start_s, duration_s : float
-        Part of the bag, from its beginning; None is to its end.
+        Start from the beginning of the bag, and length; None extends to its end.
 
     Attributes
     ----------
     topics : dict
-        What is replayed.
+        Topics that are replayed.
     unknown : dict
-        Topics that are not, and why.
+        Topics that are not replayed, and why.
     malformed : Counter
-        By topic, messages whose bytes are not of its type.
+        Number of messages by topic whose bytes are not of its type.
 
     Raises
     ------
@@ -151,11 +151,11 @@ class ReplaySource:
             self._admit(name)
 
     def seconds(self, log_time_ns: int) -> float:
-        """Return a log time in seconds from the beginning of the bag."""
+        """Return a log time (ns) in seconds from the beginning of the bag."""
         return (log_time_ns - self._zero_ns) * 1e-9
 
     def log_time_ns(self, seconds: float) -> int:
-        """Return the log time of a position in seconds."""
+        """Return the log time (ns) of a position in seconds."""
         return self._zero_ns + round(seconds * 1e9)
 
     def messages(self, from_ns: int) -> Iterator[BagMessage]:
@@ -177,7 +177,7 @@ class ReplaySource:
         return {name: list(messages) for name, messages in held.items()}
 
     def next_impact_ns(self, after_ns: int) -> int | None:
-        """Return the log time of the first impact (an event with impulse) later than a log time."""
+        """Return the log time (ns) of the first impact (event with impulse) after a log time; None if there is none."""
         kind = type_name(IMPACTS)
         names = [
             name

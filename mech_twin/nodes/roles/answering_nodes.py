@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The nodes that answer the linkage: motor, force analysis and body, each once a step."""
+"""The nodes that answer the linkage once per step: motor, force analysis and body."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ from mech_twin.samples import BodySample, EffortCommand, ForceSample, LinkageSam
 RATED = 1.0
 HIGHEST_COMMAND = 1.0
 HOLD = ("position", "stiffness", "damping")  # numbers of a position command
-FORECAST_SHARE = 0.1  # of a run's time that forecasts may take, however often a start is asked for
-FORECAST_BURST_S = 0.5  # owed: who was refused, changes a parameter and asks again, is not kept waiting
+FORECAST_SHARE = 0.1  # largest share of a run's wall time for forecasts, however often a start is requested
+FORECAST_BURST_S = 0.5  # computing time in advance, so that a repeated request is not refused at once
 
 
 class MotorNode(FollowerNode):
@@ -99,7 +99,7 @@ class MotorNode(FollowerNode):
         self._out.send(HandedStep(answer, (target, self.signature), motor_messages.to_bytes))
 
     def show(self, question: LinkageSample, answer: MotorSample) -> None:
-        """Offer the drive to its decimated topic."""
+        """Offer the motor sample to its decimated topic."""
         self._states.offer(answer.step, answer, 0.0, has_impact(question.events))
 
     def _on_last_sample(self, message: JointState) -> None:
@@ -203,7 +203,7 @@ class ForceNode(FollowerNode):
         ]
 
     def residual_limits(self) -> dict[str, float]:
-        """Return the limits of the power balance and its like."""
+        """Return the limits of the power balance and similar residuals."""
         return dict(self.machine.forces.residual_limits)
 
     def decoded(self, message: StepMessage) -> LinkageSample:
@@ -221,7 +221,7 @@ class ForceNode(FollowerNode):
         self._out.send(HandedStep(answer, self.marks, force_messages.to_bytes))
 
     def show(self, question: LinkageSample, answer: ForceSample) -> None:
-        """Offer the forces to the decimated topics, all of them and pin by pin."""
+        """Offer the forces to the decimated topics: joint states, and a wrench for each pin."""
         sizes = [wrench_size(wrench) for wrench in answer.wrenches]
         self._states.offer(answer.step, answer, max(sizes, default=0.0), has_impact(question.events))
         for output, size in zip(self._wrenches, sizes, strict=True):
@@ -250,7 +250,7 @@ class BodyNode(FollowerNode):
 
     @property
     def role(self) -> BodyRole:
-        """The body role; a machine without one has no body node."""
+        """The body role; raises `ValueError` for a machine without a moving body."""
         if self.machine.body is None:
             raise ValueError(f"machine {self.machine.name} has no moving body")
         return self.machine.body

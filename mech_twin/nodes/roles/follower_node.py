@@ -25,7 +25,7 @@ REMEMBERED_SOURCES = 8
 
 
 class StoredDescription(NamedTuple):
-    """A described configuration, and the text it came as."""
+    """A configuration, decoded and as received."""
 
     content: Description
     text: str
@@ -37,7 +37,7 @@ class StoredDescription(NamedTuple):
 
 
 class DescriptionStore:
-    """The newest configuration of each of the last few sources."""
+    """The newest configuration of each of the last `REMEMBERED_SOURCES` sources."""
 
     def __init__(self) -> None:
         self._by_source: dict[float, StoredDescription] = {}
@@ -79,7 +79,7 @@ class ExchangeMemory(Generic[Question, Answer]):
 
     @property
     def last_step(self) -> int | None:
-        """The newest step answered."""
+        """The last step answered."""
         return self._last
 
     def get(self, step: int) -> Exchange[Question, Answer] | None:
@@ -146,14 +146,14 @@ class FollowerNode(RoleNode):
         exchange = None if last is None else self.exchanges.get(last)
         return None if exchange is None else exchange.question
 
-    # -- what a follower is -----------------------------------------------------------------------------------------
+    # -- to be defined by a subclass --------------------------------------------------------------------------------
 
     def decoded(self, message: StepMessage) -> Any:
-        """Return the sample asked about."""
+        """Return the sample of a question."""
         raise NotImplementedError
 
     def answer(self, question: Any, previous: Any) -> Any:
-        """Return the answer to a new step, or None if it cannot be given yet; ``previous`` is the last step's."""
+        """Return the answer to a new step, or None if not possible yet; ``previous`` is the last step's answer."""
         raise NotImplementedError
 
     def send(self, answer: Any) -> None:
@@ -210,11 +210,11 @@ class FollowerNode(RoleNode):
 
     def _answer_later(self, question: Any, message: Step) -> None:
         self._unanswered = (question, message)
-        if self._retry_timer.is_canceled():  # a timer set anew in its own callback kept the executor busy for seconds
+        if self._retry_timer.is_canceled():  # a timer reset in its own callback kept the executor busy for seconds
             self._retry_timer.reset()
 
     def _answer(self, question: Any, message: Step) -> None:
-        if not self._is_configured(message.configuration):  # its description is on its way
+        if not self._is_configured(message.configuration):  # its description has not arrived yet
             self._answer_later(question, message)
             return
         self._unanswered = None
@@ -265,7 +265,7 @@ class FollowerNode(RoleNode):
         self.report()
 
     def resumed(self) -> None:
-        """Measure silence from now on."""
+        """Restart the measurement of silence."""
         self._heard_s = time.monotonic()
 
     def _on_rejoin(self, message: String) -> None:

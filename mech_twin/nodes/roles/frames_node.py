@@ -36,18 +36,18 @@ from mech_twin.parameters.load import catalogue_entry, description
 from mech_twin.recording.stamps import stamp_ns
 from mech_twin.roles import Machine
 
-# what is not taken in time is of no use any more, and nobody waits for this node
+# late joint states are useless, and no publisher should wait for this node
 NEWEST = QoSProfile(depth=10, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.BEST_EFFORT)
 EARLY = 0.999  # of a period: stamps are rounded to nanoseconds
 
 
 def mechanism_of(machine: Machine) -> FrameTree:
-    """Return the frames of a machine.
+    """Return the frame tree of a machine.
 
     Raises
     ------
     ConfigurationError
-        If the machine has none.
+        If the machine declares none.
     """
     if machine.mechanism is None:
         raise ConfigurationError(f"machine {machine.name} says nothing of its frames; see docs/adding-a-machine.md")
@@ -57,7 +57,7 @@ def mechanism_of(machine: Machine) -> FrameTree:
 class FramesNode(TwinNode):
     """Publishes frames and robot description; see `TwinNode` for the arguments.
 
-    ``/tf`` is published where the package tf2_msgs is installed; the wheels have none.
+    ``/tf`` is published only if the package tf2_msgs is installed; the wheels do not include it.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class FramesNode(TwinNode):
 
     @property
     def _heard(self) -> bool:
-        """Whether somebody listens to the frames."""
+        """Whether the frames or ``/tf`` have subscribers."""
         return self._frames.heard or (self._tf is not None and self._tf[0].heard)
 
     def _send(self, found: list[bytes]) -> None:
@@ -135,7 +135,7 @@ class FramesNode(TwinNode):
 
 
 def _tf_output(node: TwinNode) -> tuple[Any, Any] | None:
-    """Return the publisher of ``/tf`` and the type of its messages, None where that type is not installed."""
+    """Return the publisher of ``/tf`` and its message type; None if tf2_msgs is not installed."""
     try:
         from tf2_msgs.msg import TFMessage
     except ModuleNotFoundError:

@@ -34,9 +34,9 @@ from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_te
 from mech_twin.parameters.load import validated as validated_tree
 from mech_twin.samples import LinkageSample
 
-CHANGE_SHARE = 0.1  # of a run's time that changes of parameters may take
-CHANGE_LEAST_S = 0.004  # of one, with what the other roles and the recorder do for it: 25 a second for ever
-CHANGE_BURST_S = 0.2  # 50 at once
+CHANGE_SHARE = 0.1  # largest share of a run's wall time for parameter changes
+CHANGE_LEAST_S = 0.004  # counted per change, with the work of other roles and recorder: 25 changes/s sustained
+CHANGE_BURST_S = 0.2  # 50 changes at once
 
 
 class LiveParameters:
@@ -75,7 +75,7 @@ class LiveParameters:
 
 
 def _nobody_waits() -> None:
-    """Interrupt nobody."""
+    """Do nothing: no executor slice to interrupt yet."""
 
 
 class LinkageNode(RoleNode):
@@ -109,7 +109,7 @@ class LinkageNode(RoleNode):
         self.every(RETRY_S, self._attend)
 
     def residual_limits(self) -> dict[str, float]:
-        """Return the limits of loop closure, energy balance and their like."""
+        """Return the limits of loop closure, energy balance and similar residuals."""
         return dict(self.machine.linkage.residual_limits)
 
     def diagnostic_values(self) -> dict[str, str]:
@@ -152,7 +152,7 @@ class LinkageNode(RoleNode):
             self._begin_if_ready(now)
         elif not self.done and self._stepping.held and self._wait.due(now):
             self._wait.stepped(now)
-            self._out.send_step(self.sample)  # so that nobody takes a pause for a linkage that is gone
+            self._out.send_step(self.sample)  # so that no peer takes a pause for a lost linkage
         elif not self.done and not self._barrier.complete and self._wait.due(now):
             self._ask_again(self.sample, now)
 
@@ -221,7 +221,7 @@ class LinkageNode(RoleNode):
         if not text:
             return restarted(self.machine, sample.step + 1)
         state = stored_state(self.machine, text, StoredState(sample, self._barrier.body), sample.step + 1)
-        self._rejoin.last_body = state.body  # the body asks for it
+        self._rejoin.last_body = state.body  # the body requests it
         return state.linkage
 
     def _publish(self, sample: LinkageSample, repeated: bool = False) -> None:
@@ -243,7 +243,7 @@ class LinkageNode(RoleNode):
         begins = self._wait.ask(now)
         if self._wait.waiting:
             self.diagnostics.state = f"waiting for {', '.join(missing)}"
-            self._pacer.resume()  # a wait is not caught up; a late answer is
+            self._pacer.resume()  # time lost in a wait is not caught up; that of a late answer is
         if begins:
             reason = f"no answer to step {sample.step} for {self._wait.silence_s(now):.1f} s"
             for peer in missing:
@@ -333,7 +333,7 @@ class LinkageNode(RoleNode):
         return RequestOutcome("RESULT_OK", f"{'stored' if text else 'initial'} state at the next step")
 
     def stored(self) -> RequestOutcome:
-        """Return the state as text."""
+        """Return the state of the machine as text, or why it cannot be stored."""
         try:
             check_storable(self.machine)
         except StateError as error:

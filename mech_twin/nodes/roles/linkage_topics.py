@@ -261,12 +261,12 @@ class LinkageInputs:
         lock = self._locks[peer]
         if lock.locked:
             vacant = self._wait.waiting and peer in self.barrier.missing()
-        else:  # what does not say where it comes from is heard only where nobody else could be meant
+        else:  # an unsigned message counts only if the topic has no other publisher
             vacant = who != ANONYMOUS or self._node.count_publishers(self.topics[peer].name) <= 1
         return lock.admit(who, vacant) is not Admission.REFUSED
 
 
-LINKAGE = "/linkage"  # how the full name of a node of the twin that tells time ends
+LINKAGE = "/linkage"  # end of the full name of a twin's node that publishes ``/clock``
 
 
 class SharedClock:
@@ -334,7 +334,7 @@ class SharedClock:
         self._node.get_logger().info(f"{said}; the time of this run is on {self.topics}")
 
 
-PEERS_THAT_STEP = 2  # motor and force analysis listen to every step
+PEERS_THAT_STEP = 2  # motor and force analysis subscribe to every step
 
 
 class LinkageOutputs:

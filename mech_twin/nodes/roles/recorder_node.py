@@ -52,7 +52,7 @@ from mech_twin.recording.schemas import offered_qos
 from mech_twin.recording.stamps import stamp_ns
 
 NS_PER_S = 1_000_000_000
-LARGEST_NS = 10**9 * NS_PER_S  # later than 30 years of simulated time: somebody's wall clock
+LARGEST_NS = 10**9 * NS_PER_S  # more than 30 years of simulated time must be a wall clock
 SAME_RUN_NS = 10 * NS_PER_S
 
 
@@ -64,7 +64,7 @@ class RecordingClock:
 
     @property
     def now_ns(self) -> int:
-        """Time of the newest step; 0 before the first."""
+        """Time of the newest step (ns); 0 before the first."""
         return 0 if self._now_ns is None else self._now_ns
 
     def lead(self, stamp_ns: int) -> bool:
@@ -82,8 +82,8 @@ class RecordingClock:
 
 
 TICK_S = 0.1
-SUSPENDED_S, REPAIR_S = 0.3, 3.2  # without a pulse at the end; the middleware repairs a loss within 3 s
-LOOK_S = 1.0  # between looks at the graph of a run that has begun; to ask for all topics and their publishers is slow
+SUSPENDED_S, REPAIR_S = 0.3, 3.2  # time without a pulse at the end; the middleware resends lost messages within 3 s
+LOOK_S = 1.0  # period of graph queries once the run has begun; querying all topics and publishers is slow
 TICKS_PER_LOSS = 0.2
 MIB = 1024.0 * 1024.0
 
@@ -100,9 +100,9 @@ class StepInput:
         self.listener: Listener | None = None
 
 
-UNDER_WAY = 2  # steps that not every role has answered
-COPIED = "copied_source"  # below a topic of steps: messages that bear the number of a node which did not send them
-OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded where somebody publishes them
+UNDER_WAY = 2  # steps that not every role has answered yet
+COPIED = "copied_source"  # subtopic of a step topic: messages with the source number of a node that did not send them
+OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded if published
 
 
 class RecorderNode(TwinNode):
@@ -157,7 +157,7 @@ class RecorderNode(TwinNode):
 
     @property
     def received(self) -> dict[str, int]:
-        """Messages heard, by full topic name."""
+        """Number of messages received, by full topic name."""
         kept = Counter() if self._recent is None else self._recent.heard
         return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
 
@@ -223,7 +223,7 @@ class RecorderNode(TwinNode):
         latched = topic.qos is LATCHED
         durability = "transient_local" if latched else "volatile"
         self.writer.add_topic(name, type_name(topic), offered_qos(durability=durability, depth=topic.qos.depth))
-        heard = OWN_CLOCK if topic is CLOCK else topic  # on the shared one may be another machine
+        heard = OWN_CLOCK if topic is CLOCK else topic  # ``/clock`` may be of another machine
         if latched:
             call = partial(self._on_message, topic, name, True)
             self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED, raw=True)
@@ -321,14 +321,14 @@ class RecorderNode(TwinNode):
         self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
 
     def _write(self, name: str, raw: bytes, at_ns: int, latched: bool = False) -> None:
-        if self._closed:  # what is handed over after the end belongs to no recording
+        if self._closed:  # messages after the end belong to no recording
             return
         if self._recent is None or latched:
             self.writer.write(name, raw, at_ns, at_ns, latched=latched)
         else:
             self._recent.take(RecentMessage(name, raw, at_ns))
 
-    # -- the last seconds -------------------------------------------------------------------------------------------
+    # -- snapshots of the last seconds ------------------------------------------------------------------------------
 
     def _on_snapshot(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         before = self._snapshots

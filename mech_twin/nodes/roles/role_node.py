@@ -40,7 +40,7 @@ ENTRY_POINTS = "mech_twin.roles"
 
 
 class RolePlace(NamedTuple):
-    """A role that may be replaced: its methods, the messages of its samples, and the key under which it is named."""
+    """A replaceable role: its methods, the codec of its samples, and the parameter that names the class."""
 
     methods: tuple[str, ...]
     messages: StepCodec[Any]
@@ -99,7 +99,7 @@ class UsersRole:
             )
             joints = getattr(self._own, "joints", None)
             sample = sample if joints is None else arranged(sample, joints)
-        except Exception as error:  # whatever it returned
+        except Exception as error:  # it may have returned anything
             raise self._refusal(method, f"returned {type(answer).__name__}, refused: {error}") from error
         if sample.step != asked.step:
             raise self._refusal(method, f"answered step {sample.step}, expected {asked.step}")
@@ -147,7 +147,7 @@ def _loaded(name: str, place: RolePlace) -> Callable[..., Any]:
             raise UsersRoleError(f"{place.key} {name}: expected MODULE:CLASS, or a name of the group {ENTRY_POINTS}")
         module, attribute = found.module, found.attr
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.append(str(Path.cwd()))  # last: nothing there hides what is installed
+        sys.path.append(str(Path.cwd()))  # last, so that files there do not hide installed modules
     try:
         loaded: Callable[..., Any] = getattr(import_module(module), attribute)
     except Exception as error:
@@ -200,7 +200,7 @@ class RoleNode(TwinNode):
         return self.decimated_output(topic, PeakHoldWindow(self.stream_window), message)
 
     def joint_state_output(self, topic: Topic, message: Callable[[Any], bytes]) -> DecimatedPublisher:
-        """Return a new publisher of joint states, one a window of steps and more around impacts; see `StreamWindow`."""
+        """Return a new publisher of joint states: one per window of steps, more around impacts; see `StreamWindow`."""
         return self.decimated_output(topic, StreamWindow(self.stream_window), message, exclusive=True)
 
     def built(self, parameters: Parameters) -> Machine:
@@ -208,7 +208,7 @@ class RoleNode(TwinNode):
         return with_users_roles(catalogue_entry(self.machine_name).build(parameters), self.options)
 
     def use(self, parameters: Parameters) -> None:
-        """Rebuild the role from new parameters, and show them as this node's own."""
+        """Rebuild the machine with new parameters, and set the live ones as ROS parameters of this node."""
         if parameters == self.machine.parameters:
             return
         before = {key.name: key.value for key in keys(self.machine.parameters)}

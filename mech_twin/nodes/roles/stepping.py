@@ -19,10 +19,10 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-TOLD_FROM_S = 0.5  # of a lag; less is made up for unnoticed
-GIVEN_UP_FROM_S = 10.0  # of a lag: more is not caught up
+TOLD_FROM_S = 0.5  # smallest reported lag
+GIVEN_UP_FROM_S = 10.0  # a larger lag is not caught up
 TOLD_EVERY_S = 10.0
-BEGINNING_S = 1.0  # after the first step: what is done for the first time holds the run up
+BEGINNING_S = 1.0  # after the first step: work that is done once delays the run
 NOTICEABLE_S = 0.05
 
 
@@ -54,7 +54,7 @@ class StepPacer:
         self._begun_s: float | None = None
 
     def wait_s(self, step: int) -> float:
-        """Return how long to wait until a step is due (0 if it is)."""
+        """Return the time until a step is due (s); 0 if it is due."""
         if not self.realtime:
             return 0.0
         now = self._clock()
@@ -122,12 +122,12 @@ class Ration:
     def __init__(self, share: float, burst_s: float = 0.0) -> None:
         self._share = share
         self._ahead_s = burst_s / share
-        self._even_s = 0.0  # when what was taken is paid back
+        self._even_s = 0.0  # steady time at which the share is met again
 
     def refusal(self) -> str:
         """Return why a further request is refused; empty if it is accepted."""
         wait_s = self._even_s - time.monotonic() - self._ahead_s
-        told_s = math.ceil(10.0 * wait_s) / 10.0  # who asks again then is not refused
+        told_s = math.ceil(10.0 * wait_s) / 10.0  # rounded up: a request at that time is accepted
         return f"asked too often: ask again in {told_s:.1f} s" if wait_s > 0.0 else ""
 
     @contextmanager
@@ -142,7 +142,7 @@ class Ration:
 
 
 STANDARD = "simulation_interfaces"
-# of simulation_interfaces/msg/SimulatorFeatures: what this run does, and nothing else
+# of simulation_interfaces/msg/SimulatorFeatures: all features that this run supports
 FEATURES = (
     "SIMULATION_RESET",
     "SIMULATION_RESET_STATE",
@@ -240,7 +240,7 @@ class SteppingServices:
     # -- std_srvs ---------------------------------------------------------------------------------------------------
 
     def on_step(self, request: Trigger.Request, response: Trigger.Response) -> Any:
-        """Take steps of a paused run; the answer is a future."""
+        """Take ``run.step_count`` steps of a paused run; the response is a future."""
         return self._take(self._node.get_parameter("run.step_count").value, partial(_told, response))
 
     def on_get_state(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

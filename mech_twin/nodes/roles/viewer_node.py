@@ -45,7 +45,7 @@ from mech_twin.view.sending import LIVE
 if TYPE_CHECKING:
     from mech_twin.view.rerun_scene import RerunScene
 
-FIRST_STEP_S = 1.0  # for what does not say its step, until the linkage has taken one: at time 0 any length does
+FIRST_STEP_S = 1.0  # step length for messages without a step number, until the first step: at time 0 any value does
 DECODERS: dict[str, Callable[..., Sample]] = {
     STEP_LINKAGE.name: linkage_messages.from_message,
     STEP_MOTOR.name: motor_messages.from_message,
@@ -91,7 +91,7 @@ class ObserverNode(TwinNode):
         self.run_metrics.observe(frame)
 
     def _begin_anew(self) -> None:
-        self.run_metrics.begin_anew()  # the same one: a status line looks at it
+        self.run_metrics.begin_anew()  # the same object: a status line refers to it
         self.newest_step, self.newest_s = -1, 0.0
         self._step_s = FIRST_STEP_S
         self._assembler = FrameAssembler(self._entry.has_body)
@@ -122,7 +122,7 @@ class ObserverNode(TwinNode):
 
 METRICS_EVERY_S = 1.0
 APART_S = (
-    10.0  # as far as a drawing may be from the newest step: topics overtake each other, and simulated time is fast
+    10.0  # largest time between a drawing and the newest step: topics overtake each other, and simulated time is fast
 )
 
 
@@ -132,7 +132,7 @@ def opened_scene(machine_name: str, place: str) -> BenchScene | RerunScene:
     Raises
     ------
     ConfigurationError
-        It is neither.
+        The place is neither.
     """
     if place.startswith(PREFIX):
         return BenchScene(BenchLink(place), LIVE)
@@ -144,12 +144,12 @@ def opened_scene(machine_name: str, place: str) -> BenchScene | RerunScene:
 
 
 class ViewerNode(ObserverNode):
-    """Shows a run.
+    """Displays a run on a bench, or writes it to a file for rerun.
 
     Parameters
     ----------
     place : str
-        Where: see `opened_scene`, and `TwinNode` for the other arguments.
+        Bench or file: see `opened_scene`, and `TwinNode` for the other arguments.
     """
 
     def __init__(
@@ -163,9 +163,9 @@ class ViewerNode(ObserverNode):
         super().__init__(machine_name, parameters, options, name="viewer", on_topics=on_topics)
         self.scene = opened_scene(machine_name, place)
         self._shown = time.monotonic()
-        # the drawing, the state and the curves are then of one instant
+        # drawn here, so that drawing, state and curves are of the same time
         self._draws = place.startswith(PREFIX) or not on_topics
-        self._in_batches = place.startswith(PREFIX) and not on_topics  # whoever shows them asks for the last one
+        self._in_batches = place.startswith(PREFIX) and not on_topics  # the caller of `show` also calls `draw_newest`
         self._undrawn: Frame | None = None
         self.draw: Callable[[Frame], tuple[Shape, ...]] | None = None  # of the run in this process, as it is now
         if not self._draws:
@@ -177,10 +177,10 @@ class ViewerNode(ObserverNode):
         self.scene.close()
 
     def show(self, frame: Frame) -> None:
-        """Show one whole frame."""
+        """Show a complete frame."""
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
-        self.newest_s = max(self.newest_s, self.time_s)  # frames that come without topics tell where the run is
+        self.newest_s = max(self.newest_s, self.time_s)  # without topics the frames set the run's time
         if self.run_metrics.frames == 0 and isinstance(self.scene, BenchScene):
             self.scene.watch(self.run_metrics.machine)
         if self.run_metrics.frames == 0 and (tree := self.run_metrics.machine.mechanism) is not None:
@@ -200,7 +200,7 @@ class ViewerNode(ObserverNode):
             self.scene.metrics(self.run_metrics.running_numbers())
 
     def draw_newest(self) -> None:
-        """Draw the newest frame, if it is not drawn yet and a picture is due."""
+        """Draw the newest frame, if it is not drawn yet and a drawing is due."""
         frame = self._undrawn
         if frame is None or not self.scene.drawing_due(frame.linkage.time_s):
             return

@@ -25,8 +25,8 @@ from mech_twin.view.bench.link import BEGUN_BY
 from mech_twin.view.bench.server import OrderError
 
 OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST = "open", "overlay", "run", "salvage", "download", "list"
-END_S = 10.0  # that a command may take to end
-SAID_LINES = 3  # of a command that failed
+END_S = 10.0  # time limit for a command to end
+SAID_LINES = 3  # last lines of stderr that are shown of a failed command
 NOT_FOR_IT = "it holds no samples of a machine"
 
 
@@ -185,7 +185,7 @@ def _told(reader: RecordingReader) -> tuple[str, list[list[str]]]:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Return machine, length, settings and state of a recording, and whether it can be opened as it is."""
+    """Return machine, length (s), settings and state of a recording, and whether it opens without recovery."""
     told: dict[str, Any] = {"machine": "", "length_s": None, "opens": False, "settings": []}
     try:
         info, (machine, settings) = about_bag(path, _told)

@@ -28,19 +28,19 @@ from mech_twin.process.parent_death import end_with_parent
 from mech_twin.view.bench.link import FEED, LARGEST_BYTES, PREFIX
 from mech_twin.view.bench.server import Bench, OrderError
 
-SPAN_S = 0.3  # of the machine's time: three blows of the breaker
+SPAN_S = 0.3  # length of a roll-out in machine time: three blows of the breaker
 TRIAL_PROGRAM = "from mech_twin.nodes.run.bench_process import answer_trials; answer_trials()"
 
 
 class Trials:
-    """Roll-outs of one machine, one at a time.
+    """Predictions (roll-outs) of one machine in a process of their own, one at a time.
 
     Parameters
     ----------
     name : str
         Machine of the catalogue.
     configuration : mapping
-        Its whole configuration.
+        Its complete configuration.
     """
 
     def __init__(self, name: str, configuration: Mapping[str, Any]) -> None:
@@ -130,7 +130,7 @@ def answer_trials() -> None:
     """Roll out the request of each line of standard input."""
     from mech_twin.engine.errors import MotionError
 
-    out, sys.stdout = sys.stdout, sys.stderr  # nothing else goes into the answers
+    out, sys.stdout = sys.stdout, sys.stderr  # other output must not mix with the answers
     for line in sys.stdin:
         asked = json.loads(line)
         end_with_parent(asked["parent"])
@@ -142,8 +142,8 @@ def answer_trials() -> None:
         out.flush()
 
 
-SERVICE_S = 2.0  # how long a person waits for a service to be found
-END_S = 2.0  # that a machine's orders may take to end
+SERVICE_S = 2.0  # time limit for a service to be discovered
+END_S = 2.0  # time limit for the thread of orders to end
 HALL_ORDERS = (OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST)
 SPEED, CHANGE, PAUSE, GO_ON, IDENTIFY = "speed", "change", "pause", "go-on", "identify"
 
@@ -156,14 +156,14 @@ class _Asked(NamedTuple):
 
 
 class Orders(threading.Thread):
-    """Executes the orders of a bench, one after the other, by the services of the running machine.
+    """A thread that executes the orders of a bench one by one, through the services of the running machine.
 
     Parameters
     ----------
     namespace : str
-        Of the machine.
+        Namespace of the machine.
     changed : callable
-        Called for each live parameter that has changed, whoever changed it.
+        Called with name and value of each live parameter that changes, whichever node or client changed it.
     """
 
     def __init__(self, namespace: str, changed: Callable[[str, Any], None]) -> None:
@@ -224,7 +224,7 @@ def _identified(teller: Any, values: Mapping[str, Any]) -> str:
 
 
 class BenchProcess:
-    """Server and orders together."""
+    """Web server, thread of orders, trials and start page of a bench."""
 
     def __init__(self, told: Mapping[str, Any]) -> None:
         self._told = told
@@ -240,7 +240,7 @@ class BenchProcess:
             self._hall = Hall(*shown, self._clear, self.bench.tell, self.bench.offer)
 
     async def serve(self) -> None:
-        """Serve until a signal."""
+        """Serve until SIGTERM or SIGINT."""
         over = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             self._loop.add_signal_handler(number, over.set)

@@ -106,7 +106,7 @@ def run_in_process(
         stack.enter_context(signal.interrupting())
         topics = guarded_topics(machine_name, namespace)
         guard = at_end.enter_context(NameGuard(topics)) if options.exclusive else None
-        apart = options.model_copy(update={"viewer": False})  # it is handed the frames
+        apart = options.model_copy(update={"viewer": False})  # it receives the frames directly
         roles: list[RoleNode] = []
         for node in role_nodes(machine_name, parameters, apart):
             roles.append(node)
@@ -201,10 +201,10 @@ def _without_frames(nodes: Sequence[TwinNode], counts: dict[str, int]) -> dict[s
     return {name: number for name, number in counts.items() if name not in found}
 
 
-STOP_LIMIT_S = 10.0  # a bound for a busy machine; they end within a second
+STOP_LIMIT_S = 10.0  # a bound for a busy computer; the processes usually end within 1 s
 SETTLE_S = 0.1
 ENDED_BY_SIGNAL = {EXIT_CODE_BASE + number for number in SIGNALS}
-ENDED_WELL = {0, -signal.SIGALRM}  # closed what it had open, and its middleware did not let go: see `departure`
+ENDED_WELL = {0, -signal.SIGALRM}  # files closed, but the middleware did not return: see `spinner`
 FRAMES_NODE = "frames_node"
 ROS_FILE = ("--ros-args", "--params-file")
 
@@ -219,14 +219,14 @@ def run_processes(
     place: str | None,
     namespace: str | None = None,
 ) -> Outcome:
-    """Run every node of a machine in a process of its own; see `composition.run_in_process` for the arguments.
+    """Run every node of a machine in a process of its own; see `run_in_process` for the arguments.
 
-    This process observes the steps from outside, for the metrics of the run.
+    This process subscribes to the step messages for the metrics of the run.
 
     Raises
     ------
     NameInUseError
-        If a run or a replay is alive there.
+        If a run or a replay is alive in this namespace.
     NodeEndedError
         If a node ends with an error.
     """
@@ -243,7 +243,7 @@ def run_processes(
                 if asked.exclusive:
                     guarding.enter_context(NameGuard(guarded_topics(machine_name, namespace))).check()
                 observer = ObserverNode(machine_name, parameters, options)
-            # not before: a signal may end the process at once up to here, and nothing would remove the directory
+            # not earlier: up to here a signal ends the process at once, and the directory would remain
             folder = at_end.enter_context(tempfile.TemporaryDirectory(prefix="mech_twin-"))
             file = Path(folder) / "parameters.yaml"
             file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
@@ -268,7 +268,7 @@ def run_processes(
             codes = _stopped(processes)
             guarding.close()
             rclpy.try_shutdown()
-    if codes.get(FRAMES_NODE) in ENDED_BY_SIGNAL:  # of a short run, before they had begun
+    if codes.get(FRAMES_NODE) in ENDED_BY_SIGNAL:  # of a short run, before the node had started
         del codes[FRAMES_NODE]
     if stop.asked and set(codes.values()) & ENDED_BY_SIGNAL:  # before the run had begun
         raise SystemExit(EXIT_CODE_BASE + stop.number)
@@ -279,7 +279,7 @@ def run_processes(
 
 
 def _roster(has_body: bool, directory: Path | None, place: str | None) -> list[tuple[str, list[str]]]:
-    """Return the nodes in the order they are started, with their arguments."""
+    """Return the executables in starting order, with their arguments."""
     recorder = [] if directory is None else [("recorder_node", ["--directory", str(directory)])]
     viewer = [] if place is None else [("viewer_node", ["--place", place])]
     roles = ["motor_node", "force_node", *(["body_node"] if has_body else []), "linkage_node"]
@@ -297,7 +297,7 @@ def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         f"end_with_parent({os.getpid()}); {name}()"
     )
     command = [sys.executable, "-c", code, *arguments]
-    # it inherits that signals wait, until `programs.end_by_signal` answers them: an interpreter that starts would trace
+    # the child inherits blocked signals until `programs.end_by_signal` handles them: a starting interpreter would trace
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         return subprocess.Popen(command, stdout=sys.stderr.fileno())
@@ -313,7 +313,7 @@ def _stopped(processes: Processes) -> dict[str, int]:
     """End all processes at once and return their exit codes; listening ones end when no more messages arrive."""
     for process in processes.values():
         if process.poll() is None:
-            process.send_signal(signal.SIGTERM)  # of SIGINT each would tell
+            process.send_signal(signal.SIGTERM)  # each would report a SIGINT
     end = time.monotonic() + STOP_LIMIT_S
     return {name: _exit_code(process, end) for name, process in processes.items()}
 

@@ -33,7 +33,7 @@ from mech_twin.studies.run_metrics import RunMetrics
 
 
 class TerminalKeys:
-    """While this context is open, keys arrive at once and are not echoed; without a terminal there are none."""
+    """A context that reads keys without waiting for Enter and without echo; without a terminal it returns none."""
 
     def __init__(self) -> None:
         self._fd: int | None = None
@@ -41,7 +41,7 @@ class TerminalKeys:
 
     @property
     def listening(self) -> bool:
-        """Whether there is a terminal to listen to."""
+        """Whether there is a terminal to read keys from."""
         return self._fd is not None
 
     def __enter__(self) -> TerminalKeys:
@@ -74,7 +74,7 @@ class TerminalKeys:
 
 
 def _terminal() -> int | None:
-    """Return the terminal on standard input, unless this process runs behind the one in front of it."""
+    """Return the file descriptor of the terminal on standard input; None in a background process."""
     try:
         fd = sys.stdin.fileno()
         return fd if os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp() else None
@@ -83,8 +83,8 @@ def _terminal() -> int | None:
 
 
 BLOWS = ("blow", "impact")
-SPAN_S = 2.0  # of simulated time, over which blows are counted
-LOUD = 0.5  # of the hardest blow in the span: of a series that dies out only the first counts
+SPAN_S = 2.0  # simulated time over which blows are counted
+LOUD = 0.5  # least share of the largest impulse in the span: of a decaying series of bounces only the first counts
 SHOWN_BLOWS = 3
 MEGABYTE = 1e6
 
@@ -108,13 +108,13 @@ class RunStatus:
         self._zero_s: float | None = None
 
     def pause(self, paused: bool) -> None:
-        """Register a pause or its end; the lag is measured anew."""
+        """Register a pause or its end; the lag starts again from zero."""
         self.paused = paused
         self._zero_s = None
         self.notice = ""
 
     def line(self, now_s: float) -> str:
-        """Return the line at a steady time."""
+        """Return the line at a steady time (s)."""
         frame = self._metrics.last
         if frame is None:
             return "starting"
@@ -159,7 +159,7 @@ class RunStatus:
 
 
 def blow_rate(events: Iterable[Event], time_s: float) -> float:
-    """Return blows per second over the last `SPAN_S` of a run; 0 where there was none."""
+    """Return the blows per second over the last `SPAN_S` of simulated time; 0 if there was none."""
     span = min(SPAN_S, time_s)
     recent = [event for event in events if event.kind in BLOWS and event.time_s > time_s - span]
     hardest = max((event.impulse_ns for event in recent), default=0.0)
@@ -170,7 +170,7 @@ def blow_rate(events: Iterable[Event], time_s: float) -> float:
 KEYS = "space: pause or go on, +/-: faster or slower, s: start, x: stop the motor, r: reset, q: quit"
 LOOK_S = 0.05
 SHOW_S = 0.2
-STEP = 0.1  # of rated speed, a key press
+STEP = 0.1  # share of rated speed per key press
 LEAST, MOST = 0.1, 1.0
 CLEAR = "\r\x1b[2K"
 LOG_FORMAT = "RCUTILS_CONSOLE_OUTPUT_FORMAT"

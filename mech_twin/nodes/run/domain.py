@@ -38,7 +38,7 @@ DISCOVERY = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 THIS_HOST = "LOCALHOST"
 OTHER_HOSTS = "SUBNET"
 LOG_DIRECTORY = "ROS_LOG_DIR"
-ADDRESS_SPACE_BYTES = 1 << 30  # with less, threads and libraries of the middleware fail at places of their own
+ADDRESS_SPACE_BYTES = 1 << 30  # with less, threads and libraries of the middleware fail unpredictably
 SHARED_MEMORY = Path("/dev/shm")
 SHARED_MEMORY_BYTES = 4 << 20  # each process of a run takes 0.6 MB
 
@@ -111,7 +111,7 @@ def _check_shared_memory() -> None:
 
 
 def _free_shared_memory() -> int | None:
-    """Return the free bytes of shared memory, None where it cannot be written."""
+    """Return the free bytes of shared memory; None if it is not writable."""
     try:
         place = os.statvfs(SHARED_MEMORY)
     except OSError:
@@ -123,12 +123,12 @@ NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 
 
 def run_namespace(machine_name: str, namespace: str | None) -> str:
-    """Return the full namespace of a run.
+    """Return the full namespace of a run; ``/MACHINE`` if none is given.
 
     Raises
     ------
     ConfigurationError
-        If it is no name of ROS.
+        If it is not a valid ROS namespace.
     """
     if namespace is None:
         return f"/{machine_name}"
@@ -141,7 +141,7 @@ def ros_arguments(machine_name: str, namespace: str | None) -> list[str]:
     """Return the ROS arguments for the namespace of a run; none for the default."""
     if namespace is None:
         return []
-    from mech_twin.messages.topics import CLOCK  # a name is checked before surroundings are, and before rclpy is loaded
+    from mech_twin.messages.topics import CLOCK  # names are checked before the environment, and before rclpy is loaded
 
     full = run_namespace(machine_name, namespace)
     return ["--ros-args", "-r", f"__ns:={full}", "-r", f"{CLOCK.name}:={full}{CLOCK.name}"]
@@ -170,7 +170,7 @@ def end_with_launch() -> None:
     named = os.environ.get(PARENT, "")
     if not named.isdecimal():
         return
-    if os.getppid() == int(named) or not _is_alive(int(named)):  # or something stands between, such as a debugger
+    if os.getppid() == int(named) or not _is_alive(int(named)):  # else a process is in between, such as a debugger
         end_with_parent(int(named))
 
 
@@ -179,6 +179,6 @@ def _is_alive(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # somebody else's
+    except PermissionError:  # another user's process
         return True
     return True

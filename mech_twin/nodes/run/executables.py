@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 PACES = ("realtime", "max")
 RANGES = ("", "LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 SWITCH = ("true", "false")
-RESPAWN_DELAY_S = 0.5  # the launch library hears of an end within this, and does not start what is over again
-REFUSED = 2  # exit code of a program that cannot run as it was told to
+RESPAWN_DELAY_S = 0.5  # the launch library notices within this that a run is over, and does not respawn
+REFUSED = 2  # exit code of a program whose arguments or parameters are invalid
 LINKAGE = "linkage"
 
 
 class Program(NamedTuple):
-    """One node: its program, its name, the program's own arguments."""
+    """One node to launch: executable, node name, and arguments of the executable."""
 
     executable: str
     name: str
@@ -70,12 +70,12 @@ class LaunchRequest(NamedTuple):
 
 
 def programs(request: LaunchRequest) -> list[Program]:
-    """Return the nodes of a machine in the order they are started, the linkage last: the run ends with it.
+    """Return the nodes of a machine in starting order, the linkage last: the run ends with it.
 
     Raises
     ------
     ConfigurationError
-        If the catalogue has no such machine.
+        If the catalogue does not contain the machine.
     """
     has_body = catalogue_entry(request.machine).has_body
     return [
@@ -90,12 +90,12 @@ def programs(request: LaunchRequest) -> list[Program]:
 
 
 def namespace(request: LaunchRequest) -> str:
-    """Return the full namespace of the nodes, ``/MACHINE`` if none is asked for.
+    """Return the full namespace of the nodes; ``/MACHINE`` if none is requested.
 
     Raises
     ------
     ConfigurationError
-        If it is no name of ROS.
+        If it is not a valid ROS namespace.
     """
     return run_namespace(request.machine, request.namespace or None)
 
@@ -161,7 +161,7 @@ def several(machines: str, record: str = "", view: str = "") -> list[LaunchReque
     Raises
     ------
     ConfigurationError
-        If a machine is unknown, a namespace stands twice, or there is none.
+        If a machine is unknown, a namespace occurs twice, or the list is empty.
     """
     requests: dict[str, LaunchRequest] = {}
     for word in filter(None, (part.strip() for part in machines.split(","))):
@@ -194,22 +194,22 @@ def discovery(asked: str, environment: Mapping[str, str] = os.environ) -> tuple[
 
 
 QUIET_S = 0.15
-QUIET_LIMIT_S = 4.0  # a run that goes on is not waited for; the middleware repairs a loss within 3 s
+QUIET_LIMIT_S = 4.0  # limit if others keep publishing; the middleware resends lost messages within 3 s
 EXIT_CODE = 2
 
 
 @contextmanager
 def machine_of(node_name: str) -> Iterator[str]:
-    """Provide the machine of a node from its parameter ``machine``, as rcl resolves it.
+    """Provide the parameter ``machine`` of a node of this name, as rcl resolves it.
 
-    A file may give the node's full name, whose namespace is the machine's name unless remapped.  Then each name of the
-    catalogue is tried.  The node created for this lives until the block ends: the middleware ends with the last node of
-    a process, and restarting it takes time and repeats discovery.
+    A parameter file may name the node with its namespace, by default the machine's name.  Hence a temporary node is
+    created in the root namespace, then in the namespace of each machine of the catalogue.  These nodes live until the
+    block ends: with the last node of a process the DDS participant is destroyed, and a new one has to be discovered.
 
     Raises
     ------
     ConfigurationError
-        If no parameter says it, or it is none of the catalogue.
+        If the parameter is not set, or the catalogue does not contain the machine.
     """
     import rclpy
 
@@ -276,7 +276,7 @@ def _told_line(error: Exception) -> str | None:
 
 def _serve(make: Callable[[], TwinNode], ros: list[str], stop: StopSignal) -> None:
     with ExitStack() as at_end:
-        with stop.interrupting():  # from here on: to load the libraries takes a second
+        with stop.interrupting():  # from here on: loading the libraries takes a second
             node = _made(make, ros, at_end)
         from mech_twin.nodes.exchange.spinner import Spinner
 

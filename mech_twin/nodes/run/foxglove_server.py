@@ -35,7 +35,7 @@ from mech_twin.recording.errors import UnknownTypeError
 from mech_twin.recording.schemas import message_schema
 
 LOOPBACK = "127.0.0.1"
-LOOK_S = 0.5  # how often new topics are looked for
+LOOK_S = 0.5  # period of the search for new topics
 ANSWER_S = 15.0
 DEPTH = 100
 GLOBAL = ("/tf", "/tf_static")
@@ -82,21 +82,21 @@ class _Listener(ServerListener):
 
 
 class FoxgloveServer:
-    """The server of one machine.
+    """The Foxglove server of one machine.
 
     Parameters
     ----------
     namespace : str
-        Of the machine.
+        Namespace of the machine.
     port : int
-        To listen on, on this host alone; 0: any free one.
+        TCP port on the loopback interface; 0 selects a free one.
     commands : bool
         Whether clients may set live parameters and call services.
 
     Raises
     ------
     OSError
-        The port is busy.
+        The port is in use.
     """
 
     def __init__(self, namespace: str, port: int, *, commands: bool) -> None:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Refuses to start beside a living publisher of the same step messages.
+"""Prevents a start while another live node publishes the same step messages.
 
-A name on the graph alone proves nothing: a killed node stays there for the lease of the middleware (20 s).  So a
-publisher counts as living if a step message of it arrives, or a diagnostics status of its node.  A node of the twin
-sends a status each second, and a run that waits repeats its step ten times a second.
+A name in the ROS graph alone proves nothing: a killed node stays there for the lease of the middleware (20 s).  So a
+publisher counts as alive if one of its step messages arrives, or a diagnostics status of its node.  A node of the twin
+sends a status every second, and a waiting run repeats its step ten times a second.
 
-Of several runs that start at one instant none publishes yet.  So each claims its topics while it lives.  On one host
-the kernel keeps the claims: they are visible at once and end with the process, however it ends.  Across hosts each
-run publishes its starting time; a run that hears an older claim to one of its topics ends.
+Of several processes that start at the same time, none publishes yet.  So each claims its topics for its lifetime.  On
+one host the kernel keeps the claims: they are visible at once, and end with the process in any case.  Across hosts each
+process publishes its claim with its starting time, and stops if it receives an older claim to one of its topics.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
 from mech_twin.nodes.exchange.peers import HostClaims
 from mech_twin.nodes.run.domain import DISCOVERY, THIS_HOST, NameInUseError
 
-DISCOVERY_S = 3.5  # usually a tenth of a second; where that fails, with the announcement that comes each 3 s
-ON_THIS_HOST_S = 0.7  # the same, where only somebody's own publisher is left to be found
-PROOF_S = 1.5  # more than the window of the diagnostics
+DISCOVERY_S = 3.5  # usually 0.1 s; if that fails, discovery takes until the next announcement, sent every 3 s
+ON_THIS_HOST_S = 0.7  # the same if only publishers of users' own programs on this host can be undiscovered
+PROOF_S = 1.5  # longer than the window of the diagnostics
 TURN_S = 0.02
-CLAIMS = "/_mech_twin/claims"  # an instant, and the full names of topics; hidden from the usual lists
+CLAIMS = "/_mech_twin/claims"  # starting time and full topic names; hidden from the usual lists
 LONGEST_CLAIM = 10_000
 
 
@@ -60,9 +60,9 @@ class NameGuard:
         self._born_s = time.monotonic()
         self._on_host = HostClaims(self._topics) if sys.platform == "linux" else None
         self._heard: str | None = (self._on_host.holder if self._on_host else "") or None
-        # the steady clock is that of all processes of a machine; of two machines either may be the elder
+        # all processes of a host share the steady clock; between two hosts the order of claims is arbitrary
         self._claim = f"{time.monotonic_ns():020d}-{secrets.token_hex(8)}"
-        # its own name, whatever the namespace and name rules of the process are
+        # a fixed name, unaffected by the remapping rules of the process
         self._node = rclpy.create_node(
             f"_name_guard_{secrets.token_hex(4)}",
             use_global_arguments=False,
@@ -130,7 +130,7 @@ class NameGuard:
                     self._heard = self._heard or _published(name)
 
     def _claimants(self) -> str:
-        """Return the other publishers of claims; the middleware does not tell which of them sent a claim."""
+        """Return the other nodes that publish claims; the middleware does not reveal which one sent a message."""
         found = self._node.get_publishers_info_by_topic(CLAIMS)
         names = {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
         others = sorted(names - {self._node.get_fully_qualified_name()})

@@ -25,7 +25,7 @@ from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.nodes.run.domain import UnansweredError
 
 LOOK_S = 0.01
-ANSWER_S = 10.0  # a service that is there answers sooner, unless its node is stopped
+ANSWER_S = 10.0  # an available service answers sooner, unless its node is suspended
 
 
 class Order(NamedTuple):
@@ -55,7 +55,7 @@ ORDERS = {
 
 
 class _Line:
-    """A node that calls services of a machine and waits for the answers."""
+    """Calls services of a machine through a node, and waits for the answers."""
 
     def __init__(self, node: Node, spinner: Spinner, namespace: str, wait_s: float) -> None:
         self._node, self._spinner = node, spinner
@@ -97,7 +97,7 @@ class _TellingNode(Node):
     interrupt = staticmethod(lambda: None)
 
     def tick(self) -> float:
-        """Return how long to wait for a message (s)."""
+        """Return the longest wait for a message (s)."""
         return LOOK_S
 
 
@@ -156,7 +156,7 @@ class Teller:
         return f"speed {share:.0%} of rated"
 
     def watch_parameters(self, changed: Callable[[str, Any], None], node: str = "linkage") -> None:
-        """Call ``changed`` for each change of a node's parameters, whoever made it."""
+        """Call ``changed`` with name and value at each parameter change of a node, from ``/parameter_events``."""
         name = f"{self._line.namespace}/{node}"
 
         def heard(event: ParameterEvent) -> None:

@@ -113,7 +113,7 @@ class AdvisorNode(TwinNode):
         super().__init__("advisor", machine_name, parameters, options)
         self.model = advice_model(catalogue_entry(machine_name), self.initial_parameters, wish, columns)
         self.wish, self.state, self.number = wish, AdviceState(), 0
-        self._now_s = 0.0  # of the newest cycle, counted as its samples are
+        self._now_s = 0.0  # end of the newest cycle, on the time base of the samples
         self.has_fault: Callable[[], bool] = lambda: False
         self.known_changes: Callable[[], Mapping[str, Any]] = dict
         self._columns = tuple(columns)

@@ -32,7 +32,7 @@ from mech_twin.studies.observer.lock_on import SeenSample
 
 SPAN_S = "span_s"
 USUAL_SPAN_S, SHORTEST_SPAN_S, LONGEST_SPAN_S = 60.0, 2.0, 300.0
-LATEST_BEGIN_S = 10.0  # of the stretch within the machine's own run
+LATEST_BEGIN_S = 10.0  # latest start of the fitted stretch within the simulated run
 NICE = 10
 FAILURES = (StudyError, MeasurementError, ConfigurationError, MotionError, ValueError)
 
@@ -129,7 +129,7 @@ class IdentifierNode(TwinNode):
         self.diagnostics.state = self.phase
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return what is identified, key by key."""
+        """Return the state of the identification, and estimate, 95 % interval and verdict of each key."""
         keys = () if self.found is None else self.found.keys
         return {"identification": f"{self.phase}: {self.told}"} | {
             each.key: f"{each.estimate:.6g} ({each.low_95:.6g} to {each.high_95:.6g}), {each.verdict}" for each in keys

@@ -27,11 +27,11 @@ from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import SensedChannel
 from mech_twin.studies.observer.lock_on import SeenSample
 
-BEHIND_NS = SECOND_NS  # as far as topics of a machine may lag behind each other
+BEHIND_NS = SECOND_NS  # largest lag between topics of a machine
 AHEAD_NS = SECOND_NS // 4
-PACE = 2.0  # of the machine's time, at which it may have gone on while nothing was heard
-CONFIRMING = 3  # stamps that go on from each other, before another time is believed
-MOST_TIMES = 8  # that are waited for at once
+PACE = 2.0  # largest rate of the machine's clock to the steady clock between messages
+CONFIRMING = 3  # consecutive stamps before a new time base is accepted
+MOST_TIMES = 8  # candidate time bases held at once
 MOST_HELD = 1000
 Item = TypeVar("Item")
 
@@ -144,7 +144,7 @@ TYPES: Mapping[str, Any] = {
     "linear_acceleration": Imu,
     "data": Float64,
 }
-EVENT_TYPE = Vector3Stamped  # of a topic of which the stamps alone are used
+EVENT_TYPE = Vector3Stamped  # of a topic of which only the stamps are used
 COMMAND = "motor.command"
 
 
@@ -158,23 +158,23 @@ class StampOrigin:
         self.second: int | None = None
 
     def seconds(self, stamp: Any) -> float:
-        """Return the time of a stamp since the origin."""
+        """Return the time of a stamp since the origin (s)."""
         if self.second is None:
             self.second = stamp.sec if stamp.sec * SECOND_NS > EPOCH_NS else 0
         return float(((stamp.sec - self.second) * SECOND_NS + stamp.nanosec) * 1e-9)
 
     def clock_s(self, time_s: float) -> float:
-        """Return the machine's clock at a time since the origin."""
+        """Return the machine's clock (s) at a time since the origin (s)."""
         return time_s + (self.second or 0)
 
     def stamp(self, time_s: float) -> Stamp:
-        """Return the stamp of a time since the origin."""
+        """Return the stamp of a time since the origin (s)."""
         found = stamp_of(time_s)
         return Stamp(found.sec + (self.second or 0), found.nanosec)
 
 
 class HeardValues(NamedTuple):
-    """Channels of a message in SI units: their numbers, values, stamp (None where the type has none), and delay."""
+    """Channels of a message: their indices, values in SI units, stamp (None if the type has none), and delay (s)."""
 
     channels: tuple[int, ...]
     values: tuple[float, ...]
@@ -183,7 +183,7 @@ class HeardValues(NamedTuple):
 
     @property
     def led_ns(self) -> int | None:
-        """The machine's time (ns)."""
+        """The machine's time (ns): stamp less delay; None without a stamp."""
         return None if self.stamp is None else stamp_ns_of(self.stamp) - round(self.lag_s * SECOND_NS)
 
     def sample(self, origin: StampOrigin, else_ns: int) -> SeenSample:
@@ -251,12 +251,12 @@ class FollowedTopic:
         return float(self.fields[0].channel.lag_s)
 
     def values(self, raw: bytes) -> HeardValues | None:
-        """Return the channels of a message; None where none of them is in it.
+        """Return the channels of a message; None if it contains none of them.
 
         Raises
         ------
         CdrError
-            If the bytes are no message of the type, or a value is not finite.
+            The bytes are not a message of the type, or a value is not finite.
         """
         joints = self.topic.type is JointState
         message: Any = received_message(raw) if joints else _converted(raw, self.topic.type)
@@ -345,7 +345,7 @@ def _type_of(field: FollowedField) -> Any:
 
 
 def _sigma(channel: Channel) -> float:
-    """Return the standard deviation in SI units; nan where it is not known."""
+    """Return the standard deviation in SI units, with that of the quantum (quantum^2 / 12); NaN if not known."""
     if channel.sigma is None:
         return float("nan")
     of_steps = channel.quantum**2 / 12.0

@@ -120,7 +120,7 @@ class PrometheusOutlet:
     Raises
     ------
     ConfigurationError
-        The extra is not installed, or the address is none or taken.
+        The extra is not installed, or the address is not valid or in use.
     """
 
     def __init__(self, address: str) -> None:
@@ -183,10 +183,10 @@ LEVELS = {"active": DiagnosticStatus.WARN, "latched": DiagnosticStatus.WARN, "pe
 
 
 class MonitorNode(TwinNode):
-    """Evaluates cycles; see `TwinNode` for the other arguments.
+    """Monitors cycles; see `TwinNode` for the other arguments.
 
-    Its services act on the fault that its parameter ``fault`` names, on all of them where it is empty;
-    ``shelve_s`` says for how long a fault is shelved.
+    Its services act on the fault named by the parameter ``fault``, or on all faults if it is empty; ``shelve_s`` is the
+    time for which a fault is shelved (s).
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ class MonitorNode(TwinNode):
     columns : sequence of str
         Column of each channel of the samples.
     origin : StampOrigin
-        Origin of times.
+        Origin of the times.
 
     Raises
     ------
@@ -262,7 +262,7 @@ class MonitorNode(TwinNode):
         return {} if found is None else {"cycle": str(found.number), "verdict": found.verdict}
 
     def report(self) -> None:
-        """Publish the diagnostics of the node, and one status a fault."""
+        """Publish the diagnostics of the node, and one status per fault."""
         super().report()
         if not self.quiet and self.live.newest is not None:
             self._send_faults(self.live.newest)

@@ -37,7 +37,7 @@ class UntimedMessage(NamedTuple):
 
 
 class LoggedMessage(NamedTuple):
-    """A message as bytes: full topic name, and log time."""
+    """A serialized message: full topic name, and log time (ns)."""
 
     topic: str
     raw: bytes
@@ -107,7 +107,7 @@ class ShadowListener(TwinNode):
 
     @property
     def newest_s(self) -> float:
-        """The machine's time (s)."""
+        """The machine's newest time (s); 0 if none is known."""
         return (self.admission.clock.now_ns or 0) / SECOND_NS
 
     def release(self) -> None:
@@ -156,7 +156,7 @@ class ShadowRecorder(ShadowListener):
 
     @property
     def received(self) -> dict[str, int]:
-        """Messages heard, by full topic name."""
+        """Number of messages received, by full topic name."""
         return {name: row.received for name, row in self.writer.counters.items()}
 
     def take(self, message: LoggedMessage) -> None:
@@ -209,7 +209,7 @@ class BlackBox(ShadowListener):
         place = _unused(self._directory / f"{words}-{round(time_s * 1000):d}")
         try:
             self._writer = self.opened(place)
-        except BagError as error:  # the shadow goes on without: what it finds counts for more than this bag
+        except BagError as error:  # the shadow continues without this bag
             self.failed.append(f"no black box: {error}")
             self.diagnostics.error(self.failed[-1])
             return
@@ -227,7 +227,7 @@ class BlackBox(ShadowListener):
             self._kept.popleft()
         if self._writer is None:
             return
-        if not self._since_ns <= message.at_ns <= self._until_ns:  # or the machine was started anew
+        if not self._since_ns <= message.at_ns <= self._until_ns:  # over, or the machine was restarted
             self.close()
         else:
             self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)

@@ -69,7 +69,7 @@ def followed_namespace(own_name: str, told: str) -> str:
     Raises
     ------
     ConfigurationError
-        It is no name of ROS, or the shadow's own.
+        It is not a valid ROS namespace, or is the shadow's own.
     """
     try:
         full = run_namespace(own_name, told)
@@ -137,7 +137,7 @@ def follow(
 
 
 def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
-    """Return recorder, monitor, black box, advisor and viewer of a shadow, wired to it."""
+    """Return recorder, monitor, black box, advisor, identifier and viewer of a shadow, connected to it."""
     machine = catalogue_entry(machine_name).build(parameters)
     topics = ShadowTopics(
         shadow_topics(machine.forces.pins, machine.body is not None),
@@ -203,7 +203,7 @@ def identifier_beside(machine_name: str, node: ShadowNode, parameters: Parameter
 def advisor_beside(
     machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
 ) -> AdvisorNode:
-    """Return the advisor of a shadow, fed with its samples and the faults of a monitor beside it."""
+    """Return the advisor of a shadow, fed with its samples and with the faults of the monitor, if there is one."""
     advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, parameters)
     before = node.on_sample
 

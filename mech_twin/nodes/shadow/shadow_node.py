@@ -157,7 +157,7 @@ class ShadowOutputs:
         self._residuals.send(encoded(StepMessage(header, tuple(rows), position, velocity, effort)))
 
     def send_virtual(self, time_s: float, row: Array, sigma: Array) -> None:
-        """Publish the virtual sensors."""
+        """Publish the wrenches of the virtual sensors, and their sigma."""
         for sensor in self._virtual:
             sensor.value.send(_wrench(self._stamp(time_s), sensor, row))
             sensor.sigma.send(_wrench(self._stamp(time_s), sensor, sigma))
@@ -186,7 +186,7 @@ def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> WrenchStamped:
     return message
 
 
-# whoever publishes reliably or not is heard; what cannot be taken in time is lost and counted as a gap in time
+# best effort matches both kinds of publishers; messages not taken in time are lost and counted as a gap in time
 FOLLOWED = QoSProfile(
     depth=2000,
     history=HistoryPolicy.KEEP_LAST,
@@ -194,7 +194,7 @@ FOLLOWED = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 COUNTED_AS = {"late": "late", "repeated": "repeated", "jump": "early", "unbelievable": "conflicting"}
-LATENCIES = 1000  # of the newest samples that the median is of
+LATENCIES = 1000  # newest samples of which the median is taken
 
 
 class ShadowSetup(NamedTuple):
@@ -286,7 +286,7 @@ class ShadowNode(TwinNode):
         if heard is None:
             return
         stamp_ns = heard.led_ns
-        if stamp_ns is None and not self._has_stamps:  # a machine that tells no time at all is of the steady clock
+        if stamp_ns is None and not self._has_stamps:  # a machine without stamps runs on the steady clock
             stamp_ns = round(arrived_s * SECOND_NS)
         for found in self.admission.take(HeardMessage(followed, heard, arrived_s), stamp_ns, arrived_s):
             if found.believed or (found.item.heard.stamp is None and self.admission.clock.now_ns is not None):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The node that shows a shadow: measured and model over each other, residuals, the state and the faults."""
+"""The viewer node of a shadow: overlays measurement and model, and shows residuals, state, faults and advice."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from mech_twin.nodes.shadow.identifier_node import IdentifierNode
     from mech_twin.view.shadow_scene import ShadowScene
 
-TICK_S = 0.2  # how often the line of state is looked at where no estimates come
+TICK_S = 0.2  # period of the state line without estimates
 SEEN = ("active", "latched", "pending")
-MOST_DIGITS = 12  # of an end of an interval
+MOST_DIGITS = 12  # of the bounds of an interval
 Placed = TypeVar("Placed", LinkageSample, BodySample)
 
 
@@ -91,12 +91,12 @@ class ShadowViewerNode(TwinNode):
         self.every(TICK_S, self._tick)
 
     def adopt(self, parameters: Parameters) -> None:
-        """Draw a model of other parameters from now on."""
+        """Draw a model of these parameters from now on."""
         self._machine = catalogue_entry(self.machine_name).build(parameters)
         self._channels = self._shadow.observer.channels
 
     def take(self, sample: SeenSample, estimate: FrameEstimate) -> None:
-        """Show a sample of the machine and the estimate at it."""
+        """Show a sample of the machine and its estimate."""
         self.diagnostics.state = "running"
         self.time_s = self._shadow.origin.clock_s(estimate.time_s)
         readings = channel_readings(self._shadow, estimate, sample)
@@ -146,7 +146,7 @@ class ShadowViewerNode(TwinNode):
         faults = None if monitor is None else tuple(monitor.live.monitor.lives.values())
         time_s = None if shadow.estimate is None else shadow.estimate.time_s
         told, now = shadow.diagnostics.state, shadow.observer.state.value
-        observer = told if told.startswith("waiting") else now  # what is told is as old as the last look at the peers
+        observer = told if told.startswith("waiting") else now  # the diagnostics are as old as the last peer check
         return ShadowState(observer, shadow.level, time_s, self._largest_sigma, faults)
 
 
@@ -212,13 +212,13 @@ def opened_shadow_scene(
     """Return the scene of a shadow on a bench (``bench:SOCKET``), or in a file for rerun."""
     if place.startswith(PREFIX):
         return BenchShadowScene(channels, BenchLink(place))
-    from mech_twin.view.shadow_scene import ShadowScene  # the page does without rerun
+    from mech_twin.view.shadow_scene import ShadowScene  # the page needs no rerun
 
     return ShadowScene(f"{machine_name} shadow", channels, place)
 
 
 def state_line(state: ShadowState) -> str:
-    """Return the line, in Markdown."""
+    """Return the state line in Markdown."""
     parts = [f"**{state.observer}**", f"level: {state.level}"]
     if state.time_s is not None:
         parts += [f"t = {state.time_s:.2f} s", f"residual {state.largest_sigma:.1f} sigma"]
@@ -242,7 +242,7 @@ def channel_title(column: str, sliding: frozenset[str]) -> str:
 
 
 def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSample) -> dict[str, ChannelReading]:
-    """Return the channels of a sample; sigma is that of the estimate and of the sensor together."""
+    """Return the readings of a sample's channels; sigma combines those of estimate and sensor."""
     observer = shadow.observer
     found = {}
     for place, residual in zip(estimate.channels, estimate.innovations, strict=True):

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The bench: one page to watch and to command a machine, served to this machine alone."""
+"""The bench: a web page to watch and command a machine, served to this computer by default."""

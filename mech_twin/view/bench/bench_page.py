@@ -13,18 +13,18 @@ from aiohttp import web
 
 from mech_twin.view.bench.picture import Pictures
 
-SEND_S = 5.0  # a page that does not take a message within this time is gone
+SEND_S = 5.0  # a page that does not accept a message within this time counts as closed
 
 
 class BenchPage:
-    """A page that has shown the token."""
+    """A connected page, authenticated by the token."""
 
     def __init__(self, socket: web.WebSocketResponse, pending_bytes: int, abort: Callable[[], None]) -> None:
         self.socket, self.abort = socket, abort
         self.pending = Pictures(pending_bytes)
         self.outbox: deque[str] = deque(maxlen=1000)
         self.wake = asyncio.Event()
-        self.is_ready = True  # for the next pictures: it has drawn the ones before
+        self.is_ready = True  # for the next pictures: the last ones are drawn
         self.orders = 0
         self.is_trying = False
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A frame as plain lists for JSON, and back: the whole state of a run at a step."""
+"""Converts a frame, the complete state of a run at a step, to plain lists for JSON and back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, Mot
 
 Sample = TypeVar("Sample", MotorSample, LinkageSample, ForceSample, BodySample)
 NAMED = ("memory", "residuals", "quantities")
-LEFT_OUT = ("events", "loads")  # of the step that ends here: what goes on from it asks for none
+LEFT_OUT = ("events", "loads")  # of the step that ends here; not needed to continue
 
 
 def listed(frame: Frame) -> dict[str, Any]:
@@ -22,7 +22,7 @@ def listed(frame: Frame) -> dict[str, Any]:
 
 
 def framed(content: dict[str, Any]) -> Frame:
-    """Return the frame of such lists."""
+    """Return the frame made of the lists of `listed`."""
     return Frame(
         linkage=_sample(LinkageSample, content["linkage"]),
         motor=_sample(MotorSample, content["motor"]),

@@ -21,7 +21,7 @@ from pathlib import Path
 from aiohttp import hdrs, web
 from aiohttp.typedefs import Handler, Middleware
 
-SILENT_S = 5.0  # a connection that neither asks nor takes what it asked for is closed
+SILENT_S = 5.0  # a connection without a request, or that does not read its response, is closed
 LOOK_S = 0.5
 PIECE_BYTES = 1 << 20
 MOST_CONNECTIONS = 64
@@ -70,7 +70,7 @@ def is_own_host(host: str, port: int, *, others: bool) -> bool:
 
 
 def content_policy(host: str) -> str:
-    """Return the policy of a page: scripts, styles and connections of this server alone."""
+    """Return the Content-Security-Policy of a page: scripts, styles and connections of this server only."""
     return (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
         f"connect-src 'self' ws://{host}; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -92,12 +92,12 @@ async def sent_file(
 
 
 class Guard:
-    """The rules of one server, as aiohttp's middleware, and the watch over its connections.
+    """The access rules of one server as aiohttp middleware, and the supervision of its connections.
 
     Parameters
     ----------
     others : bool
-        Whether other hosts may come.
+        Whether other hosts may connect.
     """
 
     def __init__(self, *, others: bool) -> None:
@@ -154,5 +154,5 @@ class Guard:
 
 
 def plain(status: int, text: str) -> web.Response:
-    """Return an answer in one line."""
+    """Return a plain text response of one line."""
     return web.Response(status=status, text=f"{text}\n", headers=HEADERS | {"Connection": "close"})

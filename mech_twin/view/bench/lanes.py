@@ -9,11 +9,11 @@ from typing import Any
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, LinkageSample, MotorSample
 
-MOST_CHANGES = 400  # of a lane and a picture; the oldest go first
+MOST_CHANGES = 400  # per lane and picture; the oldest are dropped
 STALLED = ("stalled", "stalled_1")
-SENSE = "_sense"  # how a memory ends that says which way friction acts
-SENSES = ("held", "forwards", "backwards")  # of 0, 1, -1
-TOOL = ("stands", "moves", "pushed", "blocked")  # of the memory `tool_regime`
+SENSE = "_sense"  # suffix of a memory with the direction of friction
+SENSES = ("held", "forwards", "backwards")  # for 0, 1, -1
+TOOL = ("stands", "moves", "pushed", "blocked")  # values of the memory `tool_regime`
 
 
 class Lanes:
@@ -22,7 +22,7 @@ class Lanes:
     Parameters
     ----------
     machine : Machine
-        Names the regimes.
+        Machine with the names of the regimes.
     """
 
     def __init__(self, machine: Machine) -> None:
@@ -62,7 +62,7 @@ class Lanes:
         self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None
     ) -> Iterator[tuple[float, str, str]]:
         if linkage is not None:
-            if len(self._linkage) > 1 and not self._body:  # where there is a body, they are its
+            if len(self._linkage) > 1 and not self._body:  # else the regimes are those of the body
                 yield linkage.time_s, "machine", _named(self._linkage, linkage.regime)
             yield from self._remembered(linkage)
         if body is not None and self._body:

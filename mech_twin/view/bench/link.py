@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Connection of a run to its bench: messages over a socket in a folder that only this user can enter.
+"""Connection from a run to its bench: messages over a Unix socket in a folder accessible to this user only.
 
-Each message is its length (4 bytes, big-endian), a byte that says whether it is a picture, and JSON::
+Each message is its length (4 bytes, big-endian), a byte for its kind (picture or message), and JSON::
 
     0 0 1 44 | p | {"time_s": 1.25, ...}
 """
@@ -22,8 +22,8 @@ PICTURE, MESSAGE = b"p", b"m"
 LARGEST_BYTES = 16 << 20
 BUFFER_BYTES = 1 << 20
 PREFIX = "bench:"
-BEGUN_BY = "MECH_TWIN_BENCH"  # variable of a command that a bench begins: where that bench is
-FEED = "feed"  # name of the socket in the folder
+BEGUN_BY = "MECH_TWIN_BENCH"  # environment variable of a command started by a bench: its address
+FEED = "feed"  # file name of the socket
 
 
 class BenchLink:
@@ -46,7 +46,7 @@ class BenchLink:
         self.is_alive = True
         try:
             self._socket.connect(place.removeprefix(PREFIX))
-        except OSError:  # the bench is gone, which ends no run
+        except OSError:  # the bench is gone; the run continues
             self.is_alive = False
         self._socket.setblocking(False)
 
@@ -83,7 +83,7 @@ class BenchLink:
             return self.is_alive
 
     def _flush(self, limit_s: float) -> bool:
-        """Send what is left of the message before; return whether all of it has gone."""
+        """Send the rest of the previous message; return whether it is sent completely."""
         end = time.monotonic() + limit_s
         while self._left and self.is_alive:
             try:
@@ -98,12 +98,12 @@ class BenchLink:
 
 
 class OverlayLink(BenchLink):
-    """A connection for the second of two runs in one view: its pictures are laid over those of the first."""
+    """A connection for the second of two runs in one view: its pictures are overlaid on those of the first."""
 
     def tell(self, kind: str, content: Mapping[str, Any]) -> bool:
         """Drop a message, which the first run sends; return True."""
         return True
 
     def show(self, picture: Mapping[str, Any]) -> bool:
-        """Send a picture of the second run; return whether it was taken."""
+        """Send a picture of the second run; return whether it was accepted."""
         return super().show({**picture, "side": 1})

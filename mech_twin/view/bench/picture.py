@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures as they go to a page: numbers packed, everything of one instant together."""
+"""Pictures as sent to a page: drawing, curves and state of one time, with numbers packed in base 64."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mech_twin.declarations.captions import caption
 from mech_twin.samples import Shape
 from mech_twin.view.extent import Bounds
 
-# numbers of a run that say most of it stand first; those with none of these words follow as the machine has them
+# numbers with these words are shown first; the others follow in the machine's order
 FIRST_WORDS = (
     *("blow_energy", "blow_rate", "seated", "contact_share", "missed", "impact_speed", "power_mean", "motor_power"),
     *("torque_peak", "torque_max", "speed_mean"),
@@ -32,7 +32,7 @@ class Curves(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """A plot: its title with the unit, and the paths it shows."""
+    """A plot: its title with the unit, and the entity paths of its curves."""
 
     title: str
     paths: tuple[str, ...]
@@ -53,12 +53,12 @@ def packed_shapes(shapes: Iterable[Shape]) -> dict[str, Any]:
 
 
 def packed_curves(curves: Iterable[Curves]) -> dict[str, list[str]]:
-    """Return for each path the times and, row by row, the values."""
+    """Return for each path the packed times (float64) and, row by row, the values (float32)."""
     return {each.path: [packed(each.time_s, "<f8"), packed(each.values, "<f4")] for each in curves}
 
 
 def packed(values: npt.NDArray[np.float64], kind: str) -> str:
-    """Return numbers as text: their bytes in base 64."""
+    """Return numbers of a NumPy type as base 64 text."""
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
@@ -86,11 +86,11 @@ def metric_rows(numbers: Mapping[str, float]) -> list[list[str]]:
     return rows
 
 
-BATCH_BYTES = 1 << 20  # pictures in one message, at most
+BATCH_BYTES = 1 << 20  # largest size of the pictures in one message
 
 
 class Pictures:
-    """Pictures in the order they came, bounded in bytes: the oldest go first."""
+    """Queue of pictures, bounded in bytes: the oldest are dropped."""
 
     def __init__(self, most_bytes: int) -> None:
         self.most_bytes, self._bytes = most_bytes, 0
@@ -109,7 +109,7 @@ class Pictures:
         self._bytes = 0
 
     def take(self) -> list[bytes]:
-        """Remove and return the first ones, as many as go into one message: one at least."""
+        """Remove and return the oldest pictures up to `BATCH_BYTES`, at least one."""
         taken = [self._kept.popleft()]
         size = len(taken[0])
         while self._kept and size + len(self._kept[0]) <= BATCH_BYTES:

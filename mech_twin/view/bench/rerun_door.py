@@ -21,19 +21,19 @@ from mech_twin.view.bench.picture import Pictures
 from mech_twin.view.errors import ViewerError
 
 PAGE = "rerun.html"
-SLOW_S = 60.0  # that a page may take for a file or a piece: where a processor draws the viewer is slow to start
-APART_S = 0.1  # between two pieces of a recording
-MOST_VIEWERS = 2  # each converts the pictures for itself
+SLOW_S = 60.0  # time limit for a file or a piece: with software rendering the viewer starts slowly
+APART_S = 0.1  # time between two pieces of a recording
+MOST_VIEWERS = 2  # the pictures are converted for each separately
 KINDS = {".js": "text/javascript", ".wasm": "application/wasm"}
 
 
 class _Viewer:
-    """A viewer that is open."""
+    """An open viewer: its queue of pictures."""
 
     def __init__(self, most_bytes: int) -> None:
         self.pending = Pictures(most_bytes)
         self.wake = asyncio.Event()
-        self.is_new = True  # another run begins
+        self.is_new = True  # needs a new recording
 
 
 class RerunDoor:
@@ -126,7 +126,7 @@ class RerunDoor:
 
 
 def viewer_policy(host: str) -> str:
-    """Return the policy of the viewer's page: it compiles its own code, and stands in a page of this server alone."""
+    """Return the content policy of the viewer's page: WebAssembly is allowed, and embedding in this server's pages."""
     policy = content_policy(host).replace("script-src 'self'", "script-src 'self' 'wasm-unsafe-eval'")
     return policy.replace("frame-ancestors 'none'", "frame-ancestors 'self'")
 
@@ -139,5 +139,5 @@ def _converter(told: Mapping[str, str]) -> Callable[[Sequence[Mapping[str, Any]]
 
 
 def _converted(convert: Callable[[Sequence[Mapping[str, Any]]], bytes], pictures: Sequence[bytes]) -> bytes:
-    """Return the next piece of a recording; of two runs in one view the first is in it."""
+    """Return the next piece of a recording; of two runs in one view it contains only the first."""
     return convert([each for each in map(json.loads, pictures) if not each.get("side")])

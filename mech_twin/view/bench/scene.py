@@ -47,12 +47,12 @@ from mech_twin.view.labels import texts_of
 from mech_twin.view.sending import Sending
 
 Sample = MotorSample | LinkageSample | ForceSample | BodySample
-KEPT_SAMPLES = 4000  # of each role, while the bench takes none in
-STATE_S = 0.1  # by the wall clock, between two states of the run
-MOST_EVENTS = 200  # of a picture
-LOUD = 0.01  # of the hardest impact so far: weaker ones are in the recording, not in the log
-HEALTH_S = 0.5  # by the wall clock, between two states of the residuals
-HALTED_S = 0.3  # without a step: a pause, or a wait for a peer, is no lag
+KEPT_SAMPLES = 4000  # per role, while the bench accepts none
+STATE_S = 0.1  # wall-clock time between two states of the run
+MOST_EVENTS = 200  # per picture
+LOUD = 0.01  # share of the largest impulse so far: weaker impacts are recorded, but not logged
+HEALTH_S = 0.5  # wall-clock time between two reports of the residuals
+HALTED_S = 0.3  # time without a step that counts as a pause or a wait for a peer, not as lag
 MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
 UNITLESS = "number"
 TINY = 1e-300
@@ -67,11 +67,11 @@ class _Role:
         self.units: dict[str, str] = {}
 
     def add(self, sample: Sample) -> None:
-        """Take a sample."""
+        """Add a sample."""
         self._samples.append(sample)
 
     def taken(self, sending: Sending) -> Iterator[Curves]:
-        """Remove the samples and yield their curves, decimated so that the extremes stay."""
+        """Remove the samples, and yield their curves, decimated with their extremes."""
         samples, self._samples = self._samples, deque(maxlen=KEPT_SAMPLES)
         while samples:
             batch = [samples.popleft()]
@@ -93,7 +93,7 @@ class RoleCurves:
     Parameters
     ----------
     sliding : frozenset of str
-        Joints that slide.
+        Names of the prismatic joints.
     """
 
     def __init__(self, sliding: frozenset[str] = frozenset()) -> None:
@@ -107,17 +107,17 @@ class RoleCurves:
 
     @property
     def units(self) -> dict[str, str]:
-        """The unit of each path that has one of its own."""
+        """The unit of each entity path, empty if given by its kind."""
         return {path: unit for role in self._roles for path, unit in role.units.items()}
 
     def add(self, *samples: Sample | None) -> None:
-        """Take the samples of a step: motor, linkage, forces, body."""
+        """Add the samples of a step: motor, linkage, forces, body."""
         for role, sample in zip(self._roles, samples, strict=True):
             if sample is not None:
                 role.add(sample)
 
     def taken(self, sending: Sending) -> list[Curves]:
-        """Remove the samples and return their curves, decimated so that the extremes stay."""
+        """Remove the samples, and return their curves, decimated with their extremes."""
         return [curve for role in self._roles for curve in role.taken(sending)]
 
 
@@ -127,9 +127,9 @@ class BenchScene:
     Parameters
     ----------
     link : BenchLink
-        To the bench.
+        Connection to the bench.
     sending : Sending
-        How often, and how much of the curves.
+        Picture rate, and decimation of the curves.
     """
 
     def __init__(self, link: BenchLink, sending: Sending) -> None:
@@ -200,7 +200,7 @@ class BenchScene:
             self._tell_health(behind_s)
 
     def drawing_due(self, time_s: float) -> bool:
-        """Return whether the next picture may go out: 30 in a second by the wall clock."""
+        """Return whether the next picture is due, by the wall clock."""
         return time.monotonic() - self._sent_at >= self._sending.picture_s
 
     def drawing(self, drawing: Drawing) -> None:
@@ -232,7 +232,7 @@ class BenchScene:
         self._sent_at = before
 
     def event(self, event: Event) -> None:
-        """Show an event: a line of the log, and a flash."""
+        """Show an event: a log line, and a flash."""
         size_ns = abs(event.impulse_ns)
         self._hardest_ns = max(self._hardest_ns, size_ns)
         if is_told(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
@@ -296,7 +296,7 @@ def rated_power_w(machine: Machine) -> float | None:
 
 
 def body_regimes(machine: Machine) -> tuple[str, ...]:
-    """Return the names of the regimes of the machine's body; empty where it has none."""
+    """Return the names of the regimes of the machine's body; empty without a body."""
     return () if machine.body is None else tuple(machine.body.regimes)
 
 

@@ -42,13 +42,13 @@ from mech_twin.view.bench.rerun_door import PAGE, SLOW_S, RerunDoor, viewer_poli
 
 FOLDER = Path(str(files("mech_twin.view.bench"))) / "page"
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
-TOKEN_S = 3.0  # how long a connection may be open without the token
+TOKEN_S = 3.0  # time limit for the token on a new connection
 HEARTBEAT_S = 10.0
-OFFER_S, FETCH_S = 60.0, 3600.0  # how soon a file is to be fetched, and how long that may take
+OFFER_S, FETCH_S = 60.0, 3600.0  # time limits to begin a download, and to complete it
 LOOK_S = 0.02
-MOST_PAGES, MOST_ORDERS = 16, 4  # pages, and orders of one of them that have no answer yet
+MOST_PAGES, MOST_ORDERS = 16, 4  # pages, and unanswered orders per page
 LARGEST_ORDER = 16 << 10
-PENDING_BYTES = 4 << 20  # of pictures kept for a page that is slower than the run
+PENDING_BYTES = 4 << 20  # pictures queued for a page that is slower than the run
 STATES = ("machine", "layout", "status", "parameters", "metrics", "alarms", "advice", "fit", "pause", "end", "health")
 KEPT = (*STATES, "comparison", "hall")
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -96,12 +96,12 @@ class Bench:
 
     @property
     def pages(self) -> list[BenchPage]:
-        """The pages that are open."""
+        """The open pages."""
         return self._pages
 
     @property
     def port(self) -> int:
-        """Port of the page."""
+        """TCP port of the server."""
         return self._guard.port
 
     def on_machine(self, call: Callable[[Mapping[str, Any]], None]) -> None:
@@ -113,12 +113,12 @@ class Bench:
         self._on_frame, self._try = call, tried
 
     async def start(self, port: int, feed: Path) -> None:
-        """Listen on the port (0: a free one), and on the socket for runs.
+        """Listen on a TCP port (0: a free one), and on the Unix socket for runs.
 
         Raises
         ------
         OSError
-            The port is busy.
+            The port is in use.
         """
         app = web.Application(middlewares=[self._guard.middleware], client_max_size=0)
         self._rerun = RerunDoor(feed.parent / "rerun", self._told, self._history, self._has_token)
@@ -186,7 +186,7 @@ class Bench:
         self._offers[ticket] = (file, now + OFFER_S)
         return f"/offer/{ticket}"
 
-    # -- what a run tells ---------------------------------------------------------------------------------------------
+    # -- messages of a run --------------------------------------------------------------------------------------------
 
     async def _hear(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Process the messages of a run until the connection ends or a message is malformed."""
@@ -214,7 +214,7 @@ class Bench:
             self._rerun.show(picture)
 
     def _take(self, kind: str, message: dict[str, Any]) -> None:
-        if kind == "anew":  # the run has begun anew: its time goes back
+        if kind == "anew":  # the run was restarted: its time goes back
             self._history.clear()
             for page in self._pages:
                 page.pending.clear()
@@ -249,7 +249,7 @@ class Bench:
         return await sent_file(request, file, "application/octet-stream", named, FETCH_S)
 
     async def _serve_page(self, request: web.Request) -> web.StreamResponse:
-        """Serve one page over its connection, which begins with the token."""
+        """Serve one page over its WebSocket, which begins with the token."""
         socket = await self._connected(request, HEARTBEAT_S)
         if not isinstance(socket, web.WebSocketResponse):
             return socket
@@ -262,7 +262,7 @@ class Bench:
         return socket
 
     async def _serve_rerun(self, request: web.Request) -> web.StreamResponse:
-        """Serve the run to a page of rerun's viewer over its connection, which begins with the token."""
+        """Serve the run to a page of rerun's viewer over its WebSocket, which begins with the token."""
         socket = await self._connected(request, SLOW_S)
         if isinstance(socket, web.WebSocketResponse) and self._rerun is not None:
             await self._rerun.serve_run(socket)
@@ -270,8 +270,8 @@ class Bench:
 
     @staticmethod
     async def _connected(request: web.Request, heartbeat_s: float) -> web.Response | web.WebSocketResponse:
-        """Return the connection of a page of this server, or the refusal."""
-        if "Origin" not in request.headers:  # a browser always says where a page is from
+        """Return the WebSocket of a page of this server, or a refusal."""
+        if "Origin" not in request.headers:  # a browser always sends it
             return plain(403, "expected a page of this server")
         socket = web.WebSocketResponse(max_msg_size=LARGEST_ORDER, heartbeat=heartbeat_s, compress=False, timeout=1.0)
         if not socket.can_prepare(request):
@@ -377,12 +377,12 @@ class Bench:
 
 
 def check_order(message: Mapping[str, Any]) -> None:
-    """Check the form of an order: a name, and for a change the values.
+    """Check the form of an order: name, fault and values.
 
     Raises
     ------
     OrderError
-        Saying what was expected.
+        The form is invalid; the message gives what was expected.
     """
     name, values, fault = message.get("name"), message.get("values", {}), message.get("fault")
     if not isinstance(name, str):

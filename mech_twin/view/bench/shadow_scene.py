@@ -31,8 +31,8 @@ from mech_twin.view.shadow_picture import (
     channel_rows,
 )
 
-PICTURE_S = 0.05  # by the wall clock
-KEPT_SAMPLES = 4000  # of each channel, while the bench takes none in
+PICTURE_S = 0.05  # least wall-clock time between two pictures
+KEPT_SAMPLES = 4000  # per channel, while the bench accepts none
 WINDOW = 5
 
 
@@ -42,9 +42,9 @@ class BenchShadowScene:
     Parameters
     ----------
     channels : sequence of ShownChannel
-        What is measured.
+        Measured channels.
     link : BenchLink
-        To the bench.
+        Connection to the bench.
     """
 
     def __init__(self, channels: Sequence[ShownChannel], link: BenchLink) -> None:
@@ -75,7 +75,7 @@ class BenchShadowScene:
             self._pending[column].append((time_s, reading))
 
     def is_due(self) -> bool:
-        """Return whether the next picture may go out: 20 in a second by the wall clock."""
+        """Return whether the next picture is due: 20 per second of wall-clock time."""
         return time.monotonic() - self._sent_at >= PICTURE_S
 
     def show(self, picture: ShadowPicture) -> None:

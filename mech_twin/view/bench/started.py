@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A bench started beside a run: its process, its address, its end."""
+"""Starts and ends the process of a bench, and provides its address."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ class StartedBench:
     open_to_other_hosts : bool
         Listen on all interfaces instead of the loopback interface; a warning is announced.
     history_bytes : int
-        Pictures kept for pages opened later.
+        Size of the history of pictures for pages opened later.
     hall : mapping, optional
-        Folder of recordings, and machines to run, that are offered.
+        Folder of recordings, and machines to run, for a start page.
     announce : callable
         Receives the warning (default: standard error).
 
     Raises
     ------
     ViewerError
-        The port is busy, or the process ended; one line.
+        The port is in use, or the process ended; one line.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class StartedBench:
         hall: Mapping[str, Any] | None = None,
         announce: Callable[[str], None] = _to_stderr,
     ) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="mech_twin_bench_"))  # for this user alone
+        self._folder = Path(tempfile.mkdtemp(prefix="mech_twin_bench_"))  # accessible to this user only
         told = {
             "port": port or 0,
             "folder": str(self._folder),
@@ -70,7 +70,7 @@ class StartedBench:
             "parent": os.getpid(),
             "hall": hall,
         }
-        # a session of its own: Ctrl-C in the terminal reaches the run alone, which then ends the bench
+        # own session: Ctrl-C in the terminal reaches only the run, which then ends the bench
         self._process = subprocess.Popen(
             [sys.executable, "-c", PROGRAM],
             stdin=subprocess.PIPE,
@@ -106,7 +106,7 @@ class StartedBench:
 
     @property
     def pid(self) -> int | None:
-        """Process id of the bench, None if it does not run."""
+        """Process id of the bench; None if it does not run."""
         return self._process.pid if self._process.poll() is None else None
 
     def close(self) -> None:

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The bench's page: hears what is told, and hands it to the module whose purpose it is.
+// The bench's page: receives messages, and dispatches them to the modules.
 
 import { changed, commands, forgetCommands, know, showPause, showRole } from "./command.js";
 import { answered, connect, cut } from "./connection.js";
@@ -53,7 +53,7 @@ function beginAnew() {
   ghost.until = -1;
 }
 
-// how many rows of two runs are over each other, and how far they are apart at most
+// number of rows of two runs at common times, and their largest difference
 function apart() {
   let rows = 0, largest = 0;
   for (const [path, curve] of curves) {
@@ -64,13 +64,13 @@ function apart() {
   return { rows, largest };
 }
 
-// how many rows a plot has, and the largest value
+// number of rows of a plot, and the largest value
 function drawn(place) {
   const [times, ...columns] = plots.list[place].plot.data;
   return { rows: times.length, largest: Math.max(...columns.flatMap((column) => [...column]).map((value) => value ?? -Infinity)) };
 }
 
-// what is looked at from outside: the time shown (s), the stretch in the plots (s), how many pictures were drawn
+// interface for tests: the time shown (s), the time range of the plots (s), number of pictures drawn
 window.bench = { apart, drawn, window: () => [plots.from, plots.now], lanes: () => lanes.at(shown.at), shown: 0, frames: 0, ghosts: [], cut };
 requestAnimationFrame(frame);
 connect(() => { forget(); ghost.asked = null; }, hear, () => commands(false));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Commands: buttons, speed, a row for each live parameter with undo, and which page may give them.
+// Commands: buttons, speed, a row per live parameter with undo, and which page may send them.
 
 import { order, send } from "./connection.js";
 import { attempt, warm } from "./ghost.js";
@@ -7,14 +7,14 @@ import { listPanels } from "./instant.js";
 import { find, rounded, rowsOf, run } from "./state.js";
 
 const undone = [];
-const MOST_READ = 1e6; // a bound from there on is none that a person meets
+const MOST_READ = 1e6; // larger bounds are not shown
 
 const WORDS = { start: "Start", stop: "Stop motor", reset: "Reset", pause: "Pause", "step": "One step" };
 
 export function know(machine) {
   run.machine = machine;
   run.orders = machine.orders;
-  const name = machine.configuration?.name ?? machine.name; // a page of one's own is called what it calls itself
+  const name = machine.configuration?.name ?? machine.name; // a configuration page has its own name
   find("machine").textContent = name.replaceAll("_", " ");
   document.title = `${name} - bench`;
   const buttons = machine.orders.filter((name) => WORDS[name]);
@@ -104,7 +104,7 @@ function words(parameter) {
   return box;
 }
 
-// the slider goes over the range of the key, or about the value where the range is far wider; the number goes anywhere
+// the slider covers the range of the key, or up to 3 times the value if that is narrower; the number box has no limit
 function numbers(parameter) {
   const slider = document.createElement("input"), number = document.createElement("input");
   slider.type = "range"; number.type = "number";

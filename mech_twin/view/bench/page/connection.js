@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The connection to the bench: it begins with the token, comes back where it was lost, and carries orders and answers.
+// The WebSocket to the bench: it begins with the token, reconnects after a loss, and carries orders and answers.
 
 import { answer, find, run, say } from "./state.js";
 
 const RETRY_MS = 1000;
 const token = (() => {
-  // only this page of this port may know it: the session's storage is by origin, the fragment is sent to nobody
+  // only this page on this port can read it: session storage is per origin, and the fragment is never sent
   if (location.hash.length > 1) sessionStorage.setItem("token", location.hash.slice(1));
   return sessionStorage.getItem("token") ?? "";
 })();
 let socket = null;
 let asked = 0;
-const waiting = new Map(); // id of an order -> what to do with the answer
+const waiting = new Map(); // id of an order -> callback for the answer
 
 export function connect(opened, heard, lost) {
   if (!token) return say("This page needs the whole address that the terminal printed, with all that follows the #.");

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Curves with common times, as they come: packed in base 64, kept in arrays that grow.
+// Curves with common times: received in base 64, stored in growing arrays.
 
-const MOST_ROWS = 400_000; // of one path; the oldest half goes first
+const MOST_ROWS = 400_000; // per path; then the oldest half is dropped
 
 export function unpacked(text, Kind) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -31,7 +31,7 @@ export class Curve {
     this.rows += at.length;
   }
 
-  // times and columns of a stretch, one row beyond either end so that lines go on to the edges; at most so many rows
+  // times and columns of a time range, with one row beyond each end so that lines reach the edges; at most `most` rows
   between(from, to, most = Infinity) {
     const first = Math.max(0, this.before(from)), last = Math.min(this.rows, this.before(to + 1e-9) + 1);
     const all = [this.times, ...this.values];
@@ -40,7 +40,7 @@ export class Curve {
     return all.map((column) => column.constructor.from(rows, (row) => column[row]));
   }
 
-  // the rows of a stretch that hold its ends, and of each window of it the extremes of every column
+  // row numbers of a range after decimation: its ends, and the extremes of every column in each window
   extremes(first, last, most) {
     const windows = Math.max(1, Math.floor((most - 2) / (2 * this.width))), kept = new Set([first, last - 1]);
     for (let place = 0; place < windows; place += 1) {
@@ -81,7 +81,7 @@ export class Curve {
   }
 }
 
-// a colour of the style sheet, as the theme has it
+// a colour of the style sheet in the present theme
 let scheme = null;
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => location.reload());
 
@@ -93,7 +93,7 @@ export function paint(name) {
   return scheme.get(name);
 }
 
-// each at least 3 to 1 on white, and told from each other also without red or green (after Okabe and Ito, darkened)
+// contrast at least 3 to 1 on white, distinguishable by colour-blind readers (after Okabe and Ito, darkened)
 const NAMED = ["#0b6fb8", "#b35c00", "#00795a", "#a8387f", "#5b4bc4", "#7a6a00", "#c0392b", "#3d4b57"];
 const ON_DARK = ["#56b4e9", "#e69f00", "#2fc79d", "#ee8fc7", "#a99bff", "#d8c64a", "#ff8a80", "#b3bbc4"];
 
@@ -104,7 +104,7 @@ export function colours(count) {
   return Array.from({ length: count }, (_, place) => legible((360 * place) / count, place % 2 ? 27 : 40));
 }
 
-// a hue as light as asked for, or darker where it would fade on white
+// a hue with the given lightness, or darker until its contrast on white is at least 4 to 1
 function legible(hue, lightness) {
   for (let light = lightness; ; light -= 1) {
     const rgb = [0, 8, 4].map((n) => {

@@ -5,9 +5,9 @@ import { isDark, paint, unpacked } from "./curves.js";
 import { shown } from "./state.js";
 
 const HEAD_PX = 9, SEAM_PX = 4;
-const CLOSEST = 40; // times the whole
-const STEP_PX = 40, STEP = 1.25; // of a key
-const look = { zoom: 1, x: 0, y: 0 }; // how near, and how far the middle is moved (px)
+const CLOSEST = 40; // largest zoom factor
+const STEP_PX = 40, STEP = 1.25; // shift and zoom factor per key press
+const look = { zoom: 1, x: 0, y: 0 }; // zoom factor, and shift of the centre (px)
 
 export function draw(canvas, shapes, bounds, under = null) {
   const ratio = window.devicePixelRatio || 1;
@@ -33,7 +33,7 @@ export function draw(canvas, shapes, bounds, under = null) {
   for (const [text, place] of trace(at, shapes)) write(context, text, place, width);
 }
 
-// draw what is no text, and return the texts with their places
+// draw all shapes except texts, and return the texts with their positions
 function trace({ context, x0, y0, scale }, shapes) {
   const points = shapes.unpacked ??= unpacked(shapes.points, Float32Array);
   const texts = [];
@@ -55,7 +55,7 @@ function trace({ context, x0, y0, scale }, shapes) {
   return texts;
 }
 
-// on a dark ground the colours of the machine, made for a light one, are lifted
+// lighten the machine's colours, made for a light background, in the dark theme
 function shade(red, green, blue) {
   const lift = isDark() ? (part) => Math.round(255 - 0.62 * (255 - part)) : (part) => part;
   return `rgb(${lift(red)} ${lift(green)} ${lift(blue)})`;
@@ -94,7 +94,7 @@ function arrow(context, at, colour, size) {
   context.fill();
 }
 
-// zoom about a point of the canvas, as seen from its middle
+// zoom about a point of the canvas, relative to its centre (px)
 function near(factor, x = 0, y = 0) {
   const zoom = Math.max(1, Math.min(CLOSEST, look.zoom * factor)), by = zoom / look.zoom;
   Object.assign(look, zoom === 1 ? { x: 0, y: 0 } : { x: x - by * (x - look.x), y: y - by * (y - look.y) }, { zoom });
@@ -127,7 +127,7 @@ export function listen(canvas) {
   });
 }
 
-// dark in a light seam, centred below its point, inside the picture
+// dark text with a light outline, centred below its point, inside the canvas
 function write(context, text, [x, y], width) {
   const rows = text.split("\n");
   context.font = "12px system-ui, sans-serif";

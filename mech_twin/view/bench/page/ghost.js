@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-// What would come of a value that is not sent yet: asked for while a slider moves, drawn dashed.
+// Trial: the predicted effect of a value not sent yet, requested while a slider moves, drawn dashed.
 
 import { send } from "./connection.js";
 import { Curve } from "./curves.js";
 import { curves, find, rounded, run, shown } from "./state.js";
 
-const PAGE_LAG_S = 0.5; // that a picture may be older than the state a trial went on from
+const PAGE_LAG_S = 0.5; // largest age of a picture relative to the initial state of a trial
 export const ghost = { curves: new Map(), from: Infinity, until: -1, begun: 0, asked: null, next: null };
 
-// what was tried goes on from the newest: where older times are shown it is not in sight
+// a trial continues the newest state: it is not visible when older times are shown
 export function isTried(time) { return shown.span === null && ghost.from <= time + (shown.following ? PAGE_LAG_S : 0) && ghost.until > time; }
 
 export function attempt(name, value) {
@@ -18,17 +18,17 @@ export function attempt(name, value) {
   send({ kind: "try", values: { [name]: value } });
 }
 
-// the first trial loads the machine, which takes seconds: begin when a person reaches for a value
+// the first trial loads the machine, which takes seconds: start it when the pointer enters the parameters
 export function warm() {
   if (ghost.asked || !run.commands) return;
   ghost.asked = { begun: 0 };
   send({ kind: "try", values: {} });
 }
 
-// a trial is on its way, whose answer a picture drawn meanwhile would keep waiting
+// a trial is requested; drawing pictures meanwhile would delay its answer
 export const isAwaited = () => ghost.asked !== null && !ghost.begun;
 
-// the plots hold what was tried: by the next frame it is seen
+// the plots contain the trial: it is visible with the next animation frame
 export function ghostDrawn() {
   if (!ghost.begun) return;
   const begun = ghost.begun;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What can be opened where nothing runs yet: recordings of a folder, machines, pages.
+// Start page without a run: recordings of a folder, machines and configuration pages to run.
 
 import { commands } from "./command.js";
 import { order } from "./connection.js";
@@ -42,7 +42,7 @@ function recordingRow(recording) {
   return row;
 }
 
-// what the machine of a recording has that is not as installed
+// settings of a recording that differ from the installed configuration
 function settingsOf({ settings }) {
   const box = made("details"), table = made("table"), head = made("tr");
   box.append(made("summary", { textContent: `${settings.length} setting${settings.length === 1 ? "" : "s"} not as installed` }), table);
@@ -51,7 +51,7 @@ function settingsOf({ settings }) {
   return box;
 }
 
-// the recording that others are compared with
+// choose the reference recording for comparisons
 function choose(name) {
   run.chosen = name;
   order("list");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The instant that is shown: drawing, header, cards, curves and lanes are all of it; following, playing and zooming move it.
+// The time shown, common to drawing, header, cards, curves and lanes; following, playing and zooming change it.
 
 import { isOpen, send } from "./connection.js";
 import { colours, Curve } from "./curves.js";
@@ -12,9 +12,9 @@ import { curves, find, lanes, other, run, shown } from "./state.js";
 import { tellTime } from "./viewer.js";
 
 const QUIET_MS = 1500;
-const DRAWN_ROWS = 4000; // of a curve; of more the extremes are drawn
+const DRAWN_ROWS = 4000; // per curve; longer curves are decimated to their extremes
 const WHOLE = "whole";
-const AWAITED_MS = 150; // between two pictures while a trial is awaited
+const AWAITED_MS = 150; // time between two pictures while a trial is awaited
 
 export const plots = new Plots(find("plots"), {
   pieces(part, from, to) {
@@ -59,7 +59,7 @@ export function frame(now) {
   if (isQuiet) find("state").textContent = run.paused ? "paused" : "no new picture";
 }
 
-// header, drawing and curves are all of the picture's instant
+// show header, drawing and curves at the time of a picture
 export function show(picture, at) {
   const newest = run.pictures.at(-1);
   if (shown.drawn === null || newest !== shown.newest) shown.changes += 1;
@@ -122,10 +122,10 @@ export function layOut(panels) {
   shown.drawn = null;
 }
 
-// the whole of a recording; of a run that goes on the last seconds
+// whether a complete recording is shown; of a live run the last seconds are shown
 const isWhole = () => shown.span === null && find("span").value === WHOLE;
 
-// what is shown of a recording, or of a machine that runs, is kept with its name while this window is open
+// key of the display settings of a recording or machine in the session storage
 const kept = () => `shown of ${run.machine?.recording ?? run.machine?.name ?? ""}`;
 
 export function listPanels() {
@@ -147,7 +147,7 @@ function keep() {
   shown.drawn = null;
 }
 
-// a stretch of time fills the plots, and the picture is of its end; null: the newest again, in the span asked for
+// show a time range in the plots, and the picture at its end; null: the newest again, with the selected span
 function zoomed(range) {
   const first = run.pictures[0]?.time_s, newest = run.pictures.at(-1)?.time_s;
   if (newest === undefined) return;
@@ -204,7 +204,7 @@ function step(by) {
   if (run.pictures[place]) seek(run.pictures[place].time_s);
 }
 
-// an event is gone to: the first picture that has it
+// jump to an event: the first picture that contains it
 find("events").onclick = ({ target }) => {
   const time = Number(target.dataset.time ?? NaN), picture = run.pictures[placeOf(time)];
   if (picture) seek(picture.time_s < time - 1e-9 ? run.pictures[placeOf(time) + 1]?.time_s ?? time : picture.time_s);

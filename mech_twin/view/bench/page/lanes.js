@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lanes of regimes: for each part of the machine the regime it is in, over time.
+// Lanes of regimes: the regime of each part of the machine over time.
 
 import { colours, paint } from "./curves.js";
 
-export const RIGHT = 18; // px, beside lanes and plots: half of the last time written below
+export const RIGHT = 18; // px, margin right of lanes and plots: half the width of the last time label
 const ROW = 18, LEFT = 76, MOST = 100_000;
 
 export class Lanes {
@@ -25,12 +25,12 @@ export class Lanes {
     if (lane.times.length > MOST) { lane.times.splice(0, MOST / 2); lane.words.splice(0, MOST / 2); }
   }
 
-  // the regime of each lane at a time, for a reader of the screen and for tests
+  // the regime of each lane at a time, for screen readers and tests
   at(time) {
     return Object.fromEntries([...this.lanes].map(([name, lane]) => [name, lane.words[before(lane.times, time)] ?? ""]));
   }
 
-  // where a share of the window is (px)
+  // position (px) of a share of the window
   place(canvas, share) {
     const left = Math.min(LEFT, canvas.clientWidth / 3);
     return left + share * (canvas.clientWidth - left - RIGHT);

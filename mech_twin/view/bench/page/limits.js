@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Limits of the headline numbers: what the machine is rated for, or what the person at this page asks for.
+// Limits of the headline numbers: rated values of the machine, or values entered on this page.
 
 import { note } from "./pictures.js";
 import { made } from "./plots.js";
@@ -7,14 +7,14 @@ import { find, run } from "./state.js";
 
 const kept = () => `limits of ${run.machine?.name ?? ""}`;
 const asked = () => JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
-const outside = new Set(); // keys that were out of their limits at the picture before
+const outside = new Set(); // keys that were out of their limits at the last picture
 
 function of([, , key, , , most]) {
   const own = asked()[key] ?? {};
   return { least: own.least ?? null, most: own.most ?? most ?? null };
 }
 
-// what is wrong with a card at a time, in words; empty: it is within its limits, or has none
+// text of a violated limit of a card at a time; empty if within its limits, or without any
 export function judged(card, time) {
   const [, , key, value, unit] = card;
   if (value === null || value === undefined) return "";
@@ -25,7 +25,7 @@ export function judged(card, time) {
   return word;
 }
 
-// a row for each headline number; rows stay while a person writes
+// add a row for each new headline number; existing rows stay, so that input is not lost
 export function listLimits(cards) {
   const keys = cards.filter(([, , key]) => key), shown = [...find("limit-rows").children].map((row) => row.dataset.key);
   find("limits").hidden = !keys.length;

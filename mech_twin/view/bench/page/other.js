@@ -21,7 +21,7 @@ export class Other {
 
   know(pairs) { this.angle = pairs && pairs.map((text) => unpacked(text, Float64Array)); }
 
-  // the time of this run that belongs to a time of the first, and back
+  // the time of this run that corresponds to a time of the first, and the inverse
   own(time) { return this.byAngle && this.angle ? between(this.angle[1], this.angle[0], time) : time; }
   first(time) { return this.byAngle && this.angle ? between(this.angle[0], this.angle[1], time) : time; }
 
@@ -31,7 +31,7 @@ export class Other {
     return this.pictures[Math.max(0, place)];
   }
 
-  // times and columns of a stretch of the first run's time
+  // times and columns of a time range of the first run
   between(path, from, to, most) {
     const curve = this.curves.get(path);
     if (!curve) return null;
@@ -39,7 +39,7 @@ export class Other {
     return [this.byAngle ? Float64Array.from(times, (time) => this.first(time)) : times, ...columns];
   }
 
-  // first minus this, at the times of the first
+  // values of the first run minus this one, at the times of the first
   difference(path, [times, ...columns]) {
     const curve = this.curves.get(path);
     if (!curve) return null;
@@ -61,7 +61,7 @@ function rank(count, at, value) {
   return low;
 }
 
-// linear between the points, the ends beyond them
+// linear interpolation, constant beyond the ends
 function between(xs, ys, x) {
   const last = xs.length - 1;
   if (last < 0) return x;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Panes that show what was told: faults, advice, numbers of the run, two runs side by side, residuals.
+// Panes: faults, advice, identification, numbers of the run, comparison of two runs, residuals.
 
 import { commands } from "./command.js";
 import { order } from "./connection.js";
@@ -7,8 +7,8 @@ import { save } from "./report.js";
 import { find, other, rowsOf, run, shown } from "./state.js";
 import { adviceRow, faultRow, fitRow } from "./twin.js";
 
-const SPANS_S = [10, 30, 60, 120, 300]; // that may be fitted
-const FIRST_NUMBERS = 6; // that stand open
+const SPANS_S = [10, 30, 60, 120, 300]; // time spans that may be fitted
+const FIRST_NUMBERS = 6; // shown without opening the list
 
 export function showFaults(faults) {
   find("alarms").hidden = !run.orders.includes("acknowledge");
@@ -23,7 +23,7 @@ export function showAdvice(rows) {
   find("advice-answers").hidden = !rows.length;
 }
 
-// an identification from the last minutes: how far it is, what it found, and whether that may be taken over
+// identification from the last minutes: progress, result, and whether it may be applied
 let configuration = "";
 export function showFit({ phase, told, free, kept_s: kept, rows, held_out: held, text }) {
   find("fit").hidden = !run.orders.includes("identify");
@@ -58,7 +58,7 @@ export function showMetrics(rows) {
   find("more-metrics").replaceChildren(...lines.slice(FIRST_NUMBERS));
 }
 
-// two runs in one view: which is which, what differs, and how they are laid over each other
+// two runs in one view: their names, differences, and alignment
 export function showComparison({ settings, numbers, angle }) {
   other.know(angle);
   find("comparison").hidden = false;
@@ -72,7 +72,7 @@ export function showComparison({ settings, numbers, angle }) {
   shown.drawn = null;
 }
 
-// one lamp for what must be zero or small: residuals against their limits, and how far the run and this page are behind
+// one lamp for residuals against their limits, and for the lag of the run and of this page
 export function showHealth({ residuals, behind_s: behind }) {
   const broken = residuals.filter((row) => row[3]).length, late = behind !== null && behind > 0.5;
   find("lamp").hidden = false;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pictures of a run that this page keeps; the oldest go first.
+// The pictures of a run stored in this page; the oldest are dropped.
 
 import { curves, find, lanes, other, run, shown } from "./state.js";
 
-const KEPT_BYTES = 200e6; // of pictures in this page; the oldest go first
+const KEPT_BYTES = 200e6; // largest total size of the pictures in this page
 
 export function take(list) {
   for (const picture of list) {
@@ -13,7 +13,7 @@ export function take(list) {
     delete picture.curves;
     for (const lane of picture.lanes ?? []) lanes.add(...lane);
     delete picture.lanes;
-    // where nothing is drawn, the drawing before stands
+    // a picture without a drawing keeps the previous one
     if (!picture.shapes) picture.shapes = run.pictures.at(-1)?.shapes ?? null;
     run.pictures.push(picture);
     run.bytes += picture.size;

@@ -1,17 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// The plots: which are shown, what a drag zooms to, and the values at a cursor that all of them share.
+// The plots: visibility, zoom by dragging, and the values at a common cursor.
 
 import { colours, paint } from "./curves.js";
 import { RIGHT } from "./lanes.js";
 
 const HEIGHT = 118;
-const DRAGGED_PX = 5; // less is a click
-const NARROW = 16; // letters of a name that leave room for two of them side by side, each with its value
-const STEP = 0.01; // of the window, that an arrow key moves the cursor by
+const DRAGGED_PX = 5; // a shorter drag is a click
+const NARROW = 16; // longest name (letters) for two legend entries with values side by side
+const STEP = 0.01; // share of the window by which an arrow key moves the cursor
 
 export class Plots {
-  // source: pieces(part, from, to), second(part, from, to); zoomed: told [from, to], or null for the span asked for;
-  // sought: told the time of a click
+  // source: pieces(part, from, to), second(part, from, to); zoomed: called with [from, to], or null for the selected
+  // span; sought: called with the time of a click
   constructor(box, source, zoomed, sought) {
     Object.assign(this, { box, source, zoomed, sought, mark: null, stamp: "", list: [], hidden: new Set(), from: 0, to: 1, now: 1, share: null, at: null, ofTwo: false });
   }
@@ -29,12 +29,12 @@ export class Plots {
 
   get shown() { return this.list.filter((plot) => !plot.box.hidden); }
 
-  // of two runs the values of both are read off; room for them is kept, so that no plot moves under the mouse
+  // whether the values of two runs are shown; space for both is reserved, so that no plot moves under the mouse
   get ofTwo() { return this.box.classList.contains("two"); }
   set ofTwo(wanted) { this.box.classList.toggle("two", wanted); }
 
-  // the cursor stands still on the page while the newest is followed, and at its time otherwise; where the plots go on
-  // beyond the time shown, that has a mark; what has the stamp of before is drawn already
+  // while the newest is followed, the cursor keeps its position on the page, otherwise its time; the time shown has a
+  // mark if the plots extend beyond it; a plot with an unchanged stamp is not redrawn
   show(from, now, to, { isLive, at, stamp }) {
     const mark = (at - from) / (to - from);
     Object.assign(this, { from, now, to, mark: mark < 1 - 1e-9 ? mark : null, stamp: `${from} ${now} ${to} ${stamp}` });
@@ -164,7 +164,7 @@ class Plot {
     });
   }
 
-  // the values at a time, between the points on the line that joins them
+  // show the values at a time, interpolated linearly
   read(at, share) {
     const isIn = at !== null && share >= 0 && share <= 1;
     this.line.hidden = !isIn;

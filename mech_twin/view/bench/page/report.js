@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// A report of what is on the page: one file that prints well, or the same as JSON.
+// A report of the page's contents: one HTML file for printing, or the same as JSON.
 
 import { paint } from "./curves.js";
 
 const escape = (text) => String(text).replace(/[&<>"]/g, (letter) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[letter]);
 
-// what: { title, time_s, versions, cards, tables: [{ title, head, rows }], pictures: [{ title, canvas, words }], events }
+// what, contents of the report: { title, time_s, versions, cards, tables: [{ title, head, rows }], pictures: [{ title, canvas, words }], events }
 export function page(what) {
   const table = ({ title, head, rows }) => `<section><h2>${escape(title)}</h2><table><thead><tr>${head.map((word) => `<th>${escape(word)}</th>`).join("")}</tr></thead><tbody>${rows.map((row) => `<tr>${row.map((cell) => `<td>${escape(cell)}</td>`).join("")}</tr>`).join("")}</tbody></table></section>`;
   const picture = ({ title, canvas, words }) => `<figure><figcaption>${escape(title)}</figcaption><img alt="${escape(title)}" src="${canvas.toDataURL("image/png")}"><p>${words.map(([word, colour]) => `<span style="color:${escape(colour)}">&#9644;</span> ${escape(word)}`).join(" &nbsp; ")}</p></figure>`;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// rerun's own viewer of the run, by the interface that its package has: a channel, and the time shown.
+// rerun's web viewer of the run, controlled by its JavaScript interface: a data channel, and the time shown.
 
 const status = document.getElementById("status");
 const CHANNEL = "run";
 const say = (text) => { status.textContent = text; status.hidden = !text; };
 
-// a number in the wire format of Protocol Buffers, seven bits a byte
+// a number as varint of Protocol Buffers, seven bits per byte
 function varint(value) {
   const bytes = [];
   for (let rest = BigInt(value); ; rest >>= 7n) {
@@ -34,7 +34,7 @@ async function show() {
   socket.onmessage = ({ data }) => { say(""); viewer.send_rrd_to_channel(CHANNEL, new Uint8Array(data)); window.received = (window.received ?? 0) + 1; };
   socket.onclose = ({ reason }) => say(reason === "viewers" ? "rerun is open in too many pages" : "no connection");
   say("waiting for the run");
-  // told by the bench around this page: a time, or null for the newest; before the first picture there is none
+  // called by the enclosing page with a time, or null for the newest; no effect before the first picture
   window.seek = (seconds) => viewer.viewer_control(timeCursor(seconds)).catch(() => {});
   window.state = () => viewer.viewer_state();
 }

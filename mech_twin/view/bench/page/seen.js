@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is on the page at the time shown, as a report holds it, and the two buttons that save it.
+// Collects the page's contents at the time shown for a report, and handles the two buttons that save it.
 
 import { colours } from "./curves.js";
 import { plots, show } from "./instant.js";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the page holds: the run as it was told, what is shown of it, and the places where words go.
+// State of the page: the run as received, the display state, and helpers for text elements.
 
 import { Lanes } from "./lanes.js";
 import { Other } from "./other.js";

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A shadow's panes: what is alarming since when, what is advised and what was identified, as rows.
+// Rows of a shadow's panes: faults, recommendations and identified parameters.
 
 import { made } from "./plots.js";
 
@@ -31,7 +31,7 @@ export function adviceRow([name, value]) {
   return line;
 }
 
-// a key that was free, its verdict below it, and its interval below what was found
+// an identified key with its verdict, the value before, and the value found with its interval
 export function fitRow([name, before, found, interval, verdict]) {
   const line = made("tr"), key = made("td", { textContent: name }), value = made("td", { textContent: found });
   key.append(made("small", { textContent: ` ${verdict}` }));

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// rerun's own viewer in place of drawing and plots: opened and closed by a button, its time that of this page.
+// rerun's web viewer in place of drawing and plots: opened and closed by a button, synchronised with the page's time.
 
 import { find } from "./state.js";
 
-const APART_MS = 50; // between two times that the viewer is told
+const APART_MS = 50; // least time between two updates of the viewer's time
 let told, last = 0;
 
 function open(wanted) {
@@ -11,10 +11,10 @@ function open(wanted) {
   find("rerun").setAttribute("aria-pressed", wanted);
   find("viewer").hidden = !wanted;
   if (wanted) find("viewer").src = "rerun.html"; else find("viewer").removeAttribute("src");
-  told = null; // the viewer begins with the newest
+  told = null; // the viewer begins at the newest time
 }
 
-// null: the newest is followed
+// set the viewer's time; null: follow the newest
 export function tellTime(at) {
   const seek = find("viewer").hidden ? null : find("viewer").contentWindow?.seek, now = performance.now();
   if (!seek || at === told || now - last < APART_MS) return;
