@@ -15,7 +15,6 @@ from mech_twin.recording.bag_contents import BagMessage, TopicInfo
 from mech_twin.recording.errors import DecodeError
 
 _SEPARATOR = "=" * 80
-_FAILURES = (McapError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 
 
 class MessageDecoder:
