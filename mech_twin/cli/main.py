@@ -14,41 +14,13 @@ from mech_twin.cli.command_group import CommandGroup, QuestionGroup, VerbCommand
 from mech_twin.cli.console import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.option_values import machine_name, machines
-from mech_twin.cli.verb import Verb, command
+from mech_twin.cli.verb import command, verbs_in
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.process.system_limits import NUMERICS_BYTES, check_address_space
 
-VERBS: dict[str, type[Verb]] = {
-    "list": verbs.ListVerb,
-    "run": verbs.RunVerb,
-    "simulate": verbs.SimulateVerb,
-    "analyse": verbs.AnalyseVerb,
-    "replay": verbs.ReplayVerb,
-    "view": verbs.ViewVerb,
-    "info": verbs.InfoVerb,
-    "compare": verbs.CompareVerb,
-    "bench": verbs.BenchVerb,
-    "foxglove": verbs.FoxgloveVerb,
-    "tell": verbs.TellVerb,
-    "recover": verbs.RecoverVerb,
-    "reproduce": verbs.ReproduceVerb,
-    "new": verbs.NewVerb,
-    "check": verbs.CheckVerb,
-    "shadow": measurement_verbs.ShadowVerb,
-    "map": measurement_verbs.MapVerb,
-    "identify": measurement_verbs.IdentifyVerb,
-    "monitor": measurement_verbs.MonitorVerb,
-    "fleet": measurement_verbs.FleetVerb,
-}
-QUESTIONS: dict[str, type[Verb]] = {
-    "sweep": study_verbs.SweepVerb,
-    "size": study_verbs.SizeVerb,
-    "search": study_verbs.SearchVerb,
-    "designs": study_verbs.DesignsVerb,
-    "synthesise": study_verbs.SynthesiseVerb,
-    "regimes": study_verbs.RegimesVerb,
-}
-EXPORTS: dict[str, type[Verb]] = {"fmu": verbs.FmuVerb}
+VERBS = verbs_in(verbs, measurement_verbs)
+QUESTIONS = verbs_in(study_verbs)
+EXPORTS = {"fmu": VERBS.pop("fmu")}
 
 app = typer.Typer(
     name="mech-twin",

@@ -10,10 +10,9 @@ from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
 from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
 
 
-class ShadowVerb(Configured):
+class ShadowVerb(Configured, answer="shadow:shadow_machine"):
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
 
-    answer: ClassVar[str] = "mech_twin.cli.shadow:shadow_machine"
     machine: MachineName
     followed: str = option("namespace of the machine to follow", ..., "--from", metavar="NAMESPACE")
     namespace: Namespace = None
@@ -40,10 +39,9 @@ class ShadowVerb(Configured):
     prometheus: str | None = option("serve the faults as metrics there; :9464 is this host alone", metavar="HOST:PORT")
 
 
-class MapVerb(Written):
+class MapVerb(Written, answer="map:propose_map"):
     """Propose the map of a measurement, and show the quality of its data."""
 
-    answer: ClassVar[str] = "mech_twin.cli.map:propose_map"
     measurements: list[Path] = argument(
         "runs of one kind: bags, or tables (CSV, TSV, Parquet)", metavar="MEASUREMENT..."
     )
@@ -52,10 +50,9 @@ class MapVerb(Written):
     out: Path | None = option("file (.yaml) to write the map to, instead of standard output")
 
 
-class IdentifyVerb(Configured):
+class IdentifyVerb(Configured, answer="identify:identify_machine"):
     """Find parameters of a machine from measured runs, with intervals, verdicts and a held-out score."""
 
-    answer: ClassVar[str] = "mech_twin.cli.identify:identify_machine"
     rules: ClassVar[Rules] = (
         *(
             Apart("plan", each, "a plan computes no fit")
@@ -98,10 +95,9 @@ class IdentifyVerb(Configured):
     config: Path | None = option("configuration to start from instead of the installed one", None, "--config", "--base")
 
 
-class MonitorVerb(Configured):
+class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
 
-    answer: ClassVar[str] = "mech_twin.cli.monitor:monitor_machine"
     rules: ClassVar[Rules] = (
         *(
             Apart("design", each, "a sensor set is judged without runs")
@@ -136,10 +132,9 @@ class MonitorVerb(Configured):
     seed: int | None = option("seed of the draws that thresholds come from", ge=0, shown="0")
 
 
-class FleetVerb(Configured):
+class FleetVerb(Configured, answer="fleet:rank_fleet"):
     """Rank machines of one kind, each against its own baseline and its sisters (exit code 1: one is suspect)."""
 
-    answer: ClassVar[str] = "mech_twin.cli.fleet:rank_fleet"
     machine: MachineName
     folder: Path = argument("folder with a folder for each machine: recordings, and baseline.json if it has one")
     map_file: MapFile = None

@@ -50,10 +50,9 @@ class Study(Configured):
     report: Path | None = option("report to write, one page that prints well (NAME.html)")
 
 
-class SweepVerb(Study):
+class SweepVerb(Study, answer="study_maps:answer_sweep"):
     """Sweep configuration keys over a grid; resume an interrupted sweep."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_maps:answer_sweep"
     rules: ClassVar[Rules] = (SPREAD,)
     over: Over
     out: Path | None = option("table to write, NAME.parquet or NAME.csv", shown="MACHINE-sweep.parquet")
@@ -66,10 +65,9 @@ class SweepVerb(Study):
     as_csv: Csv = False
 
 
-class SizeVerb(Study):
+class SizeVerb(Study, answer="study_designs:answer_size"):
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_size"
     out: Path | None = option("configuration to write", shown="MACHINE-sized.yaml")
     objective: str | None = option(
         "quantity to minimise, or what is to be made large",
@@ -83,10 +81,9 @@ class SizeVerb(Study):
     )
 
 
-class SearchVerb(Study):
+class SearchVerb(Study, answer="study_designs:answer_search"):
     """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives; or by runs."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_search"
     objective: list[str] = option(
         "quantity to minimise; several give a Pareto front; by runs any number, large with - before it",
         [],
@@ -105,10 +102,9 @@ class SearchVerb(Study):
     out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
 
 
-class DesignsVerb(Study):
+class DesignsVerb(Study, answer="study_designs:answer_designs"):
     """Evaluate random designs of a machine, a million or more."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_designs"
     rules: ClassVar[Rules] = (SPREAD,)
     count: int = option("random designs to evaluate", 1_000_000, ge=1, le=1_000_000_000)
     bound: Bounds = []
@@ -119,10 +115,9 @@ class DesignsVerb(Study):
     scheduler: Scheduler = None
 
 
-class SynthesiseVerb(Study):
+class SynthesiseVerb(Study, answer="study_designs:answer_synthesise"):
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_designs:answer_synthesise"
     impact_speed_m_per_s: float = option("target impact speed, m/s", 20.0, "--impact-speed")
     margin: float = option("stability margin: least 1 - |largest multiplier|", 0.1)
     basin_fraction: float = option(
@@ -136,10 +131,9 @@ class SynthesiseVerb(Study):
     out: Path | None = option("robust configuration to write", shown="MACHINE-robust.yaml")
 
 
-class RegimesVerb(Study):
+class RegimesVerb(Study, answer="study_maps:answer_regimes"):
     """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
 
-    answer: ClassVar[str] = "mech_twin.cli.study_maps:answer_regimes"
     over: Over
     settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
     out: Path | None = option("bifurcation diagram to write (.png, .svg, .pdf)", shown="MACHINE-regimes.png")

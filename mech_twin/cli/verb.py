@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from inspect import Parameter, Signature
+from types import ModuleType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
 
 import typer
@@ -43,19 +44,23 @@ class Verb(BaseModel):
     Attributes
     ----------
     answer : str
-        Function that carries the verb out, ``MODULE:FUNCTION``; it is imported when the verb is called.
+        Function of this room that carries the verb out, ``MODULE:FUNCTION``; it is imported when the verb is called.
     rules : tuple
         Which options exclude each other, and which need another.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
-    answer: ClassVar[str]
+    answer: ClassVar[str] = ""
     rules: ClassVar[Rules] = ()
+
+    def __init_subclass__(cls, answer: str = "", **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        cls.answer = answer or cls.answer
 
     def answered(self) -> None:
         """Carry the verb out."""
         module, _, function = self.answer.partition(":")
-        getattr(import_module(module), function)(self)
+        getattr(import_module(f"mech_twin.cli.{module}"), function)(self)
 
     @property
     def form(self) -> Form:
@@ -67,6 +72,13 @@ class Verb(BaseModel):
 
 
 FORMS: dict[str, Form] = {"as_json": "json", "as_csv": "csv", "wide": "wide", "everything": "wide"}
+
+
+def verbs_in(*modules: ModuleType) -> dict[str, type[Verb]]:
+    """Return the verbs of modules that have an answer, by their word: that of `ListVerb` is ``list``."""
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    verbs = [kind for kind in kinds if issubclass(kind, Verb) and kind.answer]
+    return {verb.__name__.removesuffix("Verb").lower(): verb for verb in verbs}
 
 
 def option(

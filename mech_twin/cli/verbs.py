@@ -75,17 +75,15 @@ class Configured(Written):
         return machine(self.machine, self.config, assignments(self.settings))
 
 
-class ListVerb(Verb):
+class ListVerb(Verb, answer="machines:show_catalogue"):
     """List available machines."""
 
-    answer: ClassVar[str] = "mech_twin.cli.machines:show_catalogue"
     as_json: Json = False
 
 
-class RunVerb(Configured):
+class RunVerb(Configured, answer="run:run_machine"):
     """Run a machine as ROS 2 nodes, with recorder and viewer."""
 
-    answer: ClassVar[str] = "mech_twin.cli.run:run_machine"
     rules: ClassVar[Rules] = (
         Apart("record", "no_record", "a recording or none"),
         Apart("snapshot_s", "no_record", "the last seconds are a recording"),
@@ -116,10 +114,9 @@ class RunVerb(Configured):
     everything: Everything = False
 
 
-class SimulateVerb(Configured):
+class SimulateVerb(Configured, answer="simulate:simulate_machine"):
     """Simulate a machine in one process, without ROS communication."""
 
-    answer: ClassVar[str] = "mech_twin.cli.simulate:simulate_machine"
     rules: ClassVar[Rules] = (
         Apart("as_csv", "everything", "CSV has every number; events are in --json"),
         Beside("samples", ("as_json",), "samples are printed as JSON; --table FILE writes them"),
@@ -144,10 +141,9 @@ class SimulateVerb(Configured):
     as_csv: Csv = False
 
 
-class AnalyseVerb(Verb):
+class AnalyseVerb(Verb, answer="analyse:analyse_machine"):
     """Analyse one position or one cycle: kinematics, forces and machine constants."""
 
-    answer: ClassVar[str] = "mech_twin.cli.analyse:analyse_machine"
     rules: ClassVar[Rules] = (Apart("crank_deg", "cycle", "one position or one cycle"),)
     machine: MachineName
     crank_deg: float | None = option("crank angle, degrees")
@@ -163,10 +159,9 @@ ON_TOPICS = ("rate", "start_s", "duration_s", "loop", "clock", "topics", "listen
 RECOMPUTING = ("analyse", "resimulate")
 
 
-class ReplayVerb(Verb):
+class ReplayVerb(Verb, answer="replay:replay"):
     """Replay a recording on its topics, or recompute it and compare bit for bit (exit code 1: different)."""
 
-    answer: ClassVar[str] = "mech_twin.cli.replay:replay"
     rules: ClassVar[Rules] = (
         Apart("analyse", "resimulate", "forces alone, or the whole run"),
         *(
@@ -195,10 +190,9 @@ class ReplayVerb(Verb):
     as_json: Json = False
 
 
-class ViewVerb(Verb):
+class ViewVerb(Verb, answer="view:view_bag"):
     """Show a recording, or a run of a page, in the viewer; with a map, the mechanism in a measured motion."""
 
-    answer: ClassVar[str] = "mech_twin.cli.view:view_bag"
     rules: ClassVar[Rules] = (
         Apart("save", "port", "a file has no page"),
         Beside("config", ("given_map",), "a recording holds its own configuration"),
@@ -213,10 +207,9 @@ class ViewVerb(Verb):
     force: Force = False
 
 
-class InfoVerb(Verb):
+class InfoVerb(Verb, answer="info:show_info"):
     """Describe a recording: what, how long, whether complete; with a map, a measurement's channels; or check a page."""
 
-    answer: ClassVar[str] = "mech_twin.cli.info:show_info"
     rules: ClassVar[Rules] = (
         Apart("given_map", "as_csv", "the quality of channels is a table for people, or --json"),
         Apart("given_map", "wide", "the quality of channels has one table"),
@@ -230,10 +223,9 @@ class InfoVerb(Verb):
     as_json: Json = False
 
 
-class CompareVerb(Written):
+class CompareVerb(Written, answer="compare:compare_sides"):
     """Compare two recordings or configurations (exit code 1: a number differs by more than the tolerance)."""
 
-    answer: ClassVar[str] = "mech_twin.cli.compare:compare_sides"
     rules: ClassVar[Rules] = (Beside("column", ("picture",), "columns are those of the picture"),)
     first: str = argument("recording, configuration file (.yaml) or machine", metavar="A")
     second: str = argument("what to compare it with, of the same machine", metavar="B")
@@ -248,27 +240,24 @@ class CompareVerb(Written):
     everything: bool = option("all numbers, not only those that differ", False, "--all")
 
 
-class BenchVerb(Verb):
+class BenchVerb(Verb, answer="live_view:open_bench"):
     """Open the bench without a run: machines and pages to run, recordings to open, two of them in one view."""
 
-    answer: ClassVar[str] = "mech_twin.cli.live_view:open_bench"
     folder: Path = argument("directory of recordings and of pages of your own", Path())
     port: Port = 0
 
 
-class FoxgloveVerb(Verb):
+class FoxgloveVerb(Verb, answer="running:serve_foxglove"):
     """Serve a running machine to Foxglove: topics, and with --commands its live parameters and services."""
 
-    answer: ClassVar[str] = "mech_twin.cli.running:serve_foxglove"
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
     port: int = option("port, on this host alone; 0: any free port", 8765, ge=0, le=65535)
     commands: bool = option("let clients set live parameters and call services", False)
 
 
-class TellVerb(Verb):
+class TellVerb(Verb, answer="running:tell_nodes"):
     """Tell a running machine to start, stop or change, its monitor to be quiet, its advisor yes or no."""
 
-    answer: ClassVar[str] = "mech_twin.cli.running:tell_nodes"
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
     what: list[str] = argument(
         "start, stop, reset; step (of a paused run); snapshot (of a recorder); acknowledge, shelve (a fault); "
@@ -280,44 +269,39 @@ class TellVerb(Verb):
     wait_s: float = option("time to find the nodes, s", 5.0, unit="s", shown="5")
 
 
-class RecoverVerb(Written):
+class RecoverVerb(Written, answer="info:recover_bag"):
     """Salvage a damaged recording: write its intact part into a new one."""
 
-    answer: ClassVar[str] = "mech_twin.cli.info:recover_bag"
     bag: Bag
     out: Path = argument("directory of the new recording")
 
 
-class ReproduceVerb(Configured):
+class ReproduceVerb(Configured, answer="reproduce:reproduce_machines"):
     """Compare every published number with the computed one; draw the published figures."""
 
-    answer: ClassVar[str] = "mech_twin.cli.reproduce:reproduce_machines"
     machine: str | None = argument("machine, or the beginning of its name; all if absent", None, complete="machines")
     figures: Path | None = option("directory for the figures of the sources")
     wide: Wide = False
     as_csv: bool = option("every column as CSV", False, "--csv")
 
 
-class NewVerb(Verb):
+class NewVerb(Verb, answer="machines:write_page"):
     """Write a page to start from: a planar machine of one's own."""
 
-    answer: ClassVar[str] = "mech_twin.cli.machines:write_page"
     kind: str | None = argument("page to start from; names them where absent", None)
     former: Path | None = option("page from a planar_linkage's configuration, or a recording of it", None, "--from")
 
 
-class CheckVerb(Written):
+class CheckVerb(Written, answer="machines:check_page"):
     """Check a page: freedoms, loops, masses, contacts and the pose at the start."""
 
-    answer: ClassVar[str] = "mech_twin.cli.machines:check_page"
     page: str = argument("page (.yaml)", metavar="PAGE")
     picture: Path | None = option("picture (.png or .svg) of the machine at its start")
 
 
-class FmuVerb(Configured):
+class FmuVerb(Configured, answer="machines:export_unit"):
     """Export a machine as a functional mock-up unit (FMI 2.0 or 3.0, co-simulation) that needs no Python."""
 
-    answer: ClassVar[str] = "mech_twin.cli.machines:export_unit"
     machine: MachineName
     fmi: int = option("version of the standard: 2 or 3", 2, ge=2, le=3)
     windows: bool = option("for 64-bit Windows as well as for Linux", False)
