@@ -130,14 +130,15 @@ def numbered(numbers: Mapping[str, Any]) -> list[tuple[str, Any, str]]:
     return [(name, value, unit_of(name)) for name, value in numbers.items()]
 
 
-def say_result(line: str) -> None:
-    """Write a line of the output proper."""
-    sys.stdout.write(printable(line) + "\n")
+def say_result(*lines: str) -> None:
+    """Write lines of the output proper."""
+    sys.stdout.write("".join(printable(line) + "\n" for line in lines))
 
 
-def say(line: str) -> None:
-    """Write a line to standard error, separate from the output proper."""
-    sys.stderr.write(printable(line) + "\n")
+def say(*lines: str) -> None:
+    """Write lines to standard error, separate from the output proper."""
+    for line in lines:
+        sys.stderr.write(printable(line) + "\n")
     sys.stderr.flush()
 
 
@@ -166,17 +167,25 @@ def estimate(done: int, total: int, elapsed_s: float) -> str:
     return f"about {duration_words(elapsed_s * (total - done) / max(done, 1))} left at this speed; Ctrl-C ends it"
 
 
-def _estimated(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
-    """Pass the items on; once `FIRST_ESTIMATE_S` have gone by, say how long it takes where nobody can mean it."""
-    begun, said = None, False
-    for done, item in enumerate(items):
-        begun = begun or time.monotonic()  # the first item is not counted: it loads and compiles
-        elapsed_s = time.monotonic() - begun
-        if not said and elapsed_s > FIRST_ESTIMATE_S:
-            said = True
-            if elapsed_s * (total - done) > BEYOND_REASON_S * max(done, 1):
-                say(f"{title}: {estimate(done, total, elapsed_s)}")
-        yield item
+def estimating(title: str, *, beyond_reason: bool = False) -> Callable[[int, int], None]:
+    """Return what takes how much is done of how much; it says once how long the rest takes, or only if nobody waits."""
+    first: tuple[float, int] | None = None  # when, and how much was done: the first step loads and compiles
+    said = False
+
+    def taken(done: int, total: int) -> None:
+        nonlocal first, said
+        now = time.monotonic()
+        first = first or (now, done)
+        elapsed_s, since = now - first[0], done - first[1]
+        if said or since <= 0 or elapsed_s <= FIRST_ESTIMATE_S:
+            return
+        said, left = True, total - first[1]
+        if not beyond_reason:
+            say(f"{title}: {done} of about {total} steps, {estimate(since, left, elapsed_s)}")
+        elif elapsed_s * (left - since) > BEYOND_REASON_S * since:
+            say(f"{title}: {estimate(since, left, elapsed_s)}")
+
+    return taken
 
 
 @contextmanager
@@ -211,25 +220,25 @@ def busy(title: str) -> Iterator[None]:
 
 
 @contextmanager
-def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
-    """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
-    columns = ("{task.description}", "BarColumn", "MofNCompleteColumn", "TimeRemainingColumn")
-    with bar(title, *columns, total=total) as update:
-
-        def counted(update: Callable[..., None]) -> Iterator[Item]:
-            for item in items:
-                yield item
-                update(advance=1)
-
-        yield _estimated(items, total, title) if update is None else counted(update)
+def counted(title: str, *times: str, total: float | None = None) -> Iterator[Callable[[int, int], None] | None]:
+    """Give ``progress(done, all)``: a bar with these columns of time, else both, when a terminal listens."""
+    times = times or ("TimeElapsedColumn", "TimeRemainingColumn")
+    with bar(title, "{task.description}", "BarColumn", "MofNCompleteColumn", *times, total=total) as update:
+        yield None if update is None else lambda done, total: update(completed=done, total=total)
 
 
 @contextmanager
-def counted(title: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Give ``progress(done, all)``: a bar with the time left when a terminal listens."""
-    columns = ("{task.description}", "BarColumn", "MofNCompleteColumn", "TimeElapsedColumn", "TimeRemainingColumn")
-    with bar(title, *columns) as update:
-        yield None if update is None else lambda done, total: update(completed=done, total=total)
+def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
+    """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
+    with counted(title, "TimeRemainingColumn", total=total) as update:
+        told = update or estimating(title, beyond_reason=True)
+
+        def followed() -> Iterator[Item]:
+            for done, item in enumerate(items):
+                told(done, total)
+                yield item
+
+        yield followed()
 
 
 LOGGER = "mech_twin.kernels"

@@ -5,10 +5,15 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import typer
 from typer import Context
+
+from mech_twin.cli.failure import CommandError
+
+Value = TypeVar("Value")
 
 SECONDS_PER = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
 EXPECTED = "expected a time such as 3, 3s, 500ms, 2min or 1h"
@@ -36,6 +41,21 @@ def seconds(text: str | float) -> float:
     if value > LONGEST_RUN_S:
         raise typer.BadParameter(f"{text}: expected at most {LONGEST_RUN_S} s, the longest time that ROS can state")
     return value
+
+
+def assigned(option: str, texts: Sequence[str], expected: str, read: Callable[[str], Value]) -> dict[str, Value]:
+    """Return what stands behind each ``NAME=`` as ``read`` has it, which raises a ValueError where it cannot."""
+    found = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        try:
+            value = read(values)
+        except ValueError as error:
+            raise CommandError(f"{option} {text}: expected {expected}") from error
+        if not equals or not name.strip():
+            raise CommandError(f"{option} {text}: expected {expected}")
+        found[name.strip()] = value
+    return found
 
 
 def machine_name(text: str | None) -> str | None:

@@ -50,7 +50,7 @@ class Study(Configured):
     report: Path | None = option("report to write, one page that prints well (NAME.html)")
 
 
-class SweepVerb(Study, answer="study_maps:answer_sweep"):
+class SweepVerb(Study, answer="study_answers:answer_sweep"):
     """Sweep configuration keys over a grid; resume an interrupted sweep."""
 
     rules: ClassVar[Rules] = (SPREAD,)
@@ -65,7 +65,7 @@ class SweepVerb(Study, answer="study_maps:answer_sweep"):
     as_csv: Csv = False
 
 
-class SizeVerb(Study, answer="study_designs:answer_size"):
+class SizeVerb(Study, answer="study_answers:answer_size"):
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
 
     out: Path | None = option("configuration to write", shown="MACHINE-sized.yaml")
@@ -81,7 +81,7 @@ class SizeVerb(Study, answer="study_designs:answer_size"):
     )
 
 
-class SearchVerb(Study, answer="study_designs:answer_search"):
+class SearchVerb(Study, answer="study_answers:answer_search"):
     """Choose a machine's dimensions: scan, then optimise; a Pareto front for several objectives; or by runs."""
 
     objective: list[str] = option(
@@ -102,7 +102,7 @@ class SearchVerb(Study, answer="study_designs:answer_search"):
     out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
 
 
-class DesignsVerb(Study, answer="study_designs:answer_designs"):
+class DesignsVerb(Study, answer="study_answers:answer_designs"):
     """Evaluate random designs of a machine, a million or more."""
 
     rules: ClassVar[Rules] = (SPREAD,)
@@ -115,7 +115,7 @@ class DesignsVerb(Study, answer="study_designs:answer_designs"):
     scheduler: Scheduler = None
 
 
-class SynthesiseVerb(Study, answer="study_designs:answer_synthesise"):
+class SynthesiseVerb(Study, answer="study_answers:answer_synthesise"):
     """Synthesise a one-impact cycle as published, and a robust one beside it."""
 
     impact_speed_m_per_s: float = option("target impact speed, m/s", 20.0, "--impact-speed")
@@ -131,7 +131,7 @@ class SynthesiseVerb(Study, answer="study_designs:answer_synthesise"):
     out: Path | None = option("robust configuration to write", shown="MACHINE-robust.yaml")
 
 
-class RegimesVerb(Study, answer="study_maps:answer_regimes"):
+class RegimesVerb(Study, answer="study_answers:answer_regimes"):
     """Map the long-run regimes of a machine over one key; draw the bifurcation diagram."""
 
     over: Over

@@ -13,11 +13,11 @@ from typer.main import get_command
 
 from mech_twin import api
 from mech_twin.capabilities.progress import tell
-from mech_twin.cli import study_options
 from mech_twin.cli.command_group import with_options_repeated
 from mech_twin.cli.console import estimate
 from mech_twin.cli.main import QUESTIONS, VERBS, app, main
 from mech_twin.cli.option_values import seconds
+from mech_twin.cli.study import told
 from mech_twin.cli.verb import Apart
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
@@ -381,8 +381,8 @@ def test_a_long_computation_is_estimated_from_its_beginning(elapsed_s: float, wo
 
 def test_the_first_step_which_loads_and_compiles_is_not_taken_for_the_speed(monkeypatch, capsys):
     clock = iter((100.0, 103.0))
-    monkeypatch.setattr(study_options.time, "monotonic", lambda: next(clock))
-    with study_options.told("sizing"):
+    monkeypatch.setattr("mech_twin.cli.console.time.monotonic", lambda: next(clock))
+    with told("sizing"):
         tell(1, 26)
         tell(2, 26)
     assert "2 of about 26 steps, about 72 s left" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 
 from mech_twin.capabilities.progress import tell
 from mech_twin.cli.console import progress
-from mech_twin.cli.study_options import told
+from mech_twin.cli.study import told
 
 STEPS, COMPILING_S, STEP_S = 500, 60.0, 0.2
 LONG = 10**8  # steps nobody waits for

@@ -9,7 +9,7 @@ from command_line import mech_twin
 
 from mech_twin.capabilities.progress import listening, tell
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study_options import axes_of, limits_of, told
+from mech_twin.cli.study import axes_of, limits_of, told
 from mech_twin.parameters.load import machine
 
 pytestmark = pytest.mark.slow
@@ -122,7 +122,7 @@ def test_the_press_that_is_printed_is_the_one_that_is_written_with_its_speed_and
 
 def test_a_long_answer_says_once_how_long_it_takes_where_no_terminal_listens(monkeypatch, capsys) -> None:
     times = iter([0.0, 5.0, 9.0])
-    monkeypatch.setattr("mech_twin.cli.study_options.time.monotonic", lambda: next(times))
+    monkeypatch.setattr("mech_twin.cli.console.time.monotonic", lambda: next(times))
     with told("sizing"):
         tell(1, 40)  # loads and compiles: it tells nothing of the others
         tell(10, 40)

@@ -26,7 +26,7 @@ from mech_twin.cli.run_summary import (
     show_numbers,
     show_residuals,
 )
-from mech_twin.cli.study_maps import joined
+from mech_twin.cli.study_answers import joined
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine
 from mech_twin.samples import Event

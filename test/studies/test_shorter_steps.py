@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from mech_twin import simulate
 from mech_twin.capabilities.variation import varied
-from mech_twin.cli.study_report import constraint_rows
+from mech_twin.cli.study import constraint_rows
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker.running_sizing import seating

@@ -1,31 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the options of ``mech-twin study`` are written in: axes, limits, bounds; and what all answers share."""
+"""What all answers of ``mech-twin study`` share: axes, limits and bounds as they are written, files, and the report."""
 
 from __future__ import annotations
 
 import math
 import shlex
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import yaml
 
+from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.progress import listening
-from mech_twin.cli.console import FIRST_ESTIMATE_S, counted, estimate, print_numbers, say
+from mech_twin.capabilities.sizing import Sizing
+from mech_twin.cli.console import counted, estimating, numbered, print_numbers, say, write_text
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.option_values import assigned
+from mech_twin.cli.run_summary import in_common_digits
+from mech_twin.cli.study_verbs import Study
+from mech_twin.declarations.captions import titled, unit_of
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import check_output_file
+from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.parameters.yaml_text import scalar
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.asking import asked_of
+from mech_twin.studies.parameter_sweep import Sweep
+from mech_twin.studies.run_comparison import changed_settings
+from mech_twin.studies.shorter_steps import told as digits_told
 
-Value = TypeVar("Value")
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
 HELP = "help"  # in place of a limit
+DPI = 120
+MARGIN_DIGITS = 6  # beyond them a constraint binds
+MOST_ROWS = 1000  # of a table of a report; all of them are in the table that the study wrote
 
 
 def axes_of(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
@@ -88,7 +102,7 @@ def limits_of(texts: Sequence[str]) -> dict[str, float]:
             raise ValueError
         return found
 
-    return _assigned("--limit", texts, "NAME=NUMBER", number)
+    return assigned("--limit", texts, "NAME=NUMBER", number)
 
 
 def ranges_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -98,7 +112,7 @@ def ranges_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
         low, _, high = values.rpartition(":")
         return float(low or -math.inf), float(high or math.inf)
 
-    return _assigned("--limit", texts, "NAME=HIGH or NAME=LOW:HIGH", ends)
+    return assigned("--limit", texts, "NAME=HIGH or NAME=LOW:HIGH", ends)
 
 
 def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -108,7 +122,7 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
         low, _, high = values.partition(":")
         return float(low), float(high or low)
 
-    bounds = _assigned("--bound", texts, "NAME=LOW:HIGH", ends)
+    bounds = assigned("--bound", texts, "NAME=LOW:HIGH", ends)
     for name, (low, high) in bounds.items():
         if low > high:
             raise CommandError(
@@ -116,21 +130,6 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
                 f"expected {name}={high:g}:{low:g}"
             )
     return bounds
-
-
-def _assigned(option: str, texts: Sequence[str], expected: str, read: Callable[[str], Value]) -> dict[str, Value]:
-    """Return what stands behind each ``NAME=`` as ``read`` has it, which raises a ValueError where it cannot."""
-    found = {}
-    for text in texts:
-        name, equals, values = text.partition("=")
-        try:
-            value = read(values)
-        except ValueError as error:
-            raise CommandError(f"{option} {text}: expected {expected}") from error
-        if not equals or not name.strip():
-            raise CommandError(f"{option} {text}: expected {expected}")
-        found[name.strip()] = value
-    return found
 
 
 def checked_output(asked: Any, usual: str, suffixes: Sequence[str], *extras: str) -> Path:
@@ -176,24 +175,8 @@ def study_errors() -> Iterator[None]:
 @contextmanager
 def told(title: str) -> Iterator[None]:
     """Show how far an answer says it is; where no terminal listens, how long it will take, once."""
-    with counted(title) as bar, listening(bar or _estimate_said_once(title)):
+    with counted(title) as bar, listening(bar or estimating(title)):
         yield
-
-
-def _estimate_said_once(title: str) -> Callable[[int, int], None]:
-    first: tuple[float, int] | None = None  # when, and how much was done: the first step loads and compiles
-    said = False
-
-    def say_estimate(done: int, total: int) -> None:
-        nonlocal first, said
-        now = time.monotonic()
-        first = first or (now, done)
-        elapsed_s, since = now - first[0], done - first[1]
-        if not said and since > 0 and elapsed_s > FIRST_ESTIMATE_S:
-            said = True
-            say(f"{title}: {done} of about {total} steps, {estimate(since, total - first[1], elapsed_s)}")
-
-    return say_estimate
 
 
 def notes_of(**asked: object) -> list[str]:
@@ -204,3 +187,104 @@ def notes_of(**asked: object) -> list[str]:
 
 def _listed(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
+
+
+def write_report(asked: Study, title: str, options: Mapping[str, Any], parts: Callable[[], Sequence[str]]) -> None:
+    """Write the report, if one is asked for: what was asked, and what was found."""
+    if asked.report is None:
+        return
+    changed = changed_settings(asked.machine, configuration_tree(asked.parameters))
+    head = [
+        f"<p>{versions()}</p>",
+        section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
+        section("Asked", ("option", "value"), list(_told(options))),
+    ]
+    write_text(asked.report, page(f"{asked.machine}: {title}", [*head, *parts()]), force=True)
+    say(f"wrote {asked.report}")
+
+
+def options_of(asked: Study, *names: str) -> dict[str, Any]:
+    """Return options by name."""
+    return {name: getattr(asked, name) for name in names}
+
+
+def _told(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the options that say something, those of a group one by one."""
+    for name, value in options.items():
+        if isinstance(value, Mapping):
+            yield from _told(value)
+        elif not isinstance(value, list | tuple):
+            yield titled(name), value
+        elif value:
+            yield name, _listed(value)
+
+
+def sweep_parts(done: Sweep, names: Sequence[str]) -> list[str]:
+    """Return what a report says of a sweep, with these numbers of each point."""
+    axes = [(key, len(set(values)), min(values), max(values)) for key, values in done.asked.axes]
+    rows = [
+        (*done.asked.changes(point.index).values(), *(point.numbers.get(name) for name in names), point.refused)
+        for point in done.points[:MOST_ROWS]
+    ]
+    left = len(done.points) - len(rows)
+    return [
+        section("Varied", ("key", "values", "from", "to"), axes),
+        "" if done.picture is None else picture(f"{done.asked.machine}: sweep", done.picture),
+        section("Points", (*done.asked.keys, *names, "refused"), rows),
+        f"<p>{left} more points stand in {done.table.name}.</p>" if left > 0 else "",
+    ]
+
+
+def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:
+    """Return what is asked and reached, the margin and its unit, and whether it binds, of each constraint."""
+    beside = {} if answer.in_shorter_steps is None else answer.in_shorter_steps.numbers
+    rows = []
+    for c in answer.constraints:
+        text, margin = c.text, c.margin
+        if beside.get(c.name, c.value) != c.value:
+            again = replace(c, value=beside[c.name])
+            text = f"{c.demand} (has {digits_told(c.name, c.value, beside)})"
+            margin = digits_told(c.name, c.margin, {c.name: again.margin})
+        rows.append((text, margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met"))
+    return rows
+
+
+def sizing_parts(answer: Sizing) -> list[str]:
+    """Return what a report says of a sizing."""
+    metrics = in_common_digits(answer.metrics, answer.in_shorter_steps)
+    return [
+        f"<p>Objective: {answer.objective}; tolerance {answer.tolerance:g}; binding: {answer.binding}.</p>",
+        section("Sizes", ("key", "value", "unit"), numbered(answer.sizes)),
+        section("Numbers", ("quantity", "value", "unit"), numbered(metrics)),
+        section("Constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer)),
+        records("Trade-off", answer.trade_off, str),
+    ]
+
+
+def search_parts(found: Sequence[Design], objectives: Sequence[str]) -> list[str]:
+    """Return what a report says of a search: the designs, and how far each is from its constraints."""
+    margins = [{name: round(value, MARGIN_DIGITS) for name, value in each.margins.items()} for each in found]
+    return [
+        records("Designs", [{**each.variables, **each.objectives} for each in found]),
+        _front(found, objectives) if len(objectives) > 1 else "",
+        records("Margins of the constraints; 0 binds", margins),
+    ]
+
+
+def _front(found: Sequence[Design], objectives: Sequence[str]) -> str:
+    """Return the first two objectives of a front as a figure."""
+    from mech_twin.capabilities.plots import house_style, sheet
+
+    with house_style(), TemporaryDirectory() as folder:
+        figure, (axes,) = sheet()
+        axes.plot(*([each.objectives[name] for each in found] for name in objectives[:2]), "o")
+        axes.set_xlabel(titled(objectives[0]))
+        axes.set_ylabel(titled(objectives[1]))
+        file = Path(folder) / "front.png"
+        figure.savefig(file, dpi=DPI)
+        return picture(f"Pareto front of {', '.join(objectives[:2])}", file)
+
+
+def records(title: str, rows: Sequence[Mapping[str, Any]], head: Callable[[str], str] = titled) -> str:
+    """Return a table of rows that have the same names."""
+    return section(title, tuple(map(head, rows[0])) if rows else (), [tuple(row.values()) for row in rows])

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Answers of ``mech-twin study MACHINE``: each writes what it found to a file, and shows it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+from mech_twin.capabilities.design import Design
+from mech_twin.cli.console import counted, print_csv, print_json, print_numbers, print_table, say
+from mech_twin.cli.failure import CommandError
+from mech_twin.cli.run_summary import how_told, in_common_digits, shorter_record
+from mech_twin.cli.study import (
+    MOST_ROWS,
+    axes_of,
+    bounds_of,
+    check_report,
+    checked_output,
+    constraint_rows,
+    limits_of,
+    notes_of,
+    options_of,
+    ranges_of,
+    records,
+    search_parts,
+    shows_limits,
+    sizing_parts,
+    study_errors,
+    sweep_parts,
+    told,
+    write_report,
+)
+from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
+from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
+from mech_twin.files.report_page import picture, section
+from mech_twin.parameters.written_configuration import write_configuration
+from mech_twin.process.dependencies import require_extra
+from mech_twin.studies import designs, regimes, search, search_runs, size, sweep, synthesise
+from mech_twin.studies.asking import asked_of, searches_by_runs
+from mech_twin.studies.design_scan import asked_objectives, design_question
+from mech_twin.studies.parameter_sweep import Sweep
+from mech_twin.studies.sweep_points import Point
+from mech_twin.studies.sweep_table import varies
+
+POINTS = 9  # of a Pareto front
+NO_QUESTION = "no design question; its runs are searched with --objective NAME and --bound KEY=LOW:HIGH"
+ROBUST = ("margin", "basin_fraction", "tolerance", "stroke_ratio", "starts", "seed")  # what the cycle is asked for
+SHOWN_ROWS = 20
+TABLE = (".parquet", ".csv")
+PICTURE = (".png", ".svg", ".pdf")
+
+
+def answer_size(asked: SizeVerb) -> None:
+    """Size, write the configuration, and say which constraint binds."""
+    machine = asked.machine
+    if shows_limits(asked.limit, machine, "sizing"):
+        return
+    out, parameters = checked_output(asked, "sized.yaml", YAML_SUFFIXES), asked.parameters
+    with study_errors(), told(f"sizing {machine}"):
+        limits = limits_of(asked.limit)
+        answer = size(machine, parameters, limits=limits, objective=asked.objective, tolerance=asked.tolerance)
+        notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
+        write_configuration(machine, answer.parameters, out, asked.config, notes)
+    write_report(asked, "sizing", {}, lambda: sizing_parts(answer))
+    shorter = answer.in_shorter_steps
+    if asked.as_json:
+        shown = ("name", "value", "limit", "side", "holds", "binds")
+        document = {name: getattr(answer, name) for name in ("objective", "tolerance", "sizes", "metrics", "binding")}
+        document["constraints"] = [{name: getattr(each, name) for name in shown} for each in answer.constraints]
+        head = {"machine": answer.machine, "config": configuration_tree(answer.parameters)}
+        tail = {"trade_off": answer.trade_off, "configuration": out, **shorter_record(shorter)}
+        print_json({**head, **document, **tail})
+        return
+    print_numbers(f"{machine}: sizes", {**answer.sizes, **in_common_digits(answer.metrics, shorter)})
+    print_table("constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer))
+    if answer.trade_off:
+        chosen = {**answer.metrics, **{key.replace(".", "_"): value for key, value in answer.sizes.items()}}
+        marked = next((i for i, row in enumerate(answer.trade_off) if _is_chosen(row, chosen)), None)
+        _print_rows("trade-off", answer.trade_off, marked)
+    say(f"binding: {answer.binding}")
+    if answer.tolerance > 0.0:
+        say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
+    if shorter is not None:
+        say(how_told(shorter.beside_s, shorter.step_s))
+    say(f"wrote {out}")
+
+
+def _is_chosen(row: Mapping[str, float | str], numbers: Mapping[str, float | str]) -> bool:
+    """Return whether a row of the trade-off has the numbers that were chosen, as far as it tells them."""
+    shared = [(row[name], numbers[name]) for name in row if name in numbers]
+    return bool(shared) and all(
+        one == other if isinstance(one, str) or isinstance(other, str) else math.isclose(one, other, rel_tol=1e-9)
+        for one, other in shared
+    )
+
+
+def _print_rows(title: str, rows: Sequence[Mapping[str, Any]], marked: int | None) -> None:
+    """Write rows that have the same names as a table, one of them marked."""
+    print_table(title, tuple(rows[0]), [tuple(row.values()) for row in rows], marked=marked)
+
+
+def answer_search(asked: SearchVerb) -> None:
+    """Search, write the configuration of the first design found, and show all."""
+    by_runs = searches_by_runs(asked.machine)
+    _check_search(asked, by_runs=by_runs)
+    if not by_runs and shows_limits(asked.limit, asked.machine, "design"):
+        return
+    several = len(asked.objective) > 1
+    extras = ("plots",) if asked.report is not None and several else ()
+    out = checked_output(asked, "found.yaml", YAML_SUFFIXES, *extras)
+    with study_errors(), told(f"searching {'runs' if by_runs else 'designs'} of {asked.machine}"):
+        found = _searched(asked, by_runs=by_runs)
+        first, shorter = found[0], found[0].in_shorter_steps
+        of_runs = {"limits": asked.limit, "duration_s": asked.duration_s or 0.0} if by_runs else {}
+        objectives = asked.objective[0] if by_runs else tuple(first.objectives)
+        notes = notes_of(objective=objectives, **of_runs, seed=asked.seed)
+        write_configuration(asked.machine, first.parameters, out, asked.config, notes)
+    options = options_of(asked, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
+    if not by_runs:
+        options["objective"] = asked_objectives(design_question(asked.machine), tuple(asked.objective))
+    title = "Pareto front" if len(options["objective"]) > 1 else "best design"
+    write_report(asked, title, options, lambda: search_parts(found, options["objective"]))
+    rows = [{**design.variables, **in_common_digits(design.objectives, design.in_shorter_steps)} for design in found]
+    if asked.as_json:
+        front = [
+            {
+                **design.variables, **design.objectives, **shorter_record(design.in_shorter_steps),
+                "margins": design.margins, "config": configuration_tree(design.parameters),
+            }
+            for design in found
+        ]  # fmt: skip
+        head = {"machine": asked.machine, "objectives": list(first.objectives), "seed": asked.seed}
+        print_json({**head, "designs": front, "configuration": out})
+        return
+    near = dict(sorted(first.margins.items(), key=lambda item: item[1]))
+    if by_runs:
+        print_numbers("best design", rows[0])
+    else:
+        named = f"Pareto front of {', '.join(asked.objective)}" if several else "best design"
+        _print_rows(named, rows, 0 if len(rows) > 1 else None)
+    if near or not by_runs:
+        of = "limits" if by_runs else "constraints"
+        print_numbers(f"margins of the {of} (least first; 0 binds)", in_common_digits(near, shorter))
+    if shorter is not None:
+        say(how_told(shorter.beside_s, shorter.step_s))
+    say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))
+
+
+def _check_search(asked: SearchVerb, *, by_runs: bool) -> None:
+    """Raise where an option is of the other kind of search."""
+    if by_runs:
+        if not asked.bound or not asked.objective:
+            asked_of(asked.machine, "design", NO_QUESTION)
+        if len(asked.objective) > 1 or asked.points is not None:
+            raise CommandError("a search by runs has one objective and no Pareto front")
+        return
+    for name, value in (("--duration", asked.duration_s), ("--cores", asked.cores)):
+        if value is not None:
+            raise CommandError(f"{name} {value:g}: is of a search by runs, with --objective and --bound of its own")
+    if asked.points is not None and len(asked.objective) < 2:
+        raise CommandError(f"--points {asked.points}: expected several --objective, which give a Pareto front")
+
+
+def _searched(asked: SearchVerb, *, by_runs: bool) -> list[Design]:
+    of_both: dict[str, Any] = {"parameters": asked.parameters, "seed": asked.seed}
+    bounds = bounds_of(asked.bound)
+    if by_runs:
+        of_both |= {"limits": ranges_of(asked.limit), "duration_s": asked.duration_s or 0.0, "cores": asked.cores}
+        return [search_runs(asked.machine, asked.objective[0], bounds, **of_both)]
+    limits, points = limits_of(asked.limit), asked.points or POINTS
+    return search(asked.machine, tuple(asked.objective), bounds=bounds, limits=limits, points=points, **of_both)
+
+
+def answer_designs(asked: DesignsVerb) -> None:
+    """Scan the space, and say how fast and what the best are."""
+    out = asked.out
+    if out is not None:
+        check_output_file(out, force=asked.force, suffixes=(".parquet",))
+    if shows_limits(asked.limit, asked.machine, "design"):
+        return
+    check_report(asked.report, force=asked.force)
+    if out is not None:
+        require_extra("tables")
+    parameters = asked.parameters
+    with study_errors(), counted("designs") as progress:
+        begun = time.monotonic()
+        found = designs(
+            asked.machine, asked.count, parameters=parameters, bounds=bounds_of(asked.bound),
+            limits=limits_of(asked.limit), progress=progress, **options_of(asked, "seed", "cores", "scheduler"),
+        )  # fmt: skip
+        taken = time.monotonic() - begun
+        if out is not None:
+            notes = notes_of(machine=asked.machine, seed=asked.seed, designs=asked.count)
+            found.write(out, {"written by": "\n".join(notes)})
+    best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
+    numbers = {"designs": found.designs, "feasible": len(found.feasible), "feasible_share": found.share}
+    counts = [(name.replace("_", " "), number) for name, number in numbers.items()]
+    parts = [section("Designs", ("quantity", "value"), counts)]
+    parts.append(records("Best designs", [{"best": name, **row} for name, row in best.items()]))
+    write_report(asked, "designs", options_of(asked, "count", "bound", "limit", "seed"), lambda: parts)
+    if asked.as_json:
+        print_json({"machine": asked.machine, **numbers, "best": best, "table": out})
+        return
+    print_numbers("designs", {**numbers, **{f"best {name}": row[name] for name, row in best.items()}})
+    say(f"{found.designs / taken:.0f} designs a second" + (f"; wrote {out}" if out else ""))
+
+
+def answer_synthesise(asked: SynthesiseVerb) -> None:
+    """Show the cycles side by side; write the configuration of the chosen one."""
+    machine, speed = asked.machine, asked.impact_speed_m_per_s
+    out = checked_output(asked, "robust.yaml", YAML_SUFFIXES)
+    with study_errors(), told(f"synthesising a cycle of {machine}"):
+        options, periods = options_of(asked, *ROBUST), asked.periods
+        found = synthesise(machine, speed, parameters=asked.parameters, options=options, periods=periods)
+        notes = notes_of(impact_speed_m_per_s=speed, seed=asked.seed, cycle=found.chosen)
+        write_configuration(machine, found.cycle(found.chosen).parameters, out, asked.config, notes)
+    titles = dict.fromkeys(title for cycle in found.cycles for title in cycle.lines)
+    rows = [(title, *(cycle.lines.get(title, "-") for cycle in found.cycles)) for title in titles]
+    heads = ("", *(cycle.name for cycle in found.cycles))
+    parts = [section("Cycles", heads, rows), f"<p>Chosen: {found.chosen}.</p>"]
+    write_report(asked, "one-impact cycle", found.asked, lambda: parts)
+    if asked.as_json:
+        cycles = {cycle.name: cycle.record for cycle in found.cycles}
+        print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": out})
+        return
+    print_table("one-impact cycle", heads, rows)
+    say(f"wrote {out}")
+
+
+def answer_sweep(asked: SweepVerb) -> None:
+    """Sweep, and say what was written."""
+    table = checked_output(asked, "sweep.parquet", TABLE)
+    if table.suffix != ".csv":
+        require_extra("tables")
+    if not asked.no_picture:
+        check_output_file(table.with_suffix(".png"), force=asked.force)
+        require_extra("plots")
+    parameters = asked.parameters
+    with study_errors(), counted("sweeping") as progress:
+        try:
+            done = sweep(
+                asked.machine, axes_of(asked.over), table, parameters=parameters, outputs=tuple(asked.number),
+                duration_s=asked.duration_s, picture=not asked.no_picture, progress=progress,
+                **options_of(asked, "cores", "scheduler"),
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            say(f"interrupted; finished points are kept beside {table}: the same command goes on from there")
+            raise SystemExit(130) from None
+    names = done.outputs
+    columns = {name: [point.numbers[name] for point in done.points if name in point.numbers] for name in names}
+    varying = [name for name, column in columns.items() if varies(column)]  # rounding apart
+    title = f"sweep of {', '.join(done.asked.keys)}"
+    write_report(asked, title, {}, lambda: sweep_parts(done, varying))
+    if asked.as_json:
+        rows = [{**done.asked.changes(point.index), **point.numbers, "refused": point.refused} for point in done.points]
+        head = {"machine": asked.machine, "config": configuration_tree(parameters), "points": len(rows)}
+        head |= {"resumed": done.resumed, "refused": sum(bool(point.refused) for point in done.points)}
+        print_json({**head, "table": done.table, "picture": done.picture, "rows": rows})
+    elif asked.as_csv:
+        print_csv((*done.asked.keys, *names, "refused"), [_cells(done, point, names, "") for point in done.points])
+    else:
+        _show_sweep(asked, done, varying)
+
+
+def _show_sweep(asked: SweepVerb, done: Sweep, varying: Sequence[str]) -> None:
+    """Write the points, their numbers that vary, and what is left out."""
+    names = done.outputs
+    shown_names, shown = (names, done.points) if asked.everything else (varying, done.points[:SHOWN_ROWS])
+    title = f"{asked.machine}: {len(done.points)} points, {len(names)} numbers"
+    rows = [_cells(done, point, shown_names, "refused")[:-1] for point in shown]
+    print_table(title, (*done.asked.keys, *shown_names), rows, wide=asked.everything, more="--all")
+    left, fixed = len(done.points) - len(shown), len(names) - len(shown_names)
+    omitted = [f"{left} more points"] * (left > 0) + [f"{fixed} numbers that do not vary"] * (fixed > 0)
+    if omitted:
+        say(f"{' and '.join(omitted)} with --all")
+    refused = [point for point in done.points if point.refused]
+    if refused:
+        say(f"{len(refused)} points refused, the first: {refused[0].refused}")
+    if done.resumed:
+        say(f"{done.resumed} points were finished before")
+    say(f"wrote {done.table}" + (f" and {done.picture}" if done.picture else ""))
+
+
+def _cells(done: Sweep, point: Point, names: Sequence[str], absent: str) -> tuple[Any, ...]:
+    numbers = (point.numbers.get(name, absent) for name in names)
+    return (*done.asked.changes(point.index).values(), *numbers, point.refused)
+
+
+def answer_regimes(asked: RegimesVerb) -> None:
+    """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
+    machine, shape = asked.machine, asked.form
+    out, axes = checked_output(asked, "regimes.png", PICTURE, "plots"), axes_of(asked.over)
+    if len(axes) != 1:
+        raise CommandError("--over: a regime map has one key")
+    ((key, values),) = axes.items()
+    with study_errors(), counted("regimes") as progress:
+        settling = asked.settling
+        found = regimes(machine, values, key, parameters=asked.parameters, settling_periods=settling, progress=progress)
+        found.write_picture(out)
+
+    def parts() -> list[str]:
+        drawn = picture(f"{machine}: regimes", out) if out.suffix == ".png" else ""
+        return [drawn, section("Regimes", found.columns, found.rows[:MOST_ROWS])]
+
+    write_report(asked, f"regimes over {key}", options_of(asked, "over", "settling"), parts)
+    if shape == "json":
+        print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
+        return
+    if shape == "csv":
+        print_csv(found.columns, found.rows)
+    elif shape == "wide":
+        print_table("regimes", found.columns, found.rows, wide=True)
+    else:
+        spans = joined(found.rows)
+        print_table("regimes", ("from", "to", *found.columns[1:]), spans)
+        say(f"{len(found.rows)} values of {key} in {len(spans)} rows; each value with --all")
+    say(f"wrote {out}")
+
+
+def joined(rows: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
+    """Return rows (value, regime, period, impacts, ..., blow) that follow each other with the same regime as one.
+
+    It has the first and the last value, and of the last column the least and the greatest.
+    """
+    spans: list[tuple[Any, ...]] = []
+    for _, run in groupby(rows, key=lambda row: tuple(row[1:-1])):
+        group = list(run)
+        blows = [row[-1] for row in group]
+        least, most = min(blows), max(blows)
+        shown = f"{least:.4g}" if least == most else f"{least:.4g} to {most:.4g}"
+        spans.append((group[0][0], group[-1][0], *group[0][1:-1], shown))
+    return spans
