@@ -8,21 +8,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from mech_twin.cli.console import print_json, print_table, say
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.map import checked_run
+from mech_twin.cli.measured import checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
+from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
-from mech_twin.results.opened_runs import given_map, opened_run
+from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.acting_keys import number_in
 from mech_twin.studies.identification.combinations import Combination
@@ -32,11 +33,13 @@ from mech_twin.studies.identification.identification import Identification, iden
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
 from mech_twin.studies.identification.sensor_plan import sensor_plan
+from mech_twin.studies.identification.verdicts import IDENTIFIED
 
 FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2
 LATEST_BEGIN_S = 10.0
 LARGEST_SHARE = 0.8
+MOST_SHOWN = 12  # of what would help
 
 
 class IdentifyRequest(IdentifyVerb):
@@ -46,7 +49,7 @@ class IdentifyRequest(IdentifyVerb):
     def given_map(self) -> MeasurementMap:
         """The map, checked to be of this machine; where none is given, the one proposed for the runs."""
         if self.map_file is None:
-            from mech_twin.cli.map import proposal
+            from mech_twin.cli.measured import proposal
 
             proposed = proposal(self.runs, self.built)
             say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
@@ -89,42 +92,26 @@ def split_runs(runs: Sequence[Path], held_out: Path | None) -> tuple[list[Path],
 
 def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
     """Return the keys written as ``KEY`` or ``KEY=LOW:HIGH``, and the bounds of those that have some."""
-    keys, bounds = [], {}
-    for text in texts:
-        key, equals, numbers = text.partition("=")
-        keys.append(key.strip())
-        if not equals:
-            continue
-        bounds[key.strip()] = low, high = _pair("--free", text, numbers, ":", "KEY=LOW:HIGH")
-        if not low < high:
-            raise CommandError(f"--free {text}: expected LOW below HIGH")
-    return tuple(dict.fromkeys(keys)), bounds
+    bounded, rising = [text for text in texts if "=" in text], ("LOW below HIGH", lambda ends: ends[0] < ends[1])
+    bounds = assigned("--free", bounded, "KEY=LOW:HIGH, with numbers", lambda text: two_numbers(text, ":"), rising)
+    return tuple(dict.fromkeys(text.partition("=")[0].strip() for text in texts)), bounds
 
 
 def prior_keys(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return mean and standard deviation of the keys written as ``KEY=MEAN,SD``."""
-    found = {}
-    for text in texts:
-        key, _, numbers = text.partition("=")
-        found[key.strip()] = _, deviation = _pair("--prior", text, numbers, ",", "KEY=MEAN,SD")
-        if not deviation > 0.0:
-            raise CommandError(f"--prior {text}: expected a standard deviation above 0")
-    return found
-
-
-def _pair(option: str, text: str, numbers: str, between: str, form: str) -> tuple[float, float]:
-    first, _, second = numbers.partition(between)
-    try:
-        return float(first), float(second)
-    except ValueError:
-        raise CommandError(f"{option} {text}: expected {form}, with numbers") from None
+    spread = ("a standard deviation above 0", lambda prior: prior[1] > 0.0)
+    return assigned("--prior", texts, "KEY=MEAN,SD, with numbers", lambda text: two_numbers(text, ","), spread)
 
 
 def show_keys(title: str, keys: Sequence[Any]) -> None:
     """Print the keys with their intervals and verdicts."""
     heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
-    rows = [(k.key, k.before, k.estimate, k.low_95, k.high_95, k.verdict) for k in keys]
-    print_table(title, heads, rows)
+    print_table(title, heads, map(attrgetter("key", "before", "estimate", "low_95", "high_95", "verdict"), keys))
+
+
+def say_open(keys: Sequence[Any]) -> None:
+    """Say why keys are not identified."""
+    say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED))
 
 
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
@@ -172,26 +159,41 @@ def identify_machine(verb: IdentifyVerb) -> None:
         say(f"{found.lack}; no configuration is written")
         raise SystemExit(FOUND)
     if asked.out is not None:
-        for path in saved.save(asked.out, force=asked.force):
-            say(f"written to {path}")
+        say(*(f"written to {path}" for path in saved.save(asked.out, force=asked.force)))
         if not is_file(asked.out) and find_spec("matplotlib") is None:
             say(f"no report: {extra_needed('plots')}")
 
 
 def _plan(asked: IdentifyRequest) -> None:
+    """Print what the sensors of a file would find in a run of this length."""
     if asked.sensors is None or asked.duration_s is None:
         raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
     if asked.runs:
         raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
-    base = asked.parameters
-    _show_plan(_question(asked, base), asked.sensors, asked.map_file, asked.duration_s, as_json=asked.as_json)
+    question = _question(asked, asked.parameters)
+    sensors = given_map(asked.sensors, asked.built)
+    opened = None if asked.map_file is None else given_map(asked.map_file, asked.built)
+    names = [channel.quantity for channel in sensors.channels]
+    if opened is not None and [channel.quantity for channel in opened.channels] != names:
+        raise CommandError(f"{asked.map_file}: expected the channels of {asked.sensors}, in their order")
+    plan = sensor_plan(question, sensors, asked.duration_s, opened)
+    if asked.as_json:
+        found = {"parameters": plan.keys, "combinations": plan.combinations, "helps": plan.helps}
+        print_json({"machine": question.machine, **found})
+        return
+    rows = [(k.key, k.estimate, 0.5 * (k.high_95 - k.low_95), k.verdict) for k in plan.keys]
+    print_table(f"{question.machine}: {asked.duration_s:g} s", ("key", "value", "+- (95 %)", "verdict"), rows)
+    say_open(plan.keys)
+    _show_combinations(plan.combinations)
+    helped = [(h.what, ", ".join(h.identified) or "-", h.narrowed) for h in plan.helps[:MOST_SHOWN]]
+    print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)
 
 
 def _bouncing(asked: IdentifyRequest) -> bool:
     """Return whether the runs are positions of something that bounces, without a name of the machine."""
     if asked.motion != "auto" or asked.map_file is not None:
         return asked.motion == "bounces"
-    from mech_twin.cli.map import NoNameError
+    from mech_twin.cli.measured import NoNameError
 
     try:
         asked.given_map  # noqa: B018
@@ -225,25 +227,14 @@ def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestio
     keys = tuple(key for key in keys if key not in asked.fixed)
     if not keys:
         raise CommandError(f"{asked.machine}: no key is free; expected --free KEY")
-    return IdentificationQuestion(
-        asked.machine,
-        base,
-        keys,
-        bounds,
-        prior_keys(asked.priors),
-        asked.begin_bound_s,
-        asked.seed,
-        asked.cores,
-        asked.scheduler,
-    )
+    searched = (asked.begin_bound_s, asked.seed, asked.cores, asked.scheduler)
+    return IdentificationQuestion(asked.machine, base, keys, bounds, prior_keys(asked.priors), *searched)
 
 
 def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
     """Return one run; what contradicts the machine is said on standard error."""
-    with opened_run(path) as reader:
-        run, problems = checked_run(reader, asked.given_map, turn, asked.built)
-    for problem in problems:
-        say(f"{path}: {problem}")
+    run, problems = checked_run(path, asked.given_map, asked.built, turn)
+    say(*problems)
     return fit_run(run, begin_known=asked.begin == "start")
 
 
@@ -264,13 +255,10 @@ def _show_found(found: Identification) -> None:
     if found.search.starts > 1:
         ahead = f", the second best {found.search.margin:.3g} times as far off" if found.search.valleys > 1 else ""
         say(f"{found.search.starts} starts ended in {found.search.valleys} local minima{ahead}")
-    for key in found.keys:
-        if key.verdict != "identified":
-            say(f"{key.key}: {key.verdict}, {key.reason}")
-    if found.combinations:
-        _show_combinations(found.combinations)
+    say_open(found.keys)
+    _show_combinations(found.combinations)
     heads = ("channel", "fit, %", "rms", "zero", "gain", "lag, s")
-    fits = [(c.channel, c.fit_percent, c.rms, *map(_numbers, (c.zero, c.gain, c.lag_s))) for c in found.channels]
+    fits = [(c.channel, c.fit_percent, c.rms, *map(_joined, (c.zero, c.gain, c.lag_s))) for c in found.channels]
     print_table("channels of the fitted runs", heads, fits)
     if found.held_out is not None and found.before is not None:
         pairs = zip(found.held_out.channels, found.before.channels, strict=True)
@@ -283,41 +271,14 @@ def _show_found(found: Identification) -> None:
             )
 
 
-def _numbers(values: dict[str, float]) -> str:
+def _joined(values: dict[str, float]) -> str:
     return " ".join(f"{value:.5g}" for value in values.values())
-
-
-MOST_SHOWN = 12
 
 
 def _show_combinations(combinations: Sequence[Combination]) -> None:
     """Print what is seen of keys that are not seen alone, and for which values of fixed keys that is so."""
+    if not combinations:
+        return
     heads = ("combination", "estimate", "95 % from", "to", "holds for")
     rows = [(each.formula, each.estimate, each.low_95, each.high_95, each.condition) for each in combinations]
     print_table("identifiable in combination", heads, rows)
-
-
-def _show_plan(
-    question: IdentificationQuestion, sensors_file: Path, map_file: Path | None, duration_s: float, *, as_json: bool
-) -> None:
-    """Print what the sensors of a file would find in a run of this length."""
-    built = catalogue_entry(question.machine).build(question.base)
-    sensors = given_map(sensors_file, built)
-    opened = None if map_file is None else given_map(map_file, built)
-    names = [channel.quantity for channel in sensors.channels]
-    if opened is not None and [channel.quantity for channel in opened.channels] != names:
-        raise CommandError(f"{map_file}: expected the channels of {sensors_file}, in their order")
-    plan = sensor_plan(question, sensors, duration_s, opened)
-    if as_json:
-        found = {"parameters": plan.keys, "combinations": plan.combinations, "helps": plan.helps}
-        print_json({"machine": question.machine, **found})
-        return
-    rows = [(k.key, k.estimate, 0.5 * (k.high_95 - k.low_95), k.verdict) for k in plan.keys]
-    print_table(f"{question.machine}: {duration_s:g} s", ("key", "value", "+- (95 %)", "verdict"), rows)
-    for key in plan.keys:
-        if key.verdict != "identified":
-            say(f"{key.key}: {key.verdict}, {key.reason}")
-    if plan.combinations:
-        _show_combinations(plan.combinations)
-    helped = [(h.what, ", ".join(h.identified) or "-", h.narrowed) for h in plan.helps[:MOST_SHOWN]]
-    print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)

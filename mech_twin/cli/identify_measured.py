@@ -11,7 +11,7 @@ import numpy as np
 
 from mech_twin.cli.console import print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.identify import IdentifyRequest, show_keys, split_runs
+from mech_twin.cli.identify import IdentifyRequest, say_open, show_keys, split_runs
 from mech_twin.files.output_file import check_output_file
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
@@ -101,9 +101,7 @@ def _show_lengths(asked: IdentifyRequest, report: GeometryReport, held_out: Path
         return
     show_keys(f"{asked.machine}: lengths from measured positions", report.keys)
     say(_assembly_words(report.assembly))
-    for key in report.keys:
-        if key.verdict != IDENTIFIED:
-            say(f"{key.key}: {key.verdict}, {key.reason}")
+    say_open(report.keys)
     scores = [(s.channel, s.fit_percent, s.before_percent, s.constant_percent) for s in report.held_out]
     if scores:
         print_table(f"fit of {held_out}, held out, percent", ("channel", "estimated", "before", "constant"), scores)
@@ -150,8 +148,7 @@ def identify_bounces(asked: IdentifyRequest) -> None:
             runs.append(bounces(path, *_columns(path)))
         except MeasurementError as error:
             problems.append(str(error))
-    for problem in problems:
-        say(f"{problem}; left out")
+    say(*(f"{problem}; left out" for problem in problems))
     if not runs:
         raise CommandError(f"{asked.machine}: none of the runs shows bounces; expected positions, or --map FILE")
     found = restitution(runs)

@@ -38,9 +38,9 @@ def show_info(asked: InfoVerb) -> None:
     """Print messages per topic, loss counters, files and problems; with a map, the quality of channels."""
     bag = asked.bag
     if asked.given_map is not None:
-        from mech_twin.cli.map import examine_by_file
+        from mech_twin.cli.measured import examine_by_file
 
-        examine_by_file(bag, asked.given_map, asked.config, as_json=asked.as_json)
+        examine_by_file(asked, asked.given_map)
         return
     if is_page(str(bag)):
         if asked.as_csv or asked.wide:

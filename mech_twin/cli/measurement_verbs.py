@@ -39,7 +39,7 @@ class ShadowVerb(Configured, answer="shadow:shadow_machine"):
     prometheus: str | None = option("serve the faults as metrics there; :9464 is this host alone", metavar="HOST:PORT")
 
 
-class MapVerb(Written, answer="map:propose_map"):
+class MapVerb(Written, answer="measured:propose_map"):
     """Propose the map of a measurement, and show the quality of its data."""
 
     measurements: list[Path] = argument(

@@ -43,8 +43,17 @@ def seconds(text: str | float) -> float:
     return value
 
 
-def assigned(option: str, texts: Sequence[str], expected: str, read: Callable[[str], Value]) -> dict[str, Value]:
-    """Return what stands behind each ``NAME=`` as ``read`` has it, which raises a ValueError where it cannot."""
+def assigned(
+    option: str,
+    texts: Sequence[str],
+    expected: str,
+    read: Callable[[str], Value],
+    demand: tuple[str, Callable[[Value], bool]] | None = None,
+) -> dict[str, Value]:
+    """Return what stands behind each ``NAME=`` as ``read`` has it, which raises a ValueError where it cannot.
+
+    A demand is what else is expected, and whether a value meets it.
+    """
     found = {}
     for text in texts:
         name, equals, values = text.partition("=")
@@ -54,8 +63,16 @@ def assigned(option: str, texts: Sequence[str], expected: str, read: Callable[[s
             raise CommandError(f"{option} {text}: expected {expected}") from error
         if not equals or not name.strip():
             raise CommandError(f"{option} {text}: expected {expected}")
+        if demand is not None and not demand[1](value):
+            raise CommandError(f"{option} {text}: expected {demand[0]}")
         found[name.strip()] = value
     return found
+
+
+def two_numbers(text: str, between: str) -> tuple[float, float]:
+    """Return both numbers of a text."""
+    first, _, second = text.partition(between)
+    return float(first), float(second)
 
 
 def machine_name(text: str | None) -> str | None:

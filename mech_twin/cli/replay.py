@@ -35,7 +35,7 @@ def replay(asked: ReplayVerb) -> None:
             raise CommandError(
                 f"--map {asked.given_map}: a measured run has no topics of the twin; expected --analyse beside it"
             )
-        from mech_twin.cli.measured_run import analyse_measured
+        from mech_twin.cli.measured import analyse_measured
 
         analyse_measured(asked, asked.given_map)
     elif asked.analyse or asked.resimulate:

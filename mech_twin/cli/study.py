@@ -96,13 +96,8 @@ def shows_limits(texts: Sequence[str], machine: str, capability: str) -> bool:
 
 def limits_of(texts: Sequence[str]) -> dict[str, float]:
     """Return names and numbers of ``NAME=VALUE``."""
-
-    def number(values: str) -> float:
-        if math.isnan(found := float(values)):
-            raise ValueError
-        return found
-
-    return assigned("--limit", texts, "NAME=NUMBER", number)
+    number = ("NAME=NUMBER", lambda value: not math.isnan(value))
+    return assigned("--limit", texts, "NAME=NUMBER", float, number)
 
 
 def ranges_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:

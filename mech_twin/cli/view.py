@@ -131,7 +131,7 @@ def _prepare(scene: BenchScene | RerunScene, machine: Machine) -> None:
 
 
 def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
-    from mech_twin.cli.measured_run import read_measured, show_measured
+    from mech_twin.cli.measured import read_measured, show_measured
 
     read = read_measured(measurement, map_file, config)
     name, tree = read.machine.name, configuration_tree(read.machine.parameters)

@@ -1,19 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measurement: the map proposed for it (``mech-twin map``), what its data are worth, what contradicts the machine."""
+"""A measurement: its map (``mech-twin map``), what its data are worth (``info --map``), its forces and its motion."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mech_twin.cli.console import print_json, print_table, say, say_result, write_text
+from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say, say_result, write_text
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
+from mech_twin.cli.verbs import InfoVerb, ReplayVerb
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.measurements.blocks import RunReader
+from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -25,6 +27,13 @@ from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results.opened_runs import configured_map, opened_run
 from mech_twin.roles import Machine
+from mech_twin.samples import Drawing
+from mech_twin.studies.measured_forces import guided_samples, measured_forces
+
+if TYPE_CHECKING:
+    from mech_twin.process.stop_signal import StopSignal
+    from mech_twin.view.bench.scene import BenchScene
+    from mech_twin.view.rerun_scene import RerunScene
 
 TRUSTED = 0.9  # correlation from which the sign is believed
 MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
@@ -42,21 +51,24 @@ class Proposal:
 
 def propose_map(asked: MapVerb) -> None:
     """Write the proposed map to a file or to standard output, and the table of data quality after it."""
-    measurements, machine, out = asked.measurements, asked.machine, asked.out
+    measurements, out = asked.measurements, asked.out
     if out is not None:
         check_output_file(out, force=asked.force, suffixes=YAML_SUFFIXES)
-    found = proposal(measurements, built_machine(machine, asked.config))
-    _write(found.text, out, asked.force, quiet=asked.as_json)
+    found = proposal(measurements, built_machine(asked.machine, asked.config))
+    if out is not None:
+        write_text(out, found.text, force=asked.force)
+        say(f"written to {out}")
+    elif not asked.as_json:
+        say_result(found.text)
     if asked.as_json:
-        record: dict[str, Any] = {"measurement": measurements[0], "machine": machine, "map": found.text}
         channels = [quality_record(found.known, qualities) for qualities in found.qualities.values()]
         runs = [{"measurement": p, "channels": c} for p, c in zip(measurements, channels, strict=True)]
-        print_json({**record, "problems": found.problems, "channels": channels[0], "runs": runs})
+        head = {"measurement": measurements[0], "machine": asked.machine, "map": found.text}
+        print_json({**head, "problems": found.problems, "channels": channels[0], "runs": runs})
         return
     for path, qualities in found.qualities.items():
         show_quality(path, found.known, qualities)
-    for problem in found.problems:
-        say(problem)
+    say(*found.problems)
 
 
 def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
@@ -136,29 +148,20 @@ def _with_signs(run: MeasuredRun, channels: Sequence[ProposedChannel]) -> Measur
     )
 
 
-def _write(text: str, out: Path | None, force: bool, *, quiet: bool) -> None:
-    if out is None:
-        if not quiet:
-            say_result(text)
-        return
-    write_text(out, text, force=force)
-    say(f"written to {out}")
-
-
 QUALITY_HEADS = (
     *("channel", "unit", "samples", "rate, Hz", "jitter, ms", "gaps", "repeats", "back", "drift, ppm"),
     *("quantum", "saturated, %", "NaN", "noise", "low", "high"),
 )
 WIDE = 180  # columns of the table of data quality where no terminal says
-CHECKED_SAMPLES = 2_000_000  # of a run that is held against the model
 
 
 def checked_run(
-    reader: RunReader, given: MeasurementMap, turn: ModelTurn | None, machine: Machine
+    path: Path, given: MeasurementMap, machine: Machine, turn: ModelTurn | None
 ) -> tuple[MeasuredRun, list[str]]:
     """Return a run, and what contradicts that it is one of the machine."""
-    run = read_run(reader, given)
-    return run, implausible(run, turn, machine_columns(machine))
+    with opened_run(path) as reader:
+        run = read_run(reader, given)
+    return run, [f"{path}: {problem}" for problem in implausible(run, turn, machine_columns(machine))]
 
 
 def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[dict[str, Any]]:
@@ -178,53 +181,104 @@ def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[
 def show_quality(path: Path, given: MeasurementMap, qualities: Sequence[Quality]) -> None:
     """Print the table of data quality, one row a channel in its own unit, and each flaw in words."""
     rows = []
-    for channel, quality in zip(given.channels, qualities, strict=True):
-        timing = (
-            _rounded(quality.rate_hz),
-            _rounded(round(1e3 * quality.jitter_s, 6)),
-            quality.gaps,
-            quality.repeats,
-            quality.back,
-        )
-        worth = (1e6 * quality.drift, quality.quantum, 100.0 * quality.saturated)
-        ends = (quality.noise, quality.low, quality.high)
-        numbers = (quality.samples, *timing, *map(_rounded, worth), quality.nan, *map(_rounded, ends))
-        rows.append((channel.source.label, channel.unit or "SI", *numbers))
+    for channel, q in zip(given.channels, qualities, strict=True):
+        timing = (_rounded(q.rate_hz), _rounded(round(1e3 * q.jitter_s, 6)), q.gaps, q.repeats, q.back)
+        worth = map(_rounded, (1e6 * q.drift, q.quantum, 100.0 * q.saturated))
+        ends = map(_rounded, (q.noise, q.low, q.high))
+        rows.append((channel.source.label, channel.unit or "SI", q.samples, *timing, *worth, q.nan, *ends))
     print_table(f"{path}: data quality", QUALITY_HEADS, rows, None if sys.stdout.isatty() else WIDE)
     for channel, quality in zip(given.channels, qualities, strict=True):
-        for flaw in quality.flaws():
-            say(f"{channel.source.label}: {flaw}")
+        say(*(f"{channel.source.label}: {flaw}" for flaw in quality.flaws()))
 
 
 def _rounded(value: float) -> str:
     return f"{value:.4g}"
 
 
-def examine_by_file(path: Path, map_file: Path, config: Path | None, *, as_json: bool) -> None:
+def examine_by_file(asked: InfoVerb, map_file: Path) -> None:
     """Print quality and contradictions of one run; exit code 1 where something contradicts the map."""
-    given = configured_map(map_file, config)
+    path, given = asked.bag, configured_map(map_file, asked.config)
     with opened_run(path) as reader:
         qualities = channel_qualities(reader, given)
     problems: list[str] = []
-    if sum(quality.samples for quality in qualities) <= CHECKED_SAMPLES:
-        problems = _contradictions(path, given, built_machine(given.machine, config))
-    if as_json:
+    if sum(quality.samples for quality in qualities) <= MOST_SAMPLES:
+        machine = built_machine(given.machine, asked.config)
+        try:
+            _, problems = checked_run(path, given, machine, model_turn(machine))
+        except MeasurementError as error:
+            problems = [str(error)]
+    if asked.as_json:
         document = {"measurement": path, "machine": given.machine}
         print_json({**document, "channels": quality_record(given, qualities), "problems": problems})
     else:
         show_quality(path, given, qualities)
-        for problem in problems:
-            say(problem)
+        say(*problems)
     if problems:
         raise SystemExit(FOUND)
 
 
-def _contradictions(path: Path, given: MeasurementMap, machine: Machine) -> list[str]:
-    from mech_twin.measurements.errors import MeasurementError
+class Read(NamedTuple):
+    """A measured run, the machine it is of, and the motion of its crank."""
 
-    try:
-        with opened_run(path) as reader:
-            _, problems = checked_run(reader, given, model_turn(machine), machine)
-    except MeasurementError as error:
-        return [str(error)]
-    return [f"{path}: {problem}" for problem in problems]
+    run: MeasuredRun
+    machine: Machine
+    turn: ModelTurn
+    motion: CrankMotion
+
+
+def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Read:
+    """Return a measured run by its map; what contradicts the machine is said on standard error.
+
+    Raises
+    ------
+    CommandError
+        The machine has no crank that could be followed.
+    """
+    given = configured_map(map_file, config)
+    machine = built_machine(given.machine, config)
+    turn = model_turn(machine)
+    if turn is None:
+        raise CommandError(f"{map_file}: {given.machine} has no crank; expected a machine whose state follows from one")
+    run, problems = checked_run(measurement, given, machine, turn)
+    say(*problems)
+    return Read(run, machine, turn, crank_motion(run, turn))
+
+
+def analyse_measured(asked: ReplayVerb, map_file: Path) -> None:
+    """Print the largest forces of a measured motion, and every other channel beside the model in the same motion.
+
+    With a tolerance, exit code 1 where a channel is off by more than that share of its own size.
+    """
+    measurement, tolerance = asked.bag, asked.tolerance
+    read = read_measured(measurement, map_file, asked.config)
+    samples = guided_samples(read.machine, read.motion, read.run)
+    with progress(samples, len(read.motion.times_s), "analysing") as counted:
+        found = measured_forces(iter(counted), read.run, read.turn.crank)
+    if asked.as_json:
+        head = {"measurement": measurement, "machine": read.machine.name, "samples": found.samples}
+        compared = [{**asdict(each), "share": each.share} for each in found.compared]
+        print_json({**head, "crank_zero_rad": read.motion.zero_rad, "largest": found.largest, "compared": compared})
+    else:
+        print_numbers(f"{measurement}: largest forces in {found.samples} samples", found.largest)
+        rows = [(each.name, each.samples, each.rms, each.share, each.correlation) for each in found.compared]
+        heads = ("channel", "samples", "rms off", "share", "correlation")
+        print_table("measured, beside the model in the same motion", heads, rows)
+    outside = [each for each in found.compared if tolerance is not None and not each.share <= tolerance]
+    for each in outside:
+        say(f"{measurement}: {each.name} is off by {each.share:.3g} of its size, expected at most {tolerance:g}")
+    if outside:
+        raise SystemExit(FOUND)
+
+
+def show_measured(scene: BenchScene | RerunScene, read: Read, stop: StopSignal) -> None:
+    """Draw the mechanism in the measured motion, with its forces."""
+    if read.machine.mechanism is not None:
+        scene.know(read.machine.mechanism, read.machine.blow_energy)
+    samples = guided_samples(read.machine, read.motion, read.run)
+    with progress(samples, len(read.motion.times_s), "showing") as shown:
+        for linkage, forces in shown:
+            if stop.asked:
+                return
+            scene.frame(linkage=linkage, forces=forces)
+            if scene.drawing_due(linkage.time_s):
+                scene.drawing(Drawing(linkage.step, linkage.time_s, read.machine.draw(linkage, None)))
