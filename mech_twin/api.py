@@ -172,16 +172,9 @@ def sweep(
     known = machine_parameters(machine, _path(config), settings)
     with tempfile.TemporaryDirectory() as directory:
         done = swept(
-            machine,
-            axes,
-            Path(directory) / "points.csv",
-            parameters=known,
-            outputs=outputs,
-            duration_s=duration_s,
-            cores=cores,
-            scheduler=scheduler,
-            picture=False,
-        )
+            machine, axes, Path(directory) / "points.csv", parameters=known, outputs=outputs, duration_s=duration_s,
+            cores=cores, scheduler=scheduler, picture=False,
+        )  # fmt: skip
     return Columns(f"{done.asked.machine}: sweep", next(iter(axes)), columns(done.asked, done.points))
 
 
@@ -299,27 +292,19 @@ def identify(
     from mech_twin.studies.identification.question import IdentificationQuestion
     from mech_twin.studies.identification.saved_identification import SavedIdentification
 
-    known = machine_parameters(machine, _path(config), settings)
+    built = built_machine(machine, _path(config), settings)
     runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")
     several("free", free, "a list of keys, or keys with their bounds")
     map_file = _path(given_map, "given_map") or Path()
-    channels = read_given(map_file, built_machine(machine, _path(config), settings))
+    channels = read_given(map_file, built)
 
     def read(path: FilePath) -> FitRun:
         with opened_run(Path(path)) as reader:
             return fit_run(read_run(reader, channels), begin_known=latest_begin_s is None)
 
-    question = IdentificationQuestion(
-        machine,
-        known,
-        tuple(free) or assumed_keys(machine, known, _path(config)),
-        free if isinstance(free, Mapping) else {},
-        priors or {},
-        latest_begin_s or 0.0,
-        seed,
-        cores,
-        scheduler,
-    )
+    keys = tuple(free) or assumed_keys(machine, built.parameters, _path(config))
+    bounds, searched = free if isinstance(free, Mapping) else {}, (latest_begin_s or 0.0, seed, cores, scheduler)
+    question = IdentificationQuestion(machine, built.parameters, keys, bounds, priors or {}, *searched)
     found = identified(question, list(map(read, runs)), list(map(read, held_out)), 0.0 if held_out else share)
     return SavedIdentification(found, tuple(map(Path, runs)), tuple(map(Path, held_out)), map_file)
 
@@ -381,14 +366,10 @@ def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
     from mech_twin.studies.run_comparison import compared
 
     for run in (first, second):
-        _require_run(run)
+        if not isinstance(run, Run):
+            raise StudyError(f"{run!r:.80}: expected two runs as `simulate` returns them")
     sides = (first.named("first"), second.named("second"))
     return RunComparison(compared(*sides, tolerance), sides)
-
-
-def _require_run(run: Any) -> None:
-    if not isinstance(run, Run):
-        raise StudyError(f"{run!r:.80}: expected two runs as `simulate` returns them")
 
 
 def _path(config: Any, name: str = "config") -> Path | None:

@@ -15,7 +15,6 @@ from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.roles import Machine
 from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
 
 COMPONENTS = ("along x", "along y", "along z")
@@ -29,12 +28,12 @@ def analyse_machine(asked: AnalyseVerb) -> None:
         raise CommandError(f"--crank-deg {crank_deg}: expected a finite angle in degrees")
     machine = built_machine(name, asked.config, assignments(asked.settings))
     document: dict[str, Any] = {"machine": name, "config": configuration_tree(machine.parameters)}
-    document["summary"] = machine.report()
+    document |= {"summary": machine.report()}
     if crank_deg is not None:
-        document["crank_deg"] = crank_deg
-        document["position"] = machine.analyse(math.radians(crank_deg))
+        document |= {"crank_deg": crank_deg, "position": machine.analyse(math.radians(crank_deg))}
     if cycle is not None:
-        document["cycle"] = cycle_columns(machine, cycle)
+        with progress(cycle_positions(cycle), cycle, "analysing") as counted:
+            document["cycle"] = analysed_columns(machine, counted)
     if shape == "json":
         print_json(document)
     elif shape == "csv":
@@ -56,22 +55,18 @@ def _show(document: Mapping[str, Any], *, wide: bool) -> None:
     name = document["machine"]
     show_groups(f"{name}: one cycle", analysed_groups(document["summary"]))
     if "position" in document:
-        position = document["position"]
-        title = f"{name} at {document['crank_deg']:g} degrees"
-        show_groups(title, analysed_groups({key: value for key, value in position.items() if not _is_row(value)}))
-        _show_rows(title, {key: value for key, value in position.items() if _is_row(value)}, wide=wide)
+        title, position = f"{name} at {document['crank_deg']:g} degrees", document["position"]
+        rows = {key: value for key, value in position.items() if _is_row(value)}
+        show_groups(title, analysed_groups({key: value for key, value in position.items() if key not in rows}))
+        _show_rows(title, rows, wide=wide)
     if "cycle" in document:
-        _show_extremes(name, document["cycle"])
-
-
-def _show_extremes(name: str, cycle: Mapping[str, Sequence[Any]]) -> None:
-    """Write the least and the greatest value of each quantity over the cycle."""
-    groups = {
-        group: {key: (key, *_extremes(column), unit_of(key)) for key, column in columns.items()}
-        for group, columns in analysed_groups(_scalar_columns(cycle)).items()
-    }
-    count = len(next(iter(cycle.values())))
-    print_table(f"{name}: {count} positions", EXTREMES, group_rows(groups, len(EXTREMES)))
+        cycle = _scalar_columns(document["cycle"])
+        groups = {
+            group: {key: (key, *_extremes(column), unit_of(key)) for key, column in columns.items()}
+            for group, columns in analysed_groups(cycle).items()
+        }
+        count = len(next(iter(cycle.values())))
+        print_table(f"{name}: {count} positions", EXTREMES, group_rows(groups, len(EXTREMES)))
 
 
 def _by_quantity(rows: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
@@ -119,9 +114,3 @@ def _scalar_columns(columns: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]
 def _extremes(column: Sequence[Any]) -> tuple[Any, Any]:
     numbers = [value for value in column if isinstance(value, int | float)]
     return (min(numbers), max(numbers)) if numbers else (str(column[0]), str(column[-1]))
-
-
-def cycle_columns(machine: Machine, positions: int) -> dict[str, list[Any]]:
-    """Return every number of the analysis over one turn of the crank, as columns; a progress bar runs meanwhile."""
-    with progress(cycle_positions(positions), positions, "analysing") as counted:
-        return analysed_columns(machine, counted)

@@ -15,7 +15,6 @@ from typer.core import TyperCommand, TyperGroup
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verb import check_rules
 
-PLACEHOLDERS = {"integer": "N", "int": "N", "float": "NUMBER", "path": "PATH"}
 OF_THE_LIBRARY = {
     "help": "show this help",
     "install_completion": "install completion for the current shell",
@@ -81,40 +80,21 @@ class VerbCommand(TyperCommand):
         refuse_options_as_values(self.get_params(ctx), typed)
         with own_words(ctx, typed):
             rest = super().parse_args(ctx, args)
-        check_rules(getattr(self.callback, "verb"), _given(ctx))  # noqa: B009 # as `command` sets it
+        sources = {name: ctx.get_parameter_source(name) for name in ctx.params}
+        given = frozenset(name for name, source in sources.items() if source and source.name == "COMMANDLINE")
+        check_rules(getattr(self.callback, "verb"), given)  # noqa: B009 # as `command` sets it
         return rest
 
 
 def named(parameters: Sequence[Any]) -> list[Any]:
-    """Return the parameters of a command after giving each what stands for its value in the help."""
+    """Return the parameters of a command after taking what the library would add to them in the help."""
     for parameter in parameters:
         if parameter.param_type_name == "argument":
-            parameter.metavar = parameter.metavar or parameter.name.upper()
-            parameter.display_type_rich = _nothing  # the name of an argument says what it is
+            parameter.display_type_rich = lambda ctx: ""  # the name of an argument says what it is
         elif getattr(parameter, "is_flag", False):
             parameter.metavar = ""
-        elif parameter.metavar is None:
-            parameter.metavar = _placeholder(parameter)
         parameter.help = OF_THE_LIBRARY.get(parameter.name, parameter.help)
     return list(parameters)
-
-
-def _placeholder(parameter: Any) -> str:
-    """Return what stands for the value of an option, by its type."""
-    kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)
-    kinds = {getattr(one, "__name__", "").lower() for one in getattr(kind, "__args__", (kind,))}
-    kinds.add(getattr(getattr(parameter, "type", None), "name", ""))  # where the library still has types of its own
-    return next((word for name, word in PLACEHOLDERS.items() if name in kinds), "TEXT")
-
-
-def _nothing(ctx: Any) -> str:
-    return ""
-
-
-def _given(context: Any) -> frozenset[str]:
-    """Return the parameters that were typed, whatever their value."""
-    sources = {name: context.get_parameter_source(name) for name in context.params}
-    return frozenset(name for name, source in sources.items() if source is not None and source.name == "COMMANDLINE")
 
 
 def with_options_repeated(arguments: list[str]) -> list[str]:
@@ -190,18 +170,17 @@ def _line(error: Any, context: Any, typed: Sequence[str]) -> str:
         return _refused(asked, error.message, typed)
     if str(error.message).startswith(UNEXPECTED):
         words = re.findall(r"\(([^()]*)\)$", error.message)
-        return f"unexpected '{words[0] if words else ''}'; expected {_usage(context)}"
+        usage = " ".join([_path(context), *_places(context), "[OPTIONS]"])
+        return f"unexpected '{words[0] if words else ''}'; expected {usage}"
     return str(error.format_message())
 
 
 def _no_such_option(option: str, context: Any) -> str:
     options = _options(context.command.get_params(context))
     longer = [name for name in options if name.startswith(option) and option.startswith("--")]
-    near = longer or get_close_matches(option, options, 1)
-    where = _path(context)
-    if near:
-        return f"no option '{option}' of {where}; did you mean '{_name(options[near[0]], near[0])}'?"
-    return f"no option '{option}' of {where}; `{where} --help` lists them"
+    near, where = longer or get_close_matches(option, options, 1), _path(context)
+    hint = f"did you mean '{_name(options[near[0]], near[0])}'?" if near else f"`{where} --help` lists them"
+    return f"no option '{option}' of {where}; {hint}"
 
 
 def _refused(asked: Any, message: str, typed: Sequence[str]) -> str:
@@ -244,10 +223,6 @@ def _path(context: Any) -> str:
     if context.parent is None:
         return str(context.info_name)
     return " ".join([_path(context.parent), *_places(context.parent), context.info_name])
-
-
-def _usage(context: Any) -> str:
-    return " ".join([_path(context), *_places(context), "[OPTIONS]"])
 
 
 def _places(context: Any) -> list[str]:

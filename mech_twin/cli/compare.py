@@ -7,8 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,12 +20,11 @@ from mech_twin.declarations.configuration_tree import ConfigurationError, config
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file, written_file
+from mech_twin.files.output_file import YAML_SUFFIXES, written_file
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.machine_columns import shown_units
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.process.dependencies import require_extra
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, Frame
 from mech_twin.studies.run_comparison import (
@@ -44,6 +42,9 @@ from mech_twin.view.bench.picture import packed
 from mech_twin.view.bench.scene import BenchScene
 from mech_twin.view.sending import RECORDED
 
+if TYPE_CHECKING:
+    from mech_twin.view.rerun_scene import RerunScene
+
 USUAL_DURATION_S = 3.0
 PANELS = 6
 See = Callable[[Machine, Frame], None]
@@ -55,14 +56,11 @@ def compare_sides(asked: CompareVerb) -> None:
     Exit with 1 if a number differs by more than the tolerance, or a residual is broken.
     """
     picture, columns = asked.picture, asked.column
-    if picture is not None:
-        require_extra("plots")
-        if picture.suffix not in (".png", ".svg"):
-            raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
-        check_output_file(picture, force=asked.force)
+    if picture is not None and picture.suffix not in (".png", ".svg"):
+        raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
     names = [_meant(asked.first), _meant(asked.second)]
     with ExitStack() as stack:
-        overlay = None if asked.view == NO_VIEW else stack.enter_context(Overlay(stack, asked.view_port, names))
+        overlay = None if asked.view == NO_VIEW else Overlay(stack, asked.view_port, names)
         sides, found = _compared(names, asked.tolerance, asked.duration_s, overlay)
         if picture is not None:
             _draw(sides, picture, columns, force=asked.force)
@@ -74,8 +72,7 @@ def compare_sides(asked: CompareVerb) -> None:
             overlay.tell(sides, found)
             hold_view(overlay.page)
     broken = [f"{side.label}: {'; '.join(side.broken)}" for side in sides if side.broken]
-    for line in broken:
-        say(line)
+    say(*broken)
     if found.beyond or broken:
         raise SystemExit(FOUND)
 
@@ -156,11 +153,10 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
         with progress(BagSamples(reader, machine.coupling_step_s).steps(), samples.count, str(bag)) as steps:
             incomplete, whole = 0, 0
             for known in steps:
-                lacks_body = machine.body is not None and known.body is None
-                if known.linkage is None or known.motor is None or known.forces is None or lacks_body:
+                frame = known.frame(machine.body is not None)
+                if frame is None:
                     incomplete += 1
                     continue
-                frame = Frame(known.linkage, known.motor, known.forces, known.body)
                 simulation.observe(frame)
                 simulation.trajectory.append(frame)
                 see(machine, frame)
@@ -198,15 +194,10 @@ def _draw(sides: list[ComparedRun], picture: Path, columns: Sequence[str], *, fo
 
 
 def _document(found: Comparison) -> dict[str, Any]:
-    return {
-        "machine": found.machine,
-        "first": found.labels[0],
-        "second": found.labels[1],
-        "tolerance": found.tolerance,
-        "within_tolerance": not found.beyond,
-        "settings": [_sides(setting) for setting in found.settings],
-        "numbers": [_sides(number) for number in found.numbers],
-    }
+    first, second = found.labels
+    head = {"machine": found.machine, "first": first, "second": second, "tolerance": found.tolerance}
+    rows = {name: [_sides(row) for row in getattr(found, name)] for name in ("settings", "numbers")}
+    return {**head, "within_tolerance": not found.beyond, **rows}
 
 
 def _sides(found: Differing) -> dict[str, Any]:
@@ -221,14 +212,10 @@ def _show(found: Comparison, all_numbers: bool) -> None:
     shown = found.numbers if all_numbers else found.beyond
     if shown:
         title = "numbers" if all_numbers else f"numbers that differ by more than {found.tolerance:g}"
-        print_table(title, ("quantity", "A", "B", "apart"), [_row(item) for item in shown])
+        rows = [(n.name, *("-" if side is None else side for side in n[1:3]), _percent(n.relative)) for n in shown]
+        print_table(title, ("quantity", "A", "B", "apart"), rows)
     within = len(found.numbers) - len(found.beyond)
     say_result(f"{within} of {len(found.numbers)} numbers within a tolerance of {found.tolerance:g}")
-
-
-def _row(item: Any) -> tuple[Any, ...]:
-    apart = f"{100.0 * item.relative:.3g} %" if math.isfinite(item.relative) else "-"
-    return item.name, "-" if item.first is None else item.first, "-" if item.second is None else item.second, apart
 
 
 PATIENCE_S = 30.0  # that the bench may take for what it has been sent
@@ -237,41 +224,50 @@ SHOWN_BYTES = 512 << 20  # of both runs; the oldest pictures go first
 MOST_ROWS = 300  # of a table on the page
 
 
+def know_machine(scene: BenchScene | RerunScene, machine: Machine) -> None:
+    """Let a scene know the machine that it shows."""
+    if (tree := machine.mechanism) is not None:
+        scene.know(tree, machine.blow_energy)
+    if isinstance(scene, BenchScene):
+        scene.watch(machine)
+
+
+def show_frame(scene: BenchScene | RerunScene, machine: Machine, frame: Frame, *, draw: bool) -> None:
+    """Show a frame and its events, and draw it where that is due."""
+    scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+    for event in frame_events(frame):
+        scene.event(event)
+    if draw:
+        shapes = machine.draw(frame.linkage, frame.body)
+        scene.drawing(Drawing(frame.linkage.step, frame.linkage.time_s, shapes))
+
+
 class OverlaySide:
     """One of the two runs, as it is computed or read."""
 
     def __init__(self, link: BenchLink) -> None:
-        self._scene = BenchScene(link, RECORDED)
+        self.scene = BenchScene(link, RECORDED)
         self._drawn_s = -math.inf
         self.machine: Machine | None = None
 
     def see(self, machine: Machine, frame: Frame) -> None:
         """Show a frame."""
-        scene, time_s = self._scene, frame.linkage.time_s
         if self.machine is None:
             self.machine = machine
-            scene.watch(machine)
-            if machine.mechanism is not None:
-                scene.know(machine.mechanism, machine.blow_energy)
-        scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
-        for event in frame_events(frame):
-            scene.event(event)
-        if time_s - self._drawn_s >= PICTURE_S - 1e-9:
-            self._drawn_s = time_s
-            scene.drawing(Drawing(frame.linkage.step, time_s, machine.draw(frame.linkage, frame.body)))
-
-    def close(self) -> None:
-        """Let the bench go."""
-        self._scene.close()
+            know_machine(self.scene, machine)
+        draw = frame.linkage.time_s - self._drawn_s >= PICTURE_S - 1e-9
+        if draw:
+            self._drawn_s = frame.linkage.time_s
+        show_frame(self.scene, machine, frame, draw=draw)
 
 
 class Overlay:
-    """A bench with two runs on it; a context manager.
+    """A bench with two runs on it.
 
     Parameters
     ----------
     stack : ExitStack
-        To which the bench is left.
+        To which the bench and both runs are left.
     port : int
         Of the page; 0: any free one.
     names : sequence of str
@@ -286,38 +282,29 @@ class Overlay:
         self._view.tell("status", {"text": f"reading {' and '.join(names)}"})
         self._tell_machine("comparison")
         self.first, self.second = OverlaySide(BenchLink(place, PATIENCE_S)), OverlaySide(OverlayLink(place, PATIENCE_S))
+        for side in (self.second, self.first):
+            stack.callback(side.scene.close)
 
     def tell(self, sides: Sequence[ComparedRun], found: Comparison) -> None:
         """Tell what differs, and which times of the two belong to one angle of the cycle."""
         self._tell_machine(found.machine)
         machine = self.first.machine
-        leading = None if machine is None or machine.mechanism is None else leading_angle(machine, sides[0])
+        leading = None if machine is None or machine.mechanism is None else _leading_angle(machine, sides[0])
         pairs = None if leading is None else at_equal_angle(sides[0], sides[1], leading)
+        farthest = sorted(found.numbers, key=lambda each: -each.relative)[:MOST_ROWS]
         content: dict[str, Any] = {
-            "settings": [[each.name, _shown(each.first), _shown(each.second)] for each in found.settings][:MOST_ROWS],
-            "numbers": [
-                [_titled(each.name), _shown(each.first), _shown(each.second), _percent(each.relative)]
-                for each in sorted(found.numbers, key=lambda each: -each.relative)
-            ][:MOST_ROWS],
+            "settings": [[each.name, *map(_shown, each[1:3])] for each in found.settings][:MOST_ROWS],
+            "numbers": [[_titled(each.name), *map(_shown, each[1:3]), _percent(each.relative)] for each in farthest],
             "angle": None if pairs is None else [packed(np.asarray(each), "<f8") for each in pairs],
         }
         self._view.tell("comparison", content)
-
-    def __enter__(self) -> Overlay:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.first.close()
-        self.second.close()
 
     def _tell_machine(self, machine: str) -> None:
         told = {"name": machine, "namespace": "", "orders": [], "parameters": [], "recording": "", "sides": self._names}
         self._view.tell("machine", told)
 
 
-def leading_angle(machine: Machine, side: ComparedRun) -> str | None:
+def _leading_angle(machine: Machine, side: ComparedRun) -> str | None:
     """Return the column of the joint that leads the cycle, if it turns."""
     column = next((name for name in side.samples if name.startswith("linkage.") and name.endswith(".position")), None)
     slides = frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints

@@ -292,18 +292,14 @@ class CompileProgress(logging.Handler):
         super().close()
 
 
-def _to_standard_error(line: str) -> None:
-    """Write a line to whatever standard error is now: a progress bar that runs moves out of its way."""
-    sys.stderr.write(line)
-
-
 @contextmanager
 def compiling_shown() -> Iterator[None]:
     """Show on a terminal how compiling goes; elsewhere do nothing."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield
         return
-    logger, handler = logging.getLogger(LOGGER), CompileProgress(_to_standard_error)
+    logger = logging.getLogger(LOGGER)
+    handler = CompileProgress(lambda line: sys.stderr.write(line))  # noqa: PLW0108 # as a progress bar replaces it
     level = logger.level
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)

@@ -84,27 +84,19 @@ def report_cli_errors() -> Iterator[None]:
         give_up_output()
         raise SystemExit(UNREAD) from None
     except Exception as error:
-        lack = lacking(error)
         if isinstance(error, StandardOutputError):
             give_up_output()
-        if lack is not None:
-            sys.stderr.write(f"mech-twin: {printable(lack)}\n")
-            raise SystemExit(EXIT_CODE) from error
-        if not _is_input_error(error):
+        told = lacking(error) or _told(error)
+        if told is None:
             raise
-        sys.stderr.write(f"mech-twin: {printable(' '.join(_message(error).split()))}\n")
+        sys.stderr.write(f"mech-twin: {printable(' '.join(told.split()))}\n")
         raise SystemExit(EXIT_CODE) from error
 
 
-def _message(error: Exception) -> str:
+def _told(error: Exception) -> str | None:
+    """Return what is said of an error in the input; None of an internal one."""
     if isinstance(error, ImportError):
-        return missing_extra(error) or str(error)
-    return str(error)
-
-
-def _is_input_error(error: Exception) -> bool:
-    if isinstance(error, ImportError):
-        return missing_extra(error) is not None
+        return missing_extra(error)
     from mech_twin.capabilities.errors import StudyError
     from mech_twin.declarations.configuration_tree import ConfigurationError
     from mech_twin.engine.errors import MotionError
@@ -115,4 +107,5 @@ def _is_input_error(error: Exception) -> bool:
     from mech_twin.view.errors import RerunSceneError, ViewerError
 
     kinds = (CommandError, StandardOutputError, NodeEndedError, ConfigurationError, MotionError, StudyError)
-    return isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))
+    known = isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))
+    return str(error) if known else None

@@ -16,7 +16,6 @@ from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import FleetVerb
 from mech_twin.cli.monitor_baseline import ARL0_H, FeaturedRun, featured_run, read_setup, setup_of_runs, write_setup
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.files.output_file import check_output_file
 from mech_twin.files.report_page import page, section, versions
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
@@ -43,8 +42,6 @@ class _Question(NamedTuple):
 def rank_fleet(asked: FleetVerb) -> None:
     """Judge each machine of a folder; exit with 1 where one is suspect, with 2 where one could not be judged."""
     begun_s = time.monotonic()
-    if asked.page is not None:
-        check_output_file(asked.page, force=asked.force, suffixes=(".html",))
     folders = sorted(each for each in _listed(asked.folder) if each.is_dir())
     if not folders:
         raise CommandError(f"{asked.folder}: no folder in it; expected one for each machine, its recordings in it")
@@ -128,36 +125,31 @@ def _show(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
         write_text(asked.page, page(f"{asked.machine}: fleet {asked.folder.name}", parts), force=asked.force)
         say(f"written to {asked.page}")
     if asked.as_json:
-        print_json({"machine": asked.machine, "limit": fleet.limit, "confirming": fleet.confirming,
-                    "common": fleet.common, "machines": [_record(sister) for sister in fleet.sisters],
-                    "refused": dict(refused)})  # fmt: skip
+        head = {"machine": asked.machine, **{name: getattr(fleet, name) for name in ("limit", "confirming", "common")}}
+        print_json({**head, "machines": [_record(sister) for sister in fleet.sisters], "refused": dict(refused)})
         return
     if asked.everything or shown:
         print_table(f"{asked.machine}: {told}", HEADS, rows if asked.everything else rows[:shown])
     else:
         say(f"{asked.machine}: {told}")
-    for name, reason in refused:
-        say(f"{name}: not judged: {reason}")
+    say(*(f"{name}: not judged: {reason}" for name, reason in refused))
     if not isfinite(fleet.limit):
         say("too few sisters to compare them; expected five or more with the same features")
 
 
 def _row(rank: int, sister: Sister) -> tuple[Any, ...]:
     member, size = sister.member, sister.member.candidate
-    place = (rank, member.name, sister.verdict, member.finding or "none")
     sized = ("", "") if size is None else (_rounded(size.size), size.unit)
-    since = (member.recording, _rounded(member.onset_s))
-    return (*place, *sized, *since, _rounded(sister.apart), sister.feature, member.cycles)
+    since = (member.recording, _rounded(member.onset_s), _rounded(sister.apart), sister.feature)
+    return (rank, member.name, sister.verdict, member.finding or "none", *sized, *since, member.cycles)
 
 
 def _record(sister: Sister) -> Mapping[str, Any]:
-    member = sister.member
-    return {
-        "name": member.name, "cycles": member.cycles, "finding": member.finding,
-        "candidate": member.candidate, "recording": member.recording,
-        "onset_s": member.onset_s, "apart": sister.apart, "feature": sister.feature, "verdict": sister.verdict,
-        "shift": member.shift,
-    }  # fmt: skip
+    of_member = sister.member._asdict()
+    del of_member["refused"]
+    shift = of_member.pop("shift")
+    among = {"apart": sister.apart, "feature": sister.feature, "verdict": sister.verdict}
+    return {**of_member, **among, "shift": shift}
 
 
 def _rounded(value: float) -> str:

@@ -68,19 +68,14 @@ def show_info(asked: InfoVerb) -> None:
     _print_topics(document["topics"], asked.wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
-    for line in [*document["problems"], *shared_topics(info.counters)]:
-        say(line)
+    say(*document["problems"], *shared_topics(info.counters))
 
 
 def shared_topics(counters: Mapping[str, Mapping[str, int]]) -> list[str]:
     """Return a line for each topic, by name with its loss counters, that several published at once."""
-    shared = {name: row.get("publishers", 0) for name, row in counters.items()}
-    return [
-        f"{name}: {number} publishers at once; "
-        "what one sent with the source of another is below copied_source, where the middleware told them apart"
-        for name, number in shared.items()
-        if number > 1
-    ]
+    shared = {name: number for name, row in counters.items() if (number := row.get("publishers", 0)) > 1}
+    copied = "what one sent with the source of another is below copied_source, where the middleware told them apart"
+    return [f"{name}: {number} publishers at once; {copied}" for name, number in shared.items()]
 
 
 def _described(reader: RecordingReader) -> ConfigurationHistory | None:
@@ -98,25 +93,21 @@ def _described(reader: RecordingReader) -> ConfigurationHistory | None:
 
 def _print_head(document: dict[str, Any]) -> None:
     """Write what is recorded, how long, and whether it is whole; then by what, how much, and what is missing."""
-    duration, losses = document["duration_s"], _losses(document["topics"])
+    duration, topics = document["duration_s"], document["topics"]
+    losses = {key: sum(topic["counters"].get(key, 0) for topic in topics.values()) for key in LOSSES}
     length = "length unknown" if duration is None else f"{duration:.6g} s"
     why = "a part is missing" if any(" part " in each for each in document["problems"]) else "it was not closed"
     whole = "complete" if document["finished"] else f"not complete: {why}"
     if document["finished"] and (document["problems"] or losses["dropped"] or losses["cut"]):
         whole = "closed, but not complete"
-    counted = any(topic["counters"] for topic in document["topics"].values())
+    counted = any(topic["counters"] for topic in topics.values())
     sound = counted and document["finished"] and not document["problems"]
     lost = ", ".join(f"{count} {name}" for name, count in losses.items() if count) or ("nothing lost" if sound else "")
     say_result("; ".join(filter(None, [f"{document['machine'] or 'unknown machine'}, {length}", whole, lost])))
     size = sum(split["size_bytes"] or 0 for split in document["splits"])
     files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
-    say_result(f"{document['message_count']} messages of {len(document['topics'])} topics, {_bytes(size)} in {files}")
+    say_result(f"{document['message_count']} messages of {len(topics)} topics, {_bytes(size)} in {files}")
     say_result(f"recorded by mech_twin {document['version']}" if document["version"] else "recorded by other software")
-
-
-def _losses(topics: dict[str, Any]) -> dict[str, int]:
-    """Return how many messages of all topics were lost, by how."""
-    return {key: sum(topic["counters"].get(key, 0) for topic in topics.values()) for key in LOSSES}
 
 
 def _bytes(size: int) -> str:
@@ -125,11 +116,6 @@ def _bytes(size: int) -> str:
         if size >= factor:
             return f"{size / factor:.3g} {unit}"
     return f"{size} bytes"
-
-
-def _group(name: str) -> str:
-    """Return the group of a topic, its name without the machine's namespace."""
-    return next(group for group, heads in GROUPS.items() if name.startswith(heads))
 
 
 def _print_topics(topics: dict[str, Any], wide: bool) -> None:
@@ -144,7 +130,8 @@ def _print_topics(topics: dict[str, Any], wide: bool) -> None:
     for full, topic in topics.items():
         name = full.removeprefix(shared)
         losses = (topic["counters"].get(key, "-") for key in LOSSES if counted)
-        found[_group(name)].append((f"  {name}", topic["messages"], *losses))
+        group = next(group for group, heads in GROUPS.items() if name.startswith(heads))
+        found[group].append((f"  {name}", topic["messages"], *losses))
     grouped = [row for group, own in found.items() if own for row in ((group, *[""] * (len(columns) - 1)), *own)]
     print_table(f"topics below {shared}" if shared else "topics", columns, grouped)
 
@@ -162,40 +149,24 @@ def _namespace(names: list[str]) -> str:
 
 def info_record(info: BagInfo) -> dict[str, Any]:
     """Return the summary of a bag as a JSON object."""
-    head = _configuration_head(info.configuration)
-    return {
-        "bag": info.path,
-        "machine": head.get("machine"),
-        "version": head.get("version"),
-        "finished": info.finished,
-        "duration_s": info.duration_s,
-        "message_count": info.message_count,
-        "topics": {
-            name: {"type": topic.type_name, "messages": topic.message_count, "counters": info.counters.get(name, {})}
-            for name, topic in info.topics.items()
-        },
-        "splits": [
-            {
-                "file": split.file.name,
-                "size_bytes": split.size_bytes,
-                "start_s": None if split.start_ns is None else split.start_ns * 1e-9,
-                "end_s": None if split.end_ns is None else split.end_ns * 1e-9,
-                "messages": split.message_count,
-            }
-            for split in info.splits
-        ],
-        "configuration": info.configuration,
-        "problems": info.problems,
-    }
-
-
-def _configuration_head(text: str | None) -> dict[str, str]:
-    """Return machine and version of a configuration, if they can be read."""
     try:
-        tree = bounded_yaml(text) if text else None
+        tree = bounded_yaml(info.configuration) if info.configuration else None
     except (yaml.YAMLError, ValueError, RecursionError):
-        return {}
-    return {key: str(tree[key]) for key in ("machine", "version") if key in tree} if isinstance(tree, dict) else {}
+        tree = None
+    known = tree if isinstance(tree, dict) else {}
+    head = {key: str(known[key]) if key in known else None for key in ("machine", "version")}
+    topics = {
+        name: {"type": topic.type_name, "messages": topic.message_count, "counters": info.counters.get(name, {})}
+        for name, topic in info.topics.items()
+    }
+    splits = []
+    for split in info.splits:
+        start_s, end_s = (None if at_ns is None else at_ns * 1e-9 for at_ns in (split.start_ns, split.end_ns))
+        place = {"file": split.file.name, "size_bytes": split.size_bytes, "start_s": start_s, "end_s": end_s}
+        splits.append({**place, "messages": split.message_count})
+    whole = {"finished": info.finished, "duration_s": info.duration_s, "message_count": info.message_count}
+    told = {"configuration": info.configuration, "problems": info.problems}
+    return {"bag": info.path, **head, **whole, "topics": topics, "splits": splits, **told}
 
 
 def recover_bag(asked: RecoverVerb) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -34,11 +34,8 @@ WEB_VIEWS = ("web",)
 NO_VIEW = "none"
 LOOK_S = 0.1
 RUN_ORDERS = ("start", "stop", "reset", "pause", "step", "speed", "change")
-MONITOR_ORDERS, ADVISOR_ORDERS, IDENTIFIER_ORDERS = (
-    ("acknowledge", "shelve"),
-    ("accept", "reject"),
-    ("identify", "take-over"),
-)
+MONITOR_ORDERS, ADVISOR_ORDERS = ("acknowledge", "shelve"), ("accept", "reject")
+IDENTIFIER_ORDERS = ("identify", "take-over")
 
 
 class OpenedView(NamedTuple):
@@ -54,29 +51,19 @@ class OpenedView(NamedTuple):
             self.link.tell(kind, content)
 
 
-class CompileStatus:
-    """Says on the page which kernel is compiled, and how many were.
+def compile_status(link: BenchLink, most: int) -> Callable[[str, int], None]:
+    """Return what says on the page which kernel is compiled, and how many were, of so many at most (0: not known)."""
+    begun_s: float | None = None
 
-    Parameters
-    ----------
-    link : BenchLink
-        To the page.
-    most : int
-        How many there are at most; 0 where that is not known.
-    """
-
-    def __init__(self, link: BenchLink, most: int = 0) -> None:
-        self._link, self._most = link, most
-        self._begun_s: float | None = None
-
-    def compiling(self, kernel: str, count: int) -> None:
-        """Say which kernel is compiled now, the ``count``-th."""
+    def compiling(kernel: str, count: int) -> None:
+        nonlocal begun_s
         now_s = time.monotonic()
-        self._begun_s = now_s if self._begun_s is None else self._begun_s
-        name, of = kernel.rpartition(".")[2], f" of at most {self._most}" if count <= self._most else ""
-        spent = f"{now_s - self._begun_s:.0f} s"
-        text = f"compiling kernels for this processor, once: number {count}{of} ({name}), {spent}"
-        self._link.tell("status", {"text": text})
+        begun_s = now_s if begun_s is None else begun_s
+        name, of = kernel.rpartition(".")[2], f" of at most {most}" if count <= most else ""
+        number = f"number {count}{of} ({name}), {now_s - begun_s:.0f} s"
+        link.tell("status", {"text": f"compiling kernels for this processor, once: {number}"})
+
+    return compiling
 
 
 def check_view(view: str, port: int, *, force: bool) -> None:
@@ -109,7 +96,7 @@ def opened_view(
     found.tell("status", {"text": "loading"})
     from mech_twin.kernels.cache import on_compile  # loads the compiler: the page is there by now
 
-    stack.callback(on_compile(CompileStatus(found.link, kernels).compiling))
+    stack.callback(on_compile(compile_status(found.link, kernels)))
     return found
 
 

@@ -11,12 +11,11 @@ from typing import Any
 import yaml
 
 from mech_twin import __version__
-from mech_twin.cli.console import busy, numbered, print_json, print_table, say_result
+from mech_twin.cli.console import busy, print_json, print_numbers, print_table, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.files.output_file import check_output_file
 from mech_twin.machines.catalog import CATALOGUE, FORMER
 from mech_twin.parameters.load import (
     MACHINE_KEY,
@@ -34,15 +33,15 @@ from mech_twin.parameters.load import (
     validated,
 )
 from mech_twin.parameters.motors import with_catalogue_motor
-from mech_twin.samples import Shape
 
 
 def show_catalogue(asked: ListVerb) -> None:
     """Print the names and titles of all machines."""
+    titles = [(entry.name, entry.title) for entry in CATALOGUE.values()]
     if asked.as_json:
-        print_json({"machines": [{"name": e.name, "title": e.title} for e in CATALOGUE.values()]})
+        print_json({"machines": [{"name": name, "title": title} for name, title in titles]})
     else:
-        print_table("machines", ("name", "description"), [(e.name, e.title) for e in CATALOGUE.values()])
+        print_table("machines", ("name", "description"), titles)
 
 
 def shipped_pages() -> dict[str, Path]:
@@ -62,7 +61,8 @@ def write_page(asked: NewVerb) -> None:
         sys.stdout.write(former_page(asked.former))
         return
     if kind is None:
-        rows = [(name, _first_line(path)) for name, path in pages.items()]
+        heads = {name: path.read_text(encoding="utf-8").splitlines()[0] for name, path in pages.items()}
+        rows = [(name, head.lstrip("# ")) for name, head in heads.items()]
         print_table("pages to start from: mech-twin new KIND > my.yaml", ("kind", "what"), rows)
         return
     if kind not in pages:
@@ -104,37 +104,31 @@ def _flow(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=math.inf).removesuffix("...\n").strip()
 
 
-def _first_line(path: Path) -> str:
-    return path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
-
-
 def check_page(asked: CheckVerb) -> None:
     """Say what a page amounts to: freedoms, closures, masses, the pose at the start; draw it if asked."""
     page, picture = asked.page, asked.picture
     if not is_page(page):
         raise CommandError(f"{page}: expected the path of a page, ending in {' or '.join(PAGE_SUFFIXES)}")
-    if picture is not None:
-        check_output_file(picture, force=asked.force)
     from mech_twin.machines.page.roles import PageModel
 
-    parameters = machine_parameters(page)
+    parameters: Any = machine_parameters(page)
     try:
-        found = _page_record(PageModel(parameters.expanded))  # type: ignore[attr-defined] # the model of a page
+        model = PageModel(parameters.expanded)
+        found = _page_record(model)
     except ConfigurationError as error:
         raise ConfigurationError(f"{page}: {error}") from error
     if picture is not None:
-        _draw(_start_shapes(parameters), picture)
+        _draw(model, picture)
     if asked.as_json:
         print_json(found)
         return
-    print_table(f"{page}: {parameters.name}", ("quantity", "value", "unit"), numbered(found["numbers"]))  # type: ignore[attr-defined]
+    print_numbers(f"{page}: {parameters.name}", found["numbers"])
     rows = [(j["joint"], j["kind"], j["role"], *_as_on_page(j["start"], j["unit"])) for j in found["joints"]]
     print_table("joints at the start", ("joint", "kind", "moves as", "start", "unit"), rows)
     if found["contacts"]:
         gaps = [(c["contact"], c["state"], *_as_on_page(c["gap"], c["unit"])) for c in found["contacts"]]
         print_table("contacts at the start", ("contact", "state", "gap", "unit"), gaps)
-    for line in found["remarks"]:
-        say_result(line)
+    say_result(*found["remarks"])
 
 
 def _as_on_page(value: float, unit: str) -> tuple[str, str]:
@@ -171,13 +165,8 @@ def _page_record(shared: Any) -> dict[str, Any]:
     joints = []
     for i, name in enumerate(assembly.columns):
         joint = next(own for own in kinds if name == own or (name.startswith(f"{own}_") and kinds[own] == "free"))
-        unit = "m" if name in assembly.slides else "rad"
-        joints.append(
-            {
-                "joint": name, "kind": kinds[joint], "role": roles.get(name, "closes a loop"),
-                "start": real(motion[2 * i]), "unit": unit,
-            }
-        )  # fmt: skip
+        found = {"joint": name, "kind": kinds[joint], "role": roles.get(name, "closes a loop")}
+        joints.append(found | {"start": real(motion[2 * i]), "unit": "m" if name in assembly.slides else "rad"})
     contacts = []
     gaps = {name: law.scalar.value for name, law in zip(places.laws, now.laws, strict=True) if law.restitution >= 0.0}
     gaps |= {name: now.found_signals[name][0] for name in shared.page.contacts if name in now.found_signals}
@@ -191,23 +180,17 @@ def _page_record(shared: Any) -> dict[str, Any]:
         size = real((now.conservative | now.actions)[name].efforts[0].size)
         size = size if abs(size) > least else 0.0
         remarks.append(f"{name} gives {size:.4g} {'N m' if shared.page.springs[name].turns else 'N'} at the start")
-    return {
-        "page": shared.page.name, "numbers": numbers, "joints": joints, "contacts": contacts, "masses_kg": masses,
-        "remarks": remarks,
-    }  # fmt: skip
+    head = {"page": shared.page.name, "numbers": numbers, "joints": joints, "contacts": contacts}
+    return {**head, "masses_kg": masses, "remarks": remarks}
 
 
-def _start_shapes(parameters: Any) -> tuple[Shape, ...]:
+def _draw(model: Any, picture: Path) -> None:
+    """Draw a page at its start."""
     from mech_twin.machines.page.drawing import PageDrawing, real
-    from mech_twin.machines.page.roles import PageModel
 
-    shared = PageModel(parameters.expanded)
-    motion = shared.start_instant.joint_motion()
-    return PageDrawing(shared).shapes_at({name: real(motion[2 * i]) for i, name in enumerate(shared.assembly.columns)})
-
-
-def _draw(shapes: tuple[Shape, ...], picture: Path) -> None:
-    """Draw shapes into a picture."""
+    motion = model.start_instant.joint_motion()
+    places = {name: real(motion[2 * i]) for i, name in enumerate(model.assembly.columns)}
+    shapes = PageDrawing(model).shapes_at(places)
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 6.0), layout="constrained")
@@ -243,17 +226,10 @@ def export_unit(asked: FmuVerb) -> None:
     with busy("compiling the unit"):
         written = export_fmu(built, file, fmi, platforms, force=asked.force)
     if asked.as_json:
-        print_json(
-            {
-                "machine": unit_name(built),
-                "file": file,
-                "fmi": fmi,
-                "platforms": [platform.folders[fmi - 2] for platform in platforms],
-                "inputs": [v.name for v in written.variables if v.causality == "input"],
-                "outputs": [v.name for v in written.variables if v.causality == "output"],
-                "parameters": written.parameters,
-            }
-        )
+        head = {"machine": unit_name(built), "file": file, "fmi": fmi}
+        head["platforms"] = [platform.folders[fmi - 2] for platform in platforms]
+        sides = {f"{side}s": [v.name for v in written.variables if v.causality == side] for side in ("input", "output")}
+        print_json({**head, **sides, "parameters": written.parameters})
         return
     outputs = sum(v.causality == "output" for v in written.variables)
     keys = ", ".join(written.parameters) or "none"

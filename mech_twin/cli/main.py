@@ -13,14 +13,14 @@ from mech_twin.cli import measurement_verbs, study_verbs, verbs
 from mech_twin.cli.command_group import CommandGroup, QuestionGroup, VerbCommand
 from mech_twin.cli.console import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
-from mech_twin.cli.option_values import machine_name, machines
-from mech_twin.cli.verb import command, verbs_in
+from mech_twin.cli.verb import command, in_library, verbs_in
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.process.system_limits import NUMERICS_BYTES, check_address_space
 
 VERBS = verbs_in(verbs, measurement_verbs)
 QUESTIONS = verbs_in(study_verbs)
 EXPORTS = {"fmu": VERBS.pop("fmu")}
+MACHINE = in_library("machine", VERBS["simulate"].model_fields["machine"])
 
 app = typer.Typer(
     name="mech-twin",
@@ -57,17 +57,7 @@ def root(
 
 
 @study_app.callback(invoke_without_command=True)
-def study(
-    context: typer.Context,
-    machine: Annotated[
-        str,
-        typer.Argument(
-            help="machine, or the beginning of its name (see `mech-twin list`)",
-            callback=machine_name,
-            autocompletion=machines,
-        ),
-    ],
-) -> None:
+def study(context: typer.Context, machine: str = MACHINE) -> None:
     """Sweep, size or optimise a machine."""
     context.obj = machine
     if context.invoked_subcommand is None:

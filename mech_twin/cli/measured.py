@@ -13,7 +13,6 @@ from mech_twin.cli.console import print_json, print_numbers, print_table, progre
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
-from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.errors import MeasurementError
@@ -52,8 +51,6 @@ class Proposal:
 def propose_map(asked: MapVerb) -> None:
     """Write the proposed map to a file or to standard output, and the table of data quality after it."""
     measurements, out = asked.measurements, asked.out
-    if out is not None:
-        check_output_file(out, force=asked.force, suffixes=YAML_SUFFIXES)
     found = proposal(measurements, built_machine(asked.machine, asked.config))
     if out is not None:
         write_text(out, found.text, force=asked.force)

@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
 from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
+from mech_twin.files.output_file import YAML_SUFFIXES
 
 
 class ShadowVerb(Configured, answer="shadow:shadow_machine"):
@@ -47,7 +48,7 @@ class MapVerb(Written, answer="measured:propose_map"):
     )
     machine: MachineName
     config: Config = None
-    out: Path | None = option("file (.yaml) to write the map to, instead of standard output")
+    out: Path | None = option("file (.yaml) to write the map to, instead of standard output", writes=YAML_SUFFIXES)
 
 
 class IdentifyVerb(Configured, answer="identify:identify_machine"):
@@ -114,7 +115,7 @@ class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     baseline: list[Path] = option(
         "healthy run, again for more days; or a file that --save-baseline wrote", [], shown="the first part of the runs"
     )
-    save_baseline: Path | None = option("file (.json) for baseline, thresholds, signatures")
+    save_baseline: Path | None = option("file (.json) for baseline, thresholds, signatures", writes=())
     renew: bool = option("take the runs into the baseline file, where none has an alarm and you say yes", False)
     yes: bool = option("with --renew: yes, without a question", False)
     known_arl0_h: float | None = option(
@@ -126,7 +127,9 @@ class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     explain: str | None = option(
         "fault: which features have changed, how far, and what it would do to them", metavar="FAULT"
     )
-    picture: Path | None = option("picture (.png or .svg) of the first alarm that is explained")
+    picture: Path | None = option(
+        "picture (.png or .svg) of the first alarm that is explained", writes=(".png", ".svg"), extra="plots"
+    )
     design: bool = option("judge a sensor set instead of runs", False)
     sensors: Path | None = option("with --design: the sensors, as for simulate")
     seed: int | None = option("seed of the draws that thresholds come from", ge=0, shown="0")
@@ -146,7 +149,7 @@ class FleetVerb(Configured, answer="fleet:rank_fleet"):
     )
     healthy: int = option("first recordings of each machine that are its baseline, where it has no file", 1, ge=1)
     save_baselines: bool = option("keep each machine's baseline in its folder (baseline.json)", False)
-    page: Path | None = option("page to write (.html)")
+    page: Path | None = option("page to write (.html)", writes=(".html",))
     everything: bool = option("every machine, not the suspect ones alone", False, "--all")
     cores: int | None = option("processor cores to use", ge=1, shown="all")
     scheduler: str | None = option("Dask scheduler to spread over, tcp://HOST:PORT", metavar="ADDRESS")

@@ -24,10 +24,7 @@ from mech_twin.cli.monitor_baseline import (
     setup_of_runs,
     write_setup,
 )
-from mech_twin.declarations.quantity import Parameters
-from mech_twin.files.output_file import check_output_file, written_file
-from mech_twin.parameters.load import catalogue_entry
-from mech_twin.process.dependencies import require_extra
+from mech_twin.files.output_file import written_file
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.design import (
     DESIGN_CYCLES,
@@ -54,27 +51,22 @@ def monitor_machine(asked: MonitorVerb) -> None:
     """Judge runs, or a sensor set; exit with 1 where a fault was found."""
     kept_file = baseline_file(asked.baseline)
     check_request(asked, kept_file)
-    parameters = asked.parameters
     if asked.design:
-        _design(asked, parameters)
+        _design(asked)
         return
     if not asked.runs:
         raise CommandError("monitor: expected at least one run, or --design --sensors FILE")
     if asked.sensors is not None:
         raise CommandError(f"--sensors {asked.sensors}: goes with --design; a run has --map")
-    if asked.save_baseline is not None:
-        check_output_file(asked.save_baseline, force=asked.force)
-    if asked.picture is not None:
-        require_extra("plots")
-        check_output_file(asked.picture, force=asked.force, suffixes=(".png", ".svg"))
-    runs = [_featured(asked, path, parameters) for path in asked.runs]
-    setup, runs[0] = _setup(asked, parameters, runs[0])
+    runs = [_featured(asked, path) for path in asked.runs]
+    setup, runs[0] = _setup(asked, runs[0])
     if asked.save_baseline is not None:
         write_setup(asked.save_baseline, setup, force=asked.force)
         say(f"written to {asked.save_baseline}")
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
     if asked.explain is not None:
-        found = [run._replace(why=_explained(setup, runs[0].units, run, asked.explain)) for run in found]
+        known_fault(setup, asked.explain)
+        found = [run.explained(setup, runs[0].units, asked.explain) for run in found]
     show_runs(setup, runs[0].units, found, as_json=asked.as_json)
     if asked.picture is not None:
         _draw(asked.picture, setup, list(zip(runs, found, strict=True)), force=asked.force)
@@ -84,33 +76,24 @@ def monitor_machine(asked: MonitorVerb) -> None:
     if faulty:
         raise SystemExit(FOUND)
     if asked.renew and kept_file is not None:
-        _renew(asked, kept_file, setup, runs, parameters)
+        _renew(asked, kept_file, setup, runs)
 
 
-def _featured(asked: MonitorVerb, path: Path, parameters: Parameters) -> FeaturedRun:
-    return featured_run(path, asked.machine, parameters, asked.map_file, asked.skip_s)
+def _featured(asked: MonitorVerb, path: Path) -> FeaturedRun:
+    return featured_run(path, asked.machine, asked.parameters, asked.map_file, asked.skip_s)
 
 
-def _renew(
-    asked: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun], parameters: Parameters
-) -> None:
+def _renew(asked: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun]) -> None:
     """Write the baseline anew, of its own runs and these, where there is a yes."""
     earlier = earlier_runs(file, setup, [run.path for run in runs])
     if not asked.yes and not agreed(file, setup, [str(run.path) for run in runs]):
         say(f"{file}: not renewed")
         return
-    read = [(_featured(asked, run.path, parameters), run.cycles) for run in earlier]
+    read = [(_featured(asked, run.path), run.cycles) for run in earlier]
     known = [run._replace(vectors=run.vectors[:cycles]) for run, cycles in read]
-    renewed = setup_of_runs([*known, *runs], parameters, setup.arl0_h, 0)
+    renewed = setup_of_runs([*known, *runs], asked.parameters, setup.arl0_h, 0)
     write_setup(file, renewed, force=True)
     say(f"{file}: renewed with {len(runs)} more, {len(known) + len(runs)} runs, {renewed.baseline.cycles} cycles")
-
-
-def _explained(setup: MonitorSetup, units: Mapping[str, str], run: Judged, fault: str) -> tuple[Explanation, ...]:
-    """Return what speaks for and against a fault, of each alarm that had the cycles for it."""
-    known_fault(setup, fault)
-    told = [explanation(setup, units, alarm, fault) for alarm in run.found.alarms]
-    return tuple(each for each in told if each is not None)
 
 
 def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Judged]], *, force: bool) -> None:
@@ -129,20 +112,18 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
     say(f"{path}: not written, there is no alarm to explain")
 
 
-def _design(asked: MonitorVerb, parameters: Parameters) -> None:
+def _design(asked: MonitorVerb) -> None:
     if asked.sensors is None or asked.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
-    sensors = given_map(asked.sensors, catalogue_entry(asked.machine).build(parameters))
-    monitored = MonitoredMachine(asked.machine, parameters, sensors)
-    setup = fitted_setup(
-        monitored, simulated_vectors(monitored, DESIGN_CYCLES, asked.seed or 0), _arl0_h(asked), asked.seed or 0
-    )
+    monitored = MonitoredMachine(asked.machine, asked.parameters, given_map(asked.sensors, asked.built))
+    seed = asked.seed or 0
+    setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), _arl0_h(asked), seed)
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=asked.as_json)
 
 
-def _setup(asked: MonitorVerb, parameters: Parameters, first: FeaturedRun) -> tuple[MonitorSetup, FeaturedRun]:
+def _setup(asked: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
-    file = baseline_file(asked.baseline)
+    file, parameters = baseline_file(asked.baseline), asked.parameters
     if file is not None:
         kept_setup = read_setup(file, asked.machine, parameters, first.given)
         wanted = arl0_cycles(asked.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
@@ -152,13 +133,12 @@ def _setup(asked: MonitorVerb, parameters: Parameters, first: FeaturedRun) -> tu
                 "expected that, or a run as --baseline"
             )
         return kept_setup, first
-    if asked.baseline:
-        days = [_featured(asked, path, parameters) for path in asked.baseline]
-        return setup_of_runs(days, parameters, _arl0_h(asked), asked.seed or 0), first
-    kept = int(HEALTHY_SHARE * len(first.vectors))
-    say(f"{first.path}: no --baseline given, the first {kept} of {len(first.vectors)} cycles are taken as healthy")
-    setup = setup_of_runs([first._replace(vectors=first.vectors[:kept])], parameters, _arl0_h(asked), asked.seed or 0)
-    return setup, first._replace(vectors=first.vectors[kept:])
+    days, rest = [_featured(asked, path) for path in asked.baseline], first
+    if not days:
+        kept, cycles = int(HEALTHY_SHARE * len(first.vectors)), first.vectors
+        say(f"{first.path}: no --baseline given, the first {kept} of {len(cycles)} cycles are taken as healthy")
+        days, rest = [first._replace(vectors=cycles[:kept])], first._replace(vectors=cycles[kept:])
+    return setup_of_runs(days, parameters, _arl0_h(asked), asked.seed or 0), rest
 
 
 class Judged(NamedTuple):
@@ -167,6 +147,11 @@ class Judged(NamedTuple):
     run: str
     found: JudgedRun
     why: tuple[Explanation, ...] = ()
+
+    def explained(self, setup: MonitorSetup, units: Mapping[str, str], fault: str) -> Judged:
+        """Return the run with what speaks for and against a fault, of each alarm that had the cycles for it."""
+        told = [explanation(setup, units, alarm, fault) for alarm in self.found.alarms]
+        return self._replace(why=tuple(each for each in told if each is not None))
 
 
 def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judged], *, as_json: bool) -> None:
@@ -177,11 +162,9 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
     _say_setup(setup)
     for run in runs:
         for value in run.found.operating:
-            say(
-                f"{run.run}: operating_point: {value.name} {_percent(value.share)} "
-                f"({_percent(value.low_95)} to {_percent(value.high_95)}) of the baseline's, fair within "
-                f"+-{100.0 * value.range:.3g} %"
-            )
+            share, low, high = (f"{100.0 * each:+.3g} %" for each in (value.share, value.low_95, value.high_95))
+            told = f"({low} to {high}) of the baseline's, fair within +-{100.0 * value.range:.3g} %"
+            say(f"{run.run}: operating_point: {value.name} {share} {told}")
         if not run.found.alarms:
             say(f"{run.run}: {run.found.cycles} cycles, no alarm")
             continue
@@ -192,25 +175,20 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
         for explained in run.why:
             _show_explanation(run.run, explained)
     for run in runs:
-        for event in run.found.events:
-            say(f"{run.run}: {event.text}")
+        say(*(f"{run.run}: {event.text}" for event in run.found.events))
 
 
 def _show_explanation(run: str, found: Explanation) -> None:
     fault = found.fault
     verdict = "explains the change" if found.explains else "does not explain the change"
     heads = ("feature", "unit", "healthy", "change", "+-95 %", "fault would", "moved, sigma", "left, sigma")
-    rows = [
-        (each.name, each.unit, *map(_rounded, (each.healthy, each.change, each.half_95, each.expected)),
-         f"{each.moved_sigma:.1f}", f"{each.left_sigma:.1f}")
-        for each in found.features
-    ]  # fmt: skip
-    print_table(
-        f"{run}: {fault.name} of {_rounded(fault.size)} {fault.unit} {verdict} since {found.onset_s:.3f} s "
-        f"({found.finding}), leaves {100.0 * fault.open_share:.1f} % of it open",
-        heads,
-        rows,
-    )
+    rows = []
+    for each in found.features:
+        numbers = map(_rounded, (each.healthy, each.change, each.half_95, each.expected))
+        rows.append((each.name, each.unit, *numbers, f"{each.moved_sigma:.1f}", f"{each.left_sigma:.1f}"))
+    told = f"{run}: {fault.name} of {_rounded(fault.size)} {fault.unit} {verdict} since {found.onset_s:.3f} s"
+    left = f"({found.finding}), leaves {100.0 * fault.open_share:.1f} % of it open"
+    print_table(f"{told} {left}", heads, rows)
 
 
 def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[CycleFeature], *, as_json: bool) -> None:
@@ -218,27 +196,23 @@ def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[Cy
     units = {feature.name: feature.unit for feature in features}
     if as_json:
         names = [fault.name for fault in design.faults]
-        matrix = {
-            name: dict(zip(names, row, strict=True))
-            for name, row in zip(names, design.isolability.tolist(), strict=True)
-        }
+        rows = zip(names, design.isolability.tolist(), strict=True)
+        matrix = {name: dict(zip(names, row, strict=True)) for name, row in rows}
         print_json({**_setup_record(setup, units), "faults": design.faults, "isolability": matrix})
         return
     _say_setup(setup)
     heads = ("fault", "size", "unit", "sigma a cycle", "delay, cycles", "found in 50", "looks like")
-    rows = [
+    shown = [
         (
-            fault.name,
-            fault.size,
-            fault.unit,
-            _rounded(fault.effect_sigma),
-            _rounded(fault.delay_cycles),
-            _rounded(fault.smallest),
-            ", ".join(fault.alike) or "none",
+            f.name,
+            f.size,
+            f.unit,
+            *map(_rounded, (f.effect_sigma, f.delay_cycles, f.smallest)),
+            ", ".join(f.alike) or "none",
         )
-        for fault in design.faults
+        for f in design.faults
     ]
-    print_table(f"{setup.machine}: what these sensors would find", heads, rows)
+    print_table(f"{setup.machine}: what these sensors would find", heads, shown)
 
 
 def _alarm_rows(alarm: Alarm) -> list[tuple[Any, ...]]:
@@ -260,34 +234,18 @@ def _say_setup(setup: MonitorSetup) -> None:
 def _setup_record(setup: MonitorSetup, units: Mapping[str, str]) -> dict[str, Any]:
     baseline, limits = setup.baseline, setup.limits
     numbers = zip(baseline.names, baseline.mean.tolist(), baseline.sigma.tolist(), strict=True)
-    return {
-        "machine": setup.machine,
-        "features": [
-            {"name": n, "unit": units.get(n, "1"), "mean": mean, "sigma": sigma} for n, mean, sigma in numbers
-        ],
-        "baseline": {"cycles": baseline.cycles, "order": baseline.order, "period_s": baseline.period_s},
-        "arl0_h": setup.arl0_h,
-        "arl0_cycles": limits.arl0_cycles,
-        "extrapolated": limits.extrapolated,
-        "thresholds": limits.alarm,
-    }
+    features = [{"name": n, "unit": units.get(n, "1"), "mean": mean, "sigma": sigma} for n, mean, sigma in numbers]
+    cycles = {name: getattr(baseline, name) for name in ("cycles", "order", "period_s")}
+    head = {"machine": setup.machine, "features": features, "baseline": cycles, "arl0_h": setup.arl0_h}
+    thresholds = {"extrapolated": limits.extrapolated, "thresholds": limits.alarm}
+    return {**head, "arl0_cycles": limits.arl0_cycles, **thresholds}
 
 
 def _run_record(run: Judged) -> dict[str, Any]:
-    return {
-        "run": run.run,
-        "cycles": run.found.cycles,
-        "skipped": run.found.skipped,
-        "alarms": [alarm.record() for alarm in run.found.alarms],
-        "faults": run.found.faults,
-        "events": run.found.events,
-        "operating_point": run.found.operating,
-        **({"explained": [each.record() for each in run.why]} if run.why else {}),
-    }
-
-
-def _percent(share: float) -> str:
-    return f"{100.0 * share:+.3g} %"
+    found = run.found._asdict()
+    operating, alarms = found.pop("operating"), [alarm.record() for alarm in run.found.alarms]
+    explained = {"explained": [each.record() for each in run.why]} if run.why else {}
+    return {"run": run.run, **found, "alarms": alarms, "operating_point": operating, **explained}
 
 
 def _rounded(value: float) -> str:

@@ -171,7 +171,7 @@ def featured_run(
     """Return the features of a run, its map proposed from the twin's own names where none is given."""
     with opened_run(path) as reader:
         built = catalogue_entry(machine).build(parameters)
-        given = given_map(map_file, built) if map_file is not None else _own_map(built, parameters, reader)
+        given = given_map(map_file, built) if map_file is not None else _own_map(built, reader)
         parts = read_parts(reader, given)
     monitored = MonitoredMachine(machine, parameters, known_sensors(given, parts[0]))
     declared = monitored.declared
@@ -187,40 +187,31 @@ def featured_run(
     return FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
 
 
-def _own_map(built: Machine, parameters: Parameters, reader: RunReader) -> MeasurementMap:
+def _own_map(built: Machine, reader: RunReader) -> MeasurementMap:
     """Return the map of a run under the twin's own names: the columns that the machine's features are made of."""
-    machine = built.name
-    ask = catalogue_entry(machine).capabilities.features
-    needed: set[str] = set()
-    if ask is not None:
-        declared = ask(parameters)
+    machine, needed = built.name, set[str]()
+    if (ask := catalogue_entry(machine).capabilities.features) is not None:
+        declared = ask(built.parameters)
         needed = {declared.reference.column, *(name for feature in declared.features for name in feature.needs)}
-    offered = reader.offered()
-    channels = [each for each in proposed_channels(offered, machine_columns(built)) if each.surety == EXACT]
-    proposed = map_of(machine, reader.proposed_time(), [each for each in channels if each.column in needed])
+    columns = machine_columns(built)
+    known = [each for each in proposed_channels(reader.offered(), columns) if each.surety == EXACT]
+    proposed = map_of(machine, reader.proposed_time(), [each for each in known if each.column in needed])
     if proposed is None:
         raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")
-    return proposed.model_copy(
-        update={"channels": (*proposed.channels, *_own_events(machine, parameters, reader, needed))}
-    )
+    return proposed.model_copy(update={"channels": (*proposed.channels, *_own_events(built, reader, needed))})
 
 
-def _own_events(machine: str, parameters: Parameters, reader: RunReader, needed: set[str]) -> list[Channel]:
+def _own_events(built: Machine, reader: RunReader, needed: set[str]) -> list[Channel]:
     """Return the channels of the twin's own impacts that features need; contacts are those of the model's own run."""
-    topic = next(
-        (each.source.topic for each in reader.offered() if each.source.topic and each.source.topic.endswith(IMPACTS)),
-        None,
-    )
-    kinds = {name.split(".")[1] for name in needed if is_event(name)}
+    topics = [each.source.topic or "" for each in reader.offered()]
+    topic = next((each for each in topics if each.endswith(IMPACTS)), None)
+    kinds = {column: column.split(".")[1:] for column in sorted(needed) if is_event(column)}
     if topic is None or not kinds:
         return []
-    run = roll_out(catalogue_entry(machine).build(parameters), EVENTS_OF_S, ())
-    contacts = {event.kind: event.contact for event in run.events if event.kind in kinds}
+    contacts = {event.kind: event.contact for event in roll_out(built, EVENTS_OF_S, ()).events}
     return [
         Channel.model_validate({"source": _event_source(topic, contacts[kind], kind, what), "is": column})
-        for column in sorted(needed)
-        if is_event(column)
-        for _, kind, what in (column.split("."),)
+        for column, (kind, what) in kinds.items()
         if kind in contacts
     ]
 

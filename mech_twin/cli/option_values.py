@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import typer
@@ -96,41 +96,42 @@ def settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
     from mech_twin.parameters.key_hints import key_units
 
     model = _entry(context).parameters if _named(context) else None
-    units = key_units(model) if model is not None else {}
-    return [(f"{key}=", unit) for key, unit in units.items() if key.startswith(incomplete)]
+    return _ready(key_units(model) if model is not None else {}, incomplete)
 
 
-def live_settings(context: Context, incomplete: str) -> list[str]:
+def live_settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the keys that may change while the machine runs."""
     if not _named(context):
         return []
     from mech_twin.parameters.live_change import live_numbers
     from mech_twin.parameters.load import machine_parameters
 
-    keys = dict(live_numbers(machine_parameters(_entry(context).name)))
-    return [f"{key}=" for key in keys if key.startswith(incomplete)]
+    return _ready(dict.fromkeys(dict(live_numbers(machine_parameters(_entry(context).name))), ""), incomplete)
 
 
 def limits(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the limits of the machine's size or design question, with their usual values."""
-    question = _question(context)
-    known = {} if question is None else dict(question.limits)
-    return [(f"{name}=", _usually(value)) for name, value in known.items() if name.startswith(incomplete)]
+    known = getattr(_question(context), "limits", {})
+    return _ready(
+        {name: "" if math.isnan(value) else f"usually {value:g}" for name, value in known.items()}, incomplete
+    )
 
 
 def objectives(context: Context, incomplete: str) -> list[str]:
     """Return the objectives of the machine's size or design question."""
-    question = _question(context)
-    return [] if question is None else [name for name in question.objectives if name.startswith(incomplete)]
+    return [name for name in getattr(_question(context), "objectives", ()) if name.startswith(incomplete)]
 
 
 def bounds(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the variables of the machine's design question, with their usual bounds in SI units."""
     question = _entry(context).capabilities.design if _named(context) else None
-    known: dict[str, Any] = {} if question is None else dict(question.variables)
-    return [
-        (f"{name}=", f"usually {low:g}:{high:g}") for name, (low, high) in known.items() if name.startswith(incomplete)
-    ]
+    known = getattr(question, "variables", {})
+    return _ready({name: f"usually {low:g}:{high:g}" for name, (low, high) in known.items()}, incomplete)
+
+
+def _ready(known: Mapping[str, str], incomplete: str) -> list[tuple[str, str]]:
+    """Return the names that begin so, ready for a value, with what is said of each."""
+    return [(f"{name}=", meaning) for name, meaning in known.items() if name.startswith(incomplete)]
 
 
 def _named(context: Context) -> str:
@@ -163,7 +164,3 @@ def _question(context: Context) -> Any:
         return None
     able = _entry(context).capabilities
     return able.sizing if context.info_name == "size" else able.design
-
-
-def _usually(value: float) -> str:
-    return "" if math.isnan(value) else f"usually {value:g}"

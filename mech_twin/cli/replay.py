@@ -22,7 +22,6 @@ from mech_twin.studies.resimulation import Verdict, analysed, resimulated
 
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode
-    from mech_twin.nodes.replay.session import ReplayOutcome
     from mech_twin.nodes.replay.source import ReplaySource
     from mech_twin.recording.bag_samples import BagSamples
 
@@ -46,7 +45,10 @@ def replay(asked: ReplayVerb) -> None:
 
 def replay_bag(request: ReplayVerb) -> None:
     """Publish a recording on its topics until its end, or until stopped."""
-    _check(request)
+    from mech_twin.nodes.replay import FASTEST, SLOWEST
+
+    if not SLOWEST <= request.rate <= FASTEST:  # false for NaN, too
+        raise CommandError(f"--rate {request.rate:g}: expected {SLOWEST:g} to {FASTEST:g}")
     settle_domain()
     from mech_twin.nodes.replay.replay_node import ReplayOptions
     from mech_twin.nodes.replay.session import replayed
@@ -55,21 +57,16 @@ def replay_bag(request: ReplayVerb) -> None:
 
     with open_bag(request.bag) as reader:
         source = ReplaySource(reader, request.topics, request.start_s, request.duration_s)
-        for name, why in source.unknown.items():
-            say(f"{name}: not replayed: {why}")
+        say(*(f"{name}: not replayed: {why}" for name, why in source.unknown.items()))
         if not source.topics:
             raise CommandError(f"{request.bag}: no topic can be replayed: {'; '.join(source.unknown.values())}")
         options = ReplayOptions(request.rate, request.loop, request.clock, request.listeners)
         with _progress(source) as notice:
             outcome = replayed(source, options, notice, request.namespace)
-    _report(outcome)
-
-
-def _check(request: ReplayVerb) -> None:
-    from mech_twin.nodes.replay import FASTEST, SLOWEST
-
-    if not SLOWEST <= request.rate <= FASTEST:  # false for NaN, too
-        raise CommandError(f"--rate {request.rate:g}: expected {SLOWEST:g} to {FASTEST:g}")
+    say(f"published {sum(outcome.published.values())} messages on {len(outcome.published)} topics")
+    malformed, refused = outcome.malformed.items(), outcome.refused.items()
+    say(*(f"{name}: {number} messages skipped: not decodable as the topic's type" for name, number in malformed))
+    say(*(f"{name}: {number} messages not published" for name, number in refused))
 
 
 @contextmanager
@@ -87,25 +84,8 @@ def _progress(source: ReplaySource) -> Iterator[Callable[[ReplayNode], None]]:
         yield notice
 
 
-def _report(outcome: ReplayOutcome) -> None:
-    say(f"published {sum(outcome.published.values())} messages on {len(outcome.published)} topics")
-    for name, number in outcome.malformed.items():
-        say(f"{name}: {number} messages skipped: not decodable as the topic's type")
-    for name, number in outcome.refused.items():
-        say(f"{name}: {number} messages not published")
-
-
 LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes
 TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
-WORDS = {
-    "machine": "machine",
-    "identical": "identical",
-    "steps_compared": "compared",
-    "samples_compared": "compared",
-    "incomplete_steps": "incomplete",
-    "parameter_changes": "parameter changes",
-    "resets": "resets",
-}
 UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
 
 
@@ -133,9 +113,8 @@ def recompute_bag(asked: ReplayVerb) -> None:
             for _ in islice(steps, LATEST_SECOND):
                 pass
         shared = shared_topics(reader.info.counters)
-    _write(bag, mode, samples, history, verdict, asked.as_json)
-    for line in shared:
-        say(line)
+    _write(asked, mode, samples, history, verdict)
+    say(*shared)
     if not verdict.identical:
         raise SystemExit(FOUND)
 
@@ -153,10 +132,11 @@ def _history(samples: BagSamples, bag: Path, config: Path | None) -> Configurati
     return ConfigurationHistory([description_text(name, machine_parameters(name, config))], str(config))
 
 
-def _write(
-    bag: Path, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict, as_json: bool
-) -> None:
-    first, doubted = _first(samples.topics, verdict), samples.contradicted_from
+def _write(asked: ReplayVerb, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict) -> None:
+    first, doubted = None, samples.contradicted_from
+    if verdict.first is not None:
+        row = verdict.first._asdict()
+        first = {"topic": samples.topics[row.pop("role")], **row}
     uncertain = first is not None and doubted is not None and first["step"] >= doubted
     numbers = {
         "machine": history.name,
@@ -167,23 +147,17 @@ def _write(
         "parameter_changes": history.changes,
     }
     if mode == "resimulate":
-        numbers |= {"resets": verdict.resets}
-    if as_json:
-        more = {
-            "resumed_at_steps": verdict.taken_up,
-            "unused_samples": samples.unused,
-            "contradicted_from_step": doubted,
-            "first_difference": first,
-        }
-        print_json({"bag": bag, "recorded_with": history.versions, "version": __version__, **numbers, **more})
+        numbers["resets"] = verdict.resets
+    if asked.as_json:
+        more: dict[str, Any] = {"resumed_at_steps": verdict.taken_up, "unused_samples": samples.unused}
+        more |= {"contradicted_from_step": doubted, "first_difference": first}
+        print_json({"bag": asked.bag, "recorded_with": history.versions, "version": __version__, **numbers, **more})
         return
     numbers["identical"] = "not certain" if uncertain else verdict.identical
-    rows = [(WORDS[name], value, UNITS.get(name, "")) for name, value in numbers.items()]
-    print_table(f"{bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
-    for step in verdict.taken_up[:10]:
-        say(f"step {step}: resumed from the recorded state")
-    for reason, number in samples.unused.items():
-        say(f"{number} recorded samples not used: {reason}")
+    rows = [(_word(name), value, UNITS.get(name, "")) for name, value in numbers.items()]
+    print_table(f"{asked.bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
+    say(*(f"step {step}: resumed from the recorded state" for step in verdict.taken_up[:10]))
+    say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
     if uncertain:
         say(
             f"not certain from step {doubted} on: samples of it differ, so that a second publisher spoke; "
@@ -198,8 +172,7 @@ def _write(
         say("nothing could be compared")
 
 
-def _first(topics: dict[str, str], verdict: Verdict) -> dict[str, Any] | None:
-    if verdict.first is None:
-        return None
-    row = verdict.first._asdict()
-    return {"topic": topics[row.pop("role")], **row}
+def _word(name: str) -> str:
+    """Return the word of a number whose unit stands beside it: compared, of ``steps_compared``."""
+    told, unit = name.replace("_", " "), UNITS.get(name, "")
+    return told.removeprefix(f"{unit} ").removesuffix(f" {unit}") if unit else told

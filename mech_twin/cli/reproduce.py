@@ -26,15 +26,14 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
     from mech_twin.studies import reproduce
     from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
-    machine, figures, config, settings = asked.machine, asked.figures, asked.config, asked.settings
+    machine, figures = asked.machine, asked.figures
     if figures is not None:
         check_output_directory(figures, force=asked.force)
         require_extra("plots")
-    parameters = None
-    if config is not None or settings:
-        if machine is None:
-            raise CommandError("--config and --set change one machine: name it before them")
-        parameters = asked.parameters
+    changed = asked.config is not None or asked.settings
+    if changed and machine is None:
+        raise CommandError("--config and --set change one machine: name it before them")
+    parameters = asked.parameters if changed else None
     with busy("computing published values"):
         rows = reproduce(machine, parameters)
     files: list[Path] = []
@@ -45,23 +44,26 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
         with progress(machines, len(machines), "drawing") as counted:
             for name in counted:
                 files += draw_figures(name, figures, parameters)
-    hold = all_hold(rows)
+    hold, gated = all_hold(rows), sum(row.gated for row in rows)
     if asked.as_json:
-        document = {
-            "machine": machine or "all",
-            "all_gated_hold": hold,
-            "verdicts": Counter(row.verdict for row in rows),
-            "rows": [row.record() for row in rows],
-            "figures": files,
-        }
-        print_json(document)
+        verdicts, records = Counter(row.verdict for row in rows), [row.record() for row in rows]
+        head = {"machine": machine or "all", "all_gated_hold": hold, "verdicts": verdicts}
+        print_json({**head, "rows": records, "figures": files})
+    elif asked.as_csv:
+        print_csv(WIDE_COLUMNS, map(_cells, rows))
     else:
-        WRITERS[asked.form](rows)
-        for file in files:
-            say(f"wrote {file}")
+        if asked.wide:
+            width = None if sys.stdout.isatty() else WIDE
+            print_table("published and computed", WIDE_COLUMNS, map(_cells, rows), width)
+        else:
+            show_rows(rows)
+        counts = Counter(row.verdict for row in rows)  # in the order in which they first appear
+        say_result(*(f"{count:5d}  {verdict}" for verdict, count in counts.items()))
+        say_result(f"{sum(row.gated and row.holds for row in rows)} of {gated} checks within tolerance")
+    if not asked.as_json:
+        say(*(f"wrote {file}" for file in files))
     if not hold:
-        failing = sum(not row.holds for row in rows)
-        say(f"mech-twin: {failing} of {sum(row.gated for row in rows)} gated rows do not hold")
+        say(f"mech-twin: {sum(not row.holds for row in rows)} of {gated} gated rows do not hold")
         raise SystemExit(1)
 
 
@@ -79,8 +81,9 @@ def show_rows(rows: Sequence[PublishedRow]) -> None:
     heads = ("quantity, inputs", "published", "computed", "error", "verdict")
     for (source, item), found in groupby(rows, key=lambda row: (row.source, row.figure_or_equation)):
         group = list(found)
-        shared = _shared_inputs(group)
-        own = [[words for words in row.inputs.split(", ") if words not in shared] for row in group]
+        inputs = [row.inputs.split(", ") for row in group]  # those of all rows are written once below the table
+        shared = [words for words in inputs[0] if len(group) > 1 and all(words in each for each in inputs)]
+        own = [[words for words in each if words not in shared] for each in inputs]
         table = [
             (", ".join([row.quantity, *words]), _number(row.published, 5), _number(row.computed, 5), *_judged(row))
             for row, words in zip(group, own, strict=True)
@@ -88,46 +91,13 @@ def show_rows(rows: Sequence[PublishedRow]) -> None:
         print_table(f"{source}: {item}", heads, table, None if sys.stdout.isatty() else NARROW)
         notes = [f"all with {', '.join(shared)}"] if shared else []
         notes += dict.fromkeys(row.reason for row in group if row.verdict != "reproduced" and row.reason)
-        for note in notes:
-            say_result(fill(note, NARROW, initial_indent="  ", subsequent_indent="    "))
-        say_result("")
-    show_counts(rows)
-
-
-def show_wide_rows(rows: Sequence[PublishedRow]) -> None:
-    """Write every column: as wide as it needs to be where no terminal sets the width."""
-    width = None if sys.stdout.isatty() else WIDE
-    print_table("published and computed", WIDE_COLUMNS, map(_cells, rows), width)
-    show_counts(rows)
-
-
-def write_csv(rows: Sequence[PublishedRow]) -> None:
-    """Write every column as comma-separated values."""
-    print_csv(WIDE_COLUMNS, map(_cells, rows))
-
-
-WRITERS = {"narrow": show_rows, "wide": show_wide_rows, "csv": write_csv}
-
-
-def show_counts(rows: Sequence[PublishedRow]) -> None:
-    """Write how many rows have which verdict, and how many of those that gate keep their tolerance."""
-    for verdict in dict.fromkeys(row.verdict for row in rows):
-        say_result(f"{sum(row.verdict == verdict for row in rows):5d}  {verdict}")
-    gated = [row for row in rows if row.gated]
-    say_result(f"{sum(row.holds for row in gated)} of {len(gated)} checks within tolerance")
+        say_result(*(fill(note, NARROW, initial_indent="  ", subsequent_indent="    ") for note in notes), "")
 
 
 def _cells(row: PublishedRow) -> tuple[str, ...]:
     error, verdict = _judged(row)
     numbers = (_number(row.published, 7), _number(row.computed, 7), error, _tolerance(row))
     return (row.source, row.figure_or_equation, row.quantity, row.inputs, *numbers, verdict, row.reason)
-
-
-def _shared_inputs(group: Sequence[PublishedRow]) -> list[str]:
-    """Return the inputs that all rows of a table have, which are written once below it."""
-    if len(group) == 1:
-        return []
-    return [words for words in group[0].inputs.split(", ") if all(words in row.inputs.split(", ") for row in group)]
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin run``: runs the nodes of a machine for a duration or until a signal."""
+"""``mech-twin run``, ``tell``, ``foxglove``: nodes of a machine run, are told something, are served to Foxglove."""
 
 from __future__ import annotations
 
 import os
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,13 +16,14 @@ from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
 from mech_twin.cli.machines import own_name
 from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers
-from mech_twin.cli.verbs import RunVerb
+from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, settle_domain
+from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, UnansweredError, run_namespace, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, catalogue_entry, is_page, run_group
 from mech_twin.process.dependencies import require_modules
+from mech_twin.process.stop_signal import StopSignal
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.simulation import event_record
 
@@ -41,21 +42,14 @@ def run_machine(request: RunVerb) -> None:
         request.built  # noqa: B018 # refuses what cannot start
         request = _of_page(request, parameters)
     say_consequences(request.machine, request.config, request.settings)
-    directory = _recording_directory(request)
+    directory = None if request.no_record else request.record or _new_directory(request.machine)
     if directory is not None:
         check_recording_directory(directory, force=request.force)
     options = run_options(request, recorder=directory is not None, viewer=request.view != "none")
     with ExitStack() as stack:
-        view = opened_view(
-            request.view,
-            request.view_port,
-            stack,
-            open_to_other_hosts=request.open_to_other_hosts,
-            kernels=catalogue_entry(request.machine).kernels,
-        )
+        kernels, open_to = catalogue_entry(request.machine).kernels, request.open_to_other_hosts
+        view = opened_view(request.view, request.view_port, stack, open_to_other_hosts=open_to, kernels=kernels)
         if view.link is not None:
-            from mech_twin.nodes.run.domain import run_namespace
-
             place = run_namespace(request.machine, request.namespace)
             view.tell("machine", told_machine(request.machine, place, RUN_ORDERS, parameters))
             view.tell("status", {"text": "starting the nodes, building the machine"})
@@ -82,7 +76,11 @@ def _run(
 ) -> Outcome:
     discovery = settle_domain(request.open_to_other_hosts)
     if request.open_to_other_hosts:
-        say(_exposure_warning(discovery))
+        domain = f"domain {os.environ.get('ROS_DOMAIN_ID', '0')}"
+        kept = f"not exposed, because {DISCOVERY}={discovery} is set and is not overridden ({domain})"
+        opened = f"OPEN TO OTHER HOSTS, without authentication: ROS {domain}, discovery range {discovery}; "
+        warning = "anyone on the same network can read all topics, send commands and set parameters"
+        say(f"topics: {kept if discovery != OTHER_HOSTS else opened + warning}")
     from mech_twin.nodes.run.composition import run_in_process, run_processes
 
     if directory is not None:
@@ -114,27 +112,11 @@ def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions
         raise refusal(f"{RUN_GROUP} group", error, RunOptions) from error
 
 
-def _exposure_warning(discovery: str) -> str:
-    domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    if discovery != OTHER_HOSTS:
-        return f"topics: not exposed, because {DISCOVERY}={discovery} is set and is not overridden (domain {domain})"
-    return (
-        f"topics: OPEN TO OTHER HOSTS, without authentication: ROS domain {domain}, discovery range {discovery}; "
-        "anyone on the same network can read all topics, send commands and set parameters"
-    )
-
-
 def _check(request: RunVerb) -> None:
-    from mech_twin.nodes.run.domain import run_namespace
-
     run_namespace(PAGE.name if is_page(request.machine) else request.machine, request.namespace)
     check_view(request.view, request.view_port, force=request.force)
     if request.hold and request.view not in WEB_VIEWS:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
-
-
-def _recording_directory(request: RunVerb) -> Path | None:
-    return None if request.no_record else request.record or _new_directory(request.machine)
 
 
 def _new_directory(name: str) -> Path:
@@ -152,14 +134,41 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
         if directory is not None and directory.exists():
             say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")
         return
-    print_json(
-        {
-            "machine": request.machine,
-            "config": configuration_tree(parameters),
-            "summary": numbers,
-            "events": [event_record(event) for event in outcome.metrics.events],
-            "recording": directory,
-            "messages_sent": outcome.sent,
-            "messages_recorded": messages_in(directory),
-        }
-    )
+    events = [event_record(event) for event in outcome.metrics.events]
+    head = {"machine": request.machine, "config": configuration_tree(parameters), "summary": numbers, "events": events}
+    sent = {"messages_sent": outcome.sent, "messages_recorded": messages_in(directory)}
+    print_json({**head, "recording": directory, **sent})
+
+
+def tell_nodes(asked: TellVerb) -> None:
+    """Tell the nodes and print what they answer."""
+    settle_domain()
+    from mech_twin.nodes.run.telling import ORDERS, tell
+
+    target, what, fault = asked.target, asked.what, asked.fault
+    order = None if "=" in what[0] else what[0]
+    if order is not None and (order not in ORDERS or len(what) > 1):
+        raise CommandError(f"tell {' '.join(what)}: expected KEY=VALUE ..., or one of {', '.join(ORDERS)}")
+    if fault is not None and (order is None or not ORDERS[order].of_a_fault):
+        raise CommandError("--fault goes with acknowledge and shelve")
+    try:
+        say_result(tell(target, order, assignments(what) if order is None else {}, fault, asked.wait_s))
+    except UnansweredError as error:
+        raise CommandError(f"tell {target} {error}") from error
+
+
+def serve_foxglove(asked: FoxgloveVerb) -> None:
+    """Serve the topics of a machine until stopped."""
+    require_modules("foxglove")
+    settle_domain()
+    from mech_twin.nodes.run.foxglove_server import FoxgloveServer
+
+    try:
+        server = FoxgloveServer(asked.target, asked.port, commands=asked.commands)
+    except OSError as error:
+        raise CommandError(f"foxglove: {error}; choose another one with --port") from error
+    watched = "clients watch; --commands lets them act"
+    allowed = "any page of a browser on this machine may command it" if asked.commands else watched
+    say(f"foxglove: ws://127.0.0.1:{server.port} ({allowed})")
+    with StopSignal() as stop, closing(server):
+        server.serve(lambda: stop.asked)

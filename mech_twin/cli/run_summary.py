@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,7 +21,6 @@ from mech_twin.studies.shorter_steps import told
 
 SHOWN_EVENTS = 12
 NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
-HOLDS, BROKEN = "holds", "broken"
 AUDIBLE_M_PER_S = 1e-3  # slower impacts are the end of a series that dies out
 EVENT_COLUMNS = ("time, s", "kind", "contact", "before, m/s", "after, m/s", "impulse, N s")
 
@@ -77,14 +77,11 @@ def show_groups(title: str, groups: Mapping[str, Mapping[str, Any]]) -> None:
 
 def show_residuals(residuals: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the worst of each residual beside its limit, and whether it holds; NaN does not."""
-    rows = [(name, r["worst"], r["limit"], _state(r)) for name, r in residuals.items()]
+    states = {name: "holds" if r["worst"] <= r["limit"] else "broken" for name, r in residuals.items()}
+    rows = [(name, r["worst"], r["limit"], states[name]) for name, r in residuals.items()]
     print_table("worst residuals", ("residual", "worst", "limit", "state"), rows)
-    holding = sum(row[-1] == HOLDS for row in rows)
+    holding = list(states.values()).count("holds")
     say_result(f"{holding} of {len(rows)} checks within their limits")
-
-
-def _state(residual: Mapping[str, Any]) -> str:
-    return HOLDS if residual["worst"] <= residual["limit"] else BROKEN
 
 
 def show_events(events: Sequence[Event], *, everything: bool) -> None:
@@ -113,10 +110,9 @@ def print_numbers_csv(numbers: Mapping[str, Any], shorter: Mapping[str, float] =
 
 
 def _row(event: Event) -> tuple[Any, ...]:
-    if event.impulse_ns == 0.0:
-        return (f"{event.time_s:.5f}", event.kind, event.contact, "-", "-", "-")
-    speeds = (event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
-    return (f"{event.time_s:.5f}", event.kind, event.contact, *(f"{speed:.4g}" for speed in speeds), event.impulse_ns)
+    speeds = [f"{speed:.4g}" for speed in (event.pre_velocity_m_per_s, event.post_velocity_m_per_s)]
+    impact = ("-", "-", "-") if event.impulse_ns == 0.0 else (*speeds, event.impulse_ns)
+    return (f"{event.time_s:.5f}", event.kind, event.contact, *impact)
 
 
 CHECKS = "checks"
@@ -149,18 +145,9 @@ RANKS = {
         *("radius", "turns", "drive_work"),
     ),
     "impacts": (
-        *(
-            "blow_rate",
-            "blow_energy_j",
-            "blow_efficiency",
-            "impact_speed",
-            "blow_impulse_ns",
-            "gap_at_blow",
-            "settled_at",
-            "spring_force",
-        ),
-        *("hardest", "feed", "gap", "stop_force"),
-        *("blows", "impacts", "contact_events", "layer_work"),
+        *("blow_rate", "blow_energy_j", "blow_efficiency", "impact_speed", "blow_impulse_ns", "gap_at_blow"),
+        *("settled_at", "spring_force", "hardest", "feed", "gap", "stop_force", "blows", "impacts", "contact_events"),
+        "layer_work",
     ),
 }
 
@@ -179,25 +166,24 @@ def group_of(name: str, design: Iterable[str] = ()) -> str:
 
 def grouped(numbers: Mapping[str, Any], design: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Return the numbers by group, in the order of `GROUPS`; empty groups are left out."""
-    known = frozenset(design)
-    found: dict[str, dict[str, Any]] = {group: {} for group in GROUPS}
-    for name, value in numbers.items():
-        found[group_of(name, known)][name] = value
-    return {group: values for group, values in found.items() if values}
+    return _by_group(numbers, partial(group_of, design=frozenset(design)))
 
 
 def analysed_groups(numbers: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the numbers of an analysis by group; none of them needs a run, so design and checks follow from names."""
-    found: dict[str, dict[str, Any]] = {group: {} for group in GROUPS}
-    for name, value in numbers.items():
-        found[_analysed_group(name)][name] = value
-    return {group: values for group, values in found.items() if values}
+    return _by_group(numbers, _analysed_group)
+
+
+def _by_group(numbers: Mapping[str, Any], group: Callable[[str], str]) -> dict[str, dict[str, Any]]:
+    named = {name: group(name) for name in numbers}
+    found = {each: {name: numbers[name] for name in named if named[name] == each} for each in GROUPS}
+    return {each: values for each, values in found.items() if values}
 
 
 def _analysed_group(name: str) -> str:
     words = set(name.split("_"))
     if words & COMPARED_WORDS:
-        return "checks"
+        return CHECKS
     if name.startswith(RATINGS):
         return "design"
     group, unit = group_of(name), unit_of(name)
@@ -254,15 +240,14 @@ OUT_OF_PROPORTION = 30.0  # times the figure without --set
 
 def consequences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, float, float]]:
     """Return name, value and ratio of each figure that is out of proportion, the largest ratio first."""
-    found = []
-    for name, value in after.items():
-        past = before.get(name)
-        if not isinstance(value, int | float) or not isinstance(past, int | float) or not past:
-            continue
-        ratio = abs(value / past)
-        if math.isfinite(ratio) and ratio >= OUT_OF_PROPORTION:
-            found.append((name, float(value), ratio))
-    return sorted(found, key=lambda row: -row[2])
+    known = [(name, value, before.get(name)) for name, value in after.items()]
+    found = [
+        (name, float(value), abs(value / past))
+        for name, value, past in known
+        if isinstance(value, int | float) and isinstance(past, int | float) and past
+    ]
+    out = [row for row in found if math.isfinite(row[2]) and row[2] >= OUT_OF_PROPORTION]
+    return sorted(out, key=lambda row: -row[2])
 
 
 def say_consequences(machine: str, config: Path | None, settings: Sequence[str]) -> None:

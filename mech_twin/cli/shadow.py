@@ -29,14 +29,13 @@ from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
-from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of
+from mech_twin.parameters.load import document_tree, kind_of
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
 from mech_twin.studies.advice_search import AdviceWish
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
     from mech_twin.nodes.shadow.monitor_node import AlertOutlet
-    from mech_twin.nodes.shadow.session import ShadowOutcome
     from mech_twin.studies.monitoring.monitor import MonitorSetup
 
 
@@ -46,13 +45,11 @@ def shadow_machine(request: ShadowVerb) -> None:
     if request.black_box is not None:
         check_output_directory(request.black_box, force=True)
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
-    given = _map_of(request, parameters)
-    reference = None if request.monitor is None else _reference(request.monitor, request.machine, parameters, given)
-    if request.black_box is not None and reference is None:
-        raise CommandError(f"--black-box {request.black_box}: expected --monitor FILE too, which finds the faults")
-    for option, address in (("--mqtt", request.mqtt), ("--prometheus", request.prometheus)):
-        if address is not None and reference is None:
-            raise CommandError(f"{option} {address}: expected --monitor FILE too, which finds the faults")
+    given, reference = _given(request)
+    for option in ("black_box", "mqtt", "prometheus"):
+        if (value := getattr(request, option)) is not None and reference is None:
+            flag = f"--{option.replace('_', '-')}"
+            raise CommandError(f"{flag} {value}: expected --monitor FILE too, which finds the faults")
     wish = None if request.advise is None else validated_wish(request.advise)
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
@@ -83,15 +80,13 @@ def shadow_machine(request: ShadowVerb) -> None:
         outlets = _outlets(request)
         company = Company(request.record, reference, request.black_box, wish, view.destination, outlets, free)
         outcome = follow(machine, setup, parameters, company, request.duration_s, told, own)
-    _report(request, outcome)
+    if request.as_json:
+        found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
+        print_json({**found, "black_boxes": outcome.black_boxes})
+    else:
+        say(*(f"black box: {bag}" for bag in outcome.black_boxes))
+        say(*(f"{name}: {value}" for name, value in outcome.values.items()))
     report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
-
-
-def _reference(file: Path, machine: str, parameters: Parameters, given: MeasurementMap | None) -> MonitorSetup:
-    """Return the monitor's reference, made for this configuration and these sensors."""
-    from mech_twin.nodes.shadow.inputs import own_map
-
-    return read_setup(file, machine, parameters, given or own_map(catalogue_entry(machine).build(parameters)))
 
 
 def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
@@ -177,20 +172,15 @@ def _number_of(parameters: Parameters, key: str, word: str) -> float:
     return float(found)
 
 
-def _map_of(request: ShadowVerb, parameters: Parameters) -> MeasurementMap | None:
-    if request.given_map is None:
-        return None
-    from mech_twin.results.opened_runs import given_map
+def _given(request: ShadowVerb) -> tuple[MeasurementMap | None, MonitorSetup | None]:
+    """Return the map, and the monitor's reference made for this configuration and these sensors."""
+    given = None
+    if request.given_map is not None:
+        from mech_twin.results.opened_runs import given_map
 
-    return given_map(request.given_map, catalogue_entry(request.machine).build(parameters))
+        given = given_map(request.given_map, request.built)
+    if request.monitor is None:
+        return given, None
+    from mech_twin.nodes.shadow.inputs import own_map
 
-
-def _report(request: ShadowVerb, outcome: ShadowOutcome) -> None:
-    if request.as_json:
-        found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
-        print_json({**found, "black_boxes": outcome.black_boxes})
-        return
-    for bag in outcome.black_boxes:
-        say(f"black box: {bag}")
-    for name, value in outcome.values.items():
-        say(f"{name}: {value}")
+    return given, read_setup(request.monitor, request.machine, request.parameters, given or own_map(request.built))

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,13 +23,12 @@ from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.engine.trajectory import frame_numbers
-from mech_twin.files.output_file import check_output_file, written_file
+from mech_twin.files.output_file import written_file
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import catalogue_entry, description_text
-from mech_twin.process.dependencies import require_extra
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.results.opened_runs import given_map, topic_field
 from mech_twin.roles import Machine
@@ -37,30 +37,28 @@ from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps
 from mech_twin.studies.simulation import Simulation
 
 if TYPE_CHECKING:
-    from mech_twin.measurements.measurement_map import MeasurementMap
+    from mech_twin.measurements.measurement_map import MeasurementMap, Source
+    from mech_twin.recording.measured_topics import TopicField
     from mech_twin.studies.energy_flow import EnergyBooks
 
 
 def simulate_machine(asked: SimulateVerb) -> None:
     """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
-    check_outputs(asked.bag, asked.table, asked.sensors, force=asked.force)
-    name = asked.machine
-    machine = asked.built
+    check_outputs(asked)
+    name, machine = asked.machine, asked.built
     say_consequences(name, asked.config, asked.settings)
-    books = energy_books(asked, machine)
+    books = None if asked.energy is None else _energy_books(asked, machine)
     with busy("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
     changes = live_changes(asked.change)
     changing = ChangingMachine(machine, changes)
     beside = None if asked.one_step else _beside(machine, asked.duration_s, changes)
     simulation = Simulation(machine)
-    if asked.change:
-        run = frames(machine, asked.duration_s, changing.command, changing.at)
-    else:
-        run = frames(machine, asked.duration_s)
+    changed = (changing.command, changing.at) if asked.change else ()
+    run = frames(machine, asked.duration_s, *changed)
     with ExitStack() as outputs:
         opened = opened_outputs(outputs, asked, machine, changing)
-        opened += [each.observe for each in books]
+        opened += [] if books is None else [books.observe]
         opened += [] if beside is None else [beside.follow]
         counted = outputs.enter_context(progress(run, steps_for(machine, asked.duration_s) + 1, name))
         for frame in counted:
@@ -69,7 +67,8 @@ def simulate_machine(asked: SimulateVerb) -> None:
                 simulation.trajectory.append(frame)
             for output in opened:
                 output(frame)
-    draw_energy(asked, books)
+    if books is not None and asked.energy is not None:
+        draw_energy(asked, books, asked.energy)
     document = simulation.document()
     confirmed = {} if beside is None else beside.numbers(simulation.numbers())
     if beside is not None:
@@ -88,8 +87,7 @@ def simulate_machine(asked: SimulateVerb) -> None:
         say_result(how_told(machine.coupling_step_s, *how))
         show_residuals(document["residuals"])
         show_events(simulation.events, everything=asked.everything)
-    for remark in simulation.remarks():
-        say(f"warning: {remark}")
+    say(*(f"warning: {remark}" for remark in simulation.remarks()))
     broken = broken_lines(simulation.residuals(), machine.coupling_step_s)
     if broken:
         say(f"{name}: {'; '.join(broken)}")
@@ -110,41 +108,32 @@ def _beside(machine: Machine, duration_s: float, changes: Sequence[LiveChange]) 
 Output = Callable[[Frame], None]
 
 
-def check_outputs(bag: Path | None, table: Path | None, sensors: Path | None, *, force: bool) -> None:
+def check_outputs(asked: SimulateVerb) -> None:
     """Raise before the run begins where its outputs could not be written."""
-    if sensors is not None and bag is None and table is None:
-        raise CommandError(f"--sensors {sensors}: expected --bag or --table beside it, for what the sensors show")
-    if bag is not None:
+    if asked.sensors is not None and asked.bag is None and asked.table is None:
+        raise CommandError(f"--sensors {asked.sensors}: expected --bag or --table beside it, for what the sensors show")
+    if asked.bag is not None:
         from mech_twin.recording.output_directory import check_recording_directory
 
-        check_recording_directory(bag, force=force)
-    if table is not None:
-        if table.suffix not in WRITTEN_SUFFIXES:
-            raise CommandError(f"--table {table}: expected a file that ends in {', '.join(WRITTEN_SUFFIXES)}")
-        check_output_file(table, force=force)
+        check_recording_directory(asked.bag, force=asked.force)
+    if asked.table is not None and asked.table.suffix not in WRITTEN_SUFFIXES:
+        raise CommandError(f"--table {asked.table}: expected a file that ends in {', '.join(WRITTEN_SUFFIXES)}")
 
 
-def energy_books(asked: SimulateVerb, machine: Machine) -> list[EnergyBooks]:
-    """Return what takes the books of the run, where their picture is asked for; refuse one that cannot be written."""
-    if asked.energy is None:
-        return []
-    require_extra("plots")
-    check_output_file(asked.energy, force=asked.force, suffixes=(".png", ".svg"))
+def _energy_books(asked: SimulateVerb, machine: Machine) -> EnergyBooks:
     from mech_twin.studies.energy_flow import EnergyBooks
 
-    return [EnergyBooks(catalogue_entry(asked.machine), machine)]
+    return EnergyBooks(catalogue_entry(asked.machine), machine)
 
 
-def draw_energy(asked: SimulateVerb, books: Sequence[EnergyBooks]) -> None:
-    """Draw the energy flow of the last cycle, where that is asked for."""
-    for each in books:
-        from mech_twin.capabilities.plots import DPI
-        from mech_twin.studies.energy_flow import drawn_flow
+def draw_energy(asked: SimulateVerb, books: EnergyBooks, picture: Path) -> None:
+    """Draw the energy flow of the last cycle."""
+    from mech_twin.capabilities.plots import DPI
+    from mech_twin.studies.energy_flow import drawn_flow
 
-        assert asked.energy is not None
-        figure = drawn_flow(Path(asked.machine).stem.replace("_", " "), each.flow())
-        with written_file(asked.energy, force=asked.force) as file:
-            figure.savefig(file, dpi=DPI)
+    figure = drawn_flow(Path(asked.machine).stem.replace("_", " "), books.flow())
+    with written_file(picture, force=asked.force) as file:
+        figure.savefig(file, dpi=DPI)
 
 
 def opened_outputs(stack: ExitStack, asked: SimulateVerb, machine: Machine, changing: ChangingMachine) -> list[Output]:
@@ -156,8 +145,15 @@ def opened_outputs(stack: ExitStack, asked: SimulateVerb, machine: Machine, chan
     if asked.bag is not None:
         outputs.append(_bag(stack, asked.bag, machine, changing))
     if asked.table is not None:
-        outputs.append(_table(stack, asked.table, machine, asked.force))
+        file = stack.enter_context(written_file(asked.table, force=asked.force))
+        writer = stack.enter_context(TableWriter(file, list(machine_columns(machine))))
+        outputs.append(partial(_write_row, writer))
     return outputs
+
+
+def _write_row(writer: TableWriter, frame: Frame) -> None:
+    (_, time_s), *rest = frame_numbers(frame)
+    writer.write(time_s, rest)
 
 
 def _bag(stack: ExitStack, bag: Path, machine: Machine, changing: ChangingMachine) -> Output:
@@ -177,17 +173,6 @@ def _bag(stack: ExitStack, bag: Path, machine: Machine, changing: ChangingMachin
             revision, (since, changed) = changes.pop(0)
             recorder.change(changed, description_text(machine.name, changed.parameters, revision, since))
         recorder.write(frame)
-
-    return write
-
-
-def _table(stack: ExitStack, table: Path, machine: Machine, force: bool) -> Output:
-    columns = list(machine_columns(machine))
-    writer = stack.enter_context(TableWriter(stack.enter_context(written_file(table, force=force)), columns))
-
-    def write(frame: Frame) -> None:
-        (_, time_s), *rest = frame_numbers(frame)
-        writer.write(time_s, rest)
 
     return write
 
@@ -217,13 +202,10 @@ def _sensor_bag(stack: ExitStack, bag: Path, sensors: MeasurementMap) -> Callabl
     from mech_twin.recording.output_directory import remove_recording
     from mech_twin.recording.sensor_recorder import SensorRecorder
 
-    fields = [topic_field(channel.source, "the sensors") for channel in sensors.channels]
+    def field(source: Source) -> TopicField:
+        return topic_field(source, "the sensors")
+
+    fields = [field(channel.source) for channel in sensors.channels]
     remove_recording(bag)
     recorder = stack.enter_context(SensorRecorder(bag, fields))
-
-    def take(reading: Reading) -> None:
-        recorder.write(
-            reading.time_s, [topic_field(source, "the sensors") for source in reading.sources], reading.values
-        )
-
-    return take
+    return lambda reading: recorder.write(reading.time_s, list(map(field, reading.sources)), reading.values)

@@ -22,13 +22,11 @@ from mech_twin.cli.console import counted, estimating, numbered, print_numbers, 
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.option_values import assigned
 from mech_twin.cli.run_summary import in_common_digits
-from mech_twin.cli.study_verbs import Study
+from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
-from mech_twin.files.output_file import check_output_file
 from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.parameters.yaml_text import scalar
-from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
@@ -36,7 +34,6 @@ from mech_twin.studies.shorter_steps import told as digits_told
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
-HELP = "help"  # in place of a limit
 DPI = 120
 MARGIN_DIGITS = 6  # beyond them a constraint binds
 MOST_ROWS = 1000  # of a table of a report; all of them are in the table that the study wrote
@@ -125,28 +122,6 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
                 f"expected {name}={high:g}:{low:g}"
             )
     return bounds
-
-
-def checked_output(asked: Any, usual: str, suffixes: Sequence[str], *extras: str) -> Path:
-    """Return the file that a study writes: the one asked for, else the usual one of the machine.
-
-    Raises
-    ------
-    OutputError, ImportError
-        It, or the report, could not be written, or a library for it is not installed.
-    """
-    out = asked.out or Path(f"{Path(asked.machine).stem}-{usual}")
-    check_output_file(out, force=asked.force, suffixes=suffixes)
-    check_report(asked.report, force=asked.force)
-    for extra in extras:
-        require_extra(extra)
-    return out
-
-
-def check_report(report: Path | None, *, force: bool) -> None:
-    """Raise an OutputError where the report could not be written."""
-    if report is not None:
-        check_output_file(report, force=force, suffixes=(".html",))
 
 
 @contextmanager

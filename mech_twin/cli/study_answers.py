@@ -17,8 +17,6 @@ from mech_twin.cli.study import (
     MOST_ROWS,
     axes_of,
     bounds_of,
-    check_report,
-    checked_output,
     constraint_rows,
     limits_of,
     notes_of,
@@ -35,7 +33,7 @@ from mech_twin.cli.study import (
 )
 from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
-from mech_twin.files.output_file import YAML_SUFFIXES, check_output_file
+from mech_twin.files.output_file import check_output_file
 from mech_twin.files.report_page import picture, section
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.process.dependencies import require_extra
@@ -50,8 +48,6 @@ POINTS = 9  # of a Pareto front
 NO_QUESTION = "no design question; its runs are searched with --objective NAME and --bound KEY=LOW:HIGH"
 ROBUST = ("margin", "basin_fraction", "tolerance", "stroke_ratio", "starts", "seed")  # what the cycle is asked for
 SHOWN_ROWS = 20
-TABLE = (".parquet", ".csv")
-PICTURE = (".png", ".svg", ".pdf")
 
 
 def answer_size(asked: SizeVerb) -> None:
@@ -59,7 +55,7 @@ def answer_size(asked: SizeVerb) -> None:
     machine = asked.machine
     if shows_limits(asked.limit, machine, "sizing"):
         return
-    out, parameters = checked_output(asked, "sized.yaml", YAML_SUFFIXES), asked.parameters
+    out, parameters = asked.output, asked.parameters
     with study_errors(), told(f"sizing {machine}"):
         limits = limits_of(asked.limit)
         answer = size(machine, parameters, limits=limits, objective=asked.objective, tolerance=asked.tolerance)
@@ -109,9 +105,9 @@ def answer_search(asked: SearchVerb) -> None:
     _check_search(asked, by_runs=by_runs)
     if not by_runs and shows_limits(asked.limit, asked.machine, "design"):
         return
-    several = len(asked.objective) > 1
-    extras = ("plots",) if asked.report is not None and several else ()
-    out = checked_output(asked, "found.yaml", YAML_SUFFIXES, *extras)
+    out, several = asked.output, len(asked.objective) > 1
+    if asked.report is not None and several:
+        require_extra("plots")
     with study_errors(), told(f"searching {'runs' if by_runs else 'designs'} of {asked.machine}"):
         found = _searched(asked, by_runs=by_runs)
         first, shorter = found[0], found[0].in_shorter_steps
@@ -177,15 +173,9 @@ def _searched(asked: SearchVerb, *, by_runs: bool) -> list[Design]:
 
 def answer_designs(asked: DesignsVerb) -> None:
     """Scan the space, and say how fast and what the best are."""
-    out = asked.out
-    if out is not None:
-        check_output_file(out, force=asked.force, suffixes=(".parquet",))
     if shows_limits(asked.limit, asked.machine, "design"):
         return
-    check_report(asked.report, force=asked.force)
-    if out is not None:
-        require_extra("tables")
-    parameters = asked.parameters
+    out, parameters = asked.out, asked.parameters
     with study_errors(), counted("designs") as progress:
         begun = time.monotonic()
         found = designs(
@@ -212,7 +202,7 @@ def answer_designs(asked: DesignsVerb) -> None:
 def answer_synthesise(asked: SynthesiseVerb) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
     machine, speed = asked.machine, asked.impact_speed_m_per_s
-    out = checked_output(asked, "robust.yaml", YAML_SUFFIXES)
+    out = asked.output
     with study_errors(), told(f"synthesising a cycle of {machine}"):
         options, periods = options_of(asked, *ROBUST), asked.periods
         found = synthesise(machine, speed, parameters=asked.parameters, options=options, periods=periods)
@@ -233,7 +223,7 @@ def answer_synthesise(asked: SynthesiseVerb) -> None:
 
 def answer_sweep(asked: SweepVerb) -> None:
     """Sweep, and say what was written."""
-    table = checked_output(asked, "sweep.parquet", TABLE)
+    table = asked.output
     if table.suffix != ".csv":
         require_extra("tables")
     if not asked.no_picture:
@@ -293,7 +283,7 @@ def _cells(done: Sweep, point: Point, names: Sequence[str], absent: str) -> tupl
 def answer_regimes(asked: RegimesVerb) -> None:
     """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
     machine, shape = asked.machine, asked.form
-    out, axes = checked_output(asked, "regimes.png", PICTURE, "plots"), axes_of(asked.over)
+    out, axes = asked.output, axes_of(asked.over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()

@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar
 
 from mech_twin.cli.verb import Apart, Rules, option
 from mech_twin.cli.verbs import Configured, Csv
+from mech_twin.files.output_file import YAML_SUFFIXES
 
 Everything = Annotated[bool, option("every row and column", False, "--all")]
 Cores = Annotated[int | None, option("processor cores to use, a process each", ge=1, le=1024, shown="all cores")]
@@ -40,6 +41,8 @@ Bounds = Annotated[
         complete="bounds",
     ),
 ]
+HELP = "help"  # in place of a limit
+PICTURES = (".png", ".svg", ".pdf")
 SPREAD = Apart("cores", "scheduler", "processes here, or workers of a cluster")
 
 
@@ -47,7 +50,19 @@ class Study(Configured):
     """A question about a machine, whose name stands before it."""
 
     machine: str
-    report: Path | None = option("report to write, one page that prints well (NAME.html)")
+    report: Path | None = option("report to write, one page that prints well (NAME.html)", writes=(".html",))
+
+    def check_outputs(self) -> None:
+        """Raise where a file could not be written, unless the limits are asked for alone."""
+        if HELP not in getattr(self, "limit", ()):
+            super().check_outputs()
+
+    @property
+    def output(self) -> Path:
+        """The file that is written: as asked, else the usual one of the machine."""
+        path = self.written_to("out")
+        assert path is not None
+        return path
 
 
 class SweepVerb(Study, answer="study_answers:answer_sweep"):
@@ -55,7 +70,9 @@ class SweepVerb(Study, answer="study_answers:answer_sweep"):
 
     rules: ClassVar[Rules] = (SPREAD,)
     over: Over
-    out: Path | None = option("table to write, NAME.parquet or NAME.csv", shown="MACHINE-sweep.parquet")
+    out: Path | None = option(
+        "table to write, NAME.parquet or NAME.csv", writes=(".parquet", ".csv"), usual="sweep.parquet"
+    )
     number: list[str] = option("number to tabulate; may be given several times", [], metavar="NAME", shown="all")
     duration_s: float = option("time to simulate at each point, s (3, 500ms); 0: the analysis alone", 0.0, unit="s")
     no_picture: bool = option("write the table alone", False)
@@ -68,7 +85,7 @@ class SweepVerb(Study, answer="study_answers:answer_sweep"):
 class SizeVerb(Study, answer="study_answers:answer_size"):
     """Size spring and preload, flywheel, counterweight, or motor and drive; say which constraint binds."""
 
-    out: Path | None = option("configuration to write", shown="MACHINE-sized.yaml")
+    out: Path | None = option("configuration to write", writes=YAML_SUFFIXES, usual="sized.yaml")
     objective: str | None = option(
         "quantity to minimise, or what is to be made large",
         metavar="NAME",
@@ -99,7 +116,7 @@ class SearchVerb(Study, answer="study_answers:answer_search"):
         "by runs: time to simulate each design, s; 0: the analysis alone", unit="s", ge=0.0
     )
     cores: int | None = option("by runs: processor cores to use", ge=1, le=1024, shown="all cores")
-    out: Path | None = option("configuration to write", shown="MACHINE-found.yaml")
+    out: Path | None = option("configuration to write", writes=YAML_SUFFIXES, usual="found.yaml")
 
 
 class DesignsVerb(Study, answer="study_answers:answer_designs"):
@@ -110,7 +127,7 @@ class DesignsVerb(Study, answer="study_answers:answer_designs"):
     bound: Bounds = []
     limit: Limits = []
     seed: Seed = 1
-    out: Path | None = option("Parquet file of the feasible designs")
+    out: Path | None = option("Parquet file of the feasible designs", writes=(".parquet",), extra="tables")
     cores: Cores = None
     scheduler: Scheduler = None
 
@@ -128,7 +145,7 @@ class SynthesiseVerb(Study, answer="study_answers:answer_synthesise"):
     starts: int = option("random starts that test the basin, at most 1000000", 1000, ge=1)
     seed: Seed = 1
     periods: int = option("length of the endurance runs in periods, at most 1000000000", 1_000_000, ge=1)
-    out: Path | None = option("robust configuration to write", shown="MACHINE-robust.yaml")
+    out: Path | None = option("robust configuration to write", writes=YAML_SUFFIXES, usual="robust.yaml")
 
 
 class RegimesVerb(Study, answer="study_answers:answer_regimes"):
@@ -136,6 +153,8 @@ class RegimesVerb(Study, answer="study_answers:answer_regimes"):
 
     over: Over
     settling: int = option("settling periods left out, at most 100000", 1000, ge=1)
-    out: Path | None = option("bifurcation diagram to write (.png, .svg, .pdf)", shown="MACHINE-regimes.png")
+    out: Path | None = option(
+        "bifurcation diagram to write (.png, .svg, .pdf)", writes=PICTURES, usual="regimes.png", extra="plots"
+    )
     everything: Everything = False
     as_csv: Csv = False

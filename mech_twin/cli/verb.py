@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import import_module
 from inspect import Parameter, Signature
+from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
 
@@ -15,7 +16,10 @@ from pydantic.fields import FieldInfo
 
 from mech_twin.cli import option_values
 from mech_twin.cli.failure import CommandError
+from mech_twin.files.output_file import check_output_file
+from mech_twin.process.dependencies import require_extra
 
+PLACEHOLDERS = {int: "N", float: "NUMBER", Path: "PATH"}
 Form = Literal["narrow", "wide", "csv", "json"]
 
 
@@ -58,9 +62,23 @@ class Verb(BaseModel):
         cls.answer = answer or cls.answer
 
     def answered(self) -> None:
-        """Carry the verb out."""
+        """Carry the verb out; what it could not write is refused before anything is computed."""
+        self.check_outputs()
         module, _, function = self.answer.partition(":")
         getattr(import_module(f"mech_twin.cli.{module}"), function)(self)
+
+    def check_outputs(self) -> None:
+        """Raise where a file that is asked for could not be written."""
+        for name, field in type(self).model_fields.items():
+            said, path = declared(field), self.written_to(name)
+            if path is not None and "writes" in said:
+                check_output_file(path, force=getattr(self, "force", False), suffixes=said["writes"])
+                require_extra(said["extra"])
+
+    def written_to(self, name: str) -> Path | None:
+        """Return the file of an option: as asked, else the usual one of the machine, if there is one."""
+        path, usual = getattr(self, name), declared(type(self).model_fields[name]).get("usual")
+        return path or (Path(f"{Path(getattr(self, 'machine', '')).stem}-{usual}") if usual else None)
 
     @property
     def form(self) -> Form:
@@ -89,6 +107,9 @@ def option(
     metavar: str | None = None,
     shown: str | None = None,
     complete: str = "",
+    writes: tuple[str, ...] | None = None,
+    usual: str = "",
+    extra: str = "",
     **bounds: Any,
 ) -> Any:
     """Return the field of an option.
@@ -109,11 +130,25 @@ def option(
         The default in words.
     complete : str
         Function of `option_values` that offers values.
+    writes : tuple of str, optional
+        Of a file that is written: what its name may end in; anything if empty.
+    usual : str
+        Of such a file: name behind that of the machine, where it is not given.
+    extra : str
+        Extra that is needed to write it.
     **bounds
         ``ge`` and ``le`` of a number.
     """
-    extra = {"flags": list(flags), "unit": unit, "metavar": metavar, "shown": shown, "complete": complete}
-    return Field(default, description=meaning, json_schema_extra=extra, **bounds)  # type: ignore[arg-type] # JSON
+    shown = f"MACHINE-{usual}" if usual else shown
+    said: dict[str, Any] = {
+        "flags": list(flags),
+        "unit": unit,
+        "metavar": metavar,
+        "shown": shown,
+        "complete": complete,
+    }
+    said |= {} if writes is None else {"writes": writes, "usual": usual, "extra": extra}
+    return Field(default, description=meaning, json_schema_extra=said, **bounds)
 
 
 def argument(meaning: str, default: Any = ..., *, metavar: str | None = None, complete: str = "") -> Any:
@@ -168,33 +203,43 @@ def command(verb: type[Verb]) -> Callable[..., None]:
 
 def _choices(field: FieldInfo) -> tuple[str, ...]:
     """Return the words that an option may have; none where it is free."""
-    kinds = (field.annotation, *get_args(field.annotation))
-    return next((get_args(kind) for kind in kinds if get_origin(kind) is Literal), ())
+    return next((get_args(kind) for kind in _kinds(field) if get_origin(kind) is Literal), ())
+
+
+def _kinds(field: FieldInfo) -> tuple[Any, ...]:
+    return (field.annotation, *get_args(field.annotation))
 
 
 def _parameter(name: str, field: FieldInfo) -> Parameter:
     """Return a field as a parameter of the command."""
+    kind: Any = str if _choices(field) else field.annotation
+    if field.default == []:
+        kind = kind | None
+    absent = None if field.default == [] else field.default
+    default = Parameter.empty if field.is_required() else absent
+    return Parameter(
+        name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=Annotated[kind, in_library(name, field)]
+    )
+
+
+def in_library(name: str, field: FieldInfo) -> Any:
+    """Return a field as the command line library declares an option or an argument."""
     said = declared(field)
     complete = said.get("complete") or ""
-    kind: Any = str if _choices(field) else field.annotation
-    options: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar")}
+    options: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar") or name.upper()}
     if complete:
         options["autocompletion"] = getattr(option_values, complete)
     if complete == "machines":
         options["callback"] = option_values.machine_name
     if said.get("argument"):
-        info: Any = typer.Argument(**options)
-    else:
-        if said.get("unit") == "s":
-            options |= {"parser": option_values.seconds, "metavar": "TIME"}
-        for bound in field.metadata:
-            options |= {word: getattr(bound, at) for at, word in (("ge", "min"), ("le", "max")) if hasattr(bound, at)}
-        info = typer.Option(*flags_of(name, field), show_default=said.get("shown") or True, **options)
-    if field.default == []:
-        kind = kind | None
-    absent = None if field.default == [] else field.default
-    default = Parameter.empty if field.is_required() else absent
-    return Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=Annotated[kind, info])
+        return typer.Argument(**options)
+    placeholder = next((PLACEHOLDERS[kind] for kind in _kinds(field) if kind in PLACEHOLDERS), "TEXT")
+    options["metavar"] = said.get("metavar") or placeholder
+    if said.get("unit") == "s":
+        options |= {"parser": option_values.seconds, "metavar": "TIME"}
+    for bound in field.metadata:
+        options |= {word: getattr(bound, at) for at, word in (("ge", "min"), ("le", "max")) if hasattr(bound, at)}
+    return typer.Option(*flags_of(name, field), show_default=said.get("shown") or True, **options)
 
 
 def check_rules(verb: type[Verb], given: frozenset[str]) -> None:
@@ -205,16 +250,12 @@ def check_rules(verb: type[Verb], given: frozenset[str]) -> None:
     CommandError
         Naming both options and the reason.
     """
-    for line in _broken(verb, given):
-        raise CommandError(line)
 
-
-def _broken(verb: type[Verb], given: frozenset[str]) -> Iterator[str]:
     def flag(name: str) -> str:
         return flags_of(name, verb.model_fields[name])[0]
 
     for rule in (Apart("as_json", "as_csv", "one form of output"), *verb.rules):
         if isinstance(rule, Apart) and {rule.first, rule.second} <= given:
-            yield f"{flag(rule.first)} and {flag(rule.second)} exclude each other: {rule.why}"
+            raise CommandError(f"{flag(rule.first)} and {flag(rule.second)} exclude each other: {rule.why}")
         if isinstance(rule, Beside) and rule.option in given and not given & set(rule.others):
-            yield f"{flag(rule.option)} goes with {' or '.join(map(flag, rule.others))}: {rule.why}"
+            raise CommandError(f"{flag(rule.option)} goes with {' or '.join(map(flag, rule.others))}: {rule.why}")

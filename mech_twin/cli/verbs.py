@@ -125,8 +125,12 @@ class SimulateVerb(Configured, answer="simulate:simulate_machine"):
     machine: MachineName
     duration_s: float = option("simulated time, s (3, 500ms, 2min)", ..., unit="s")
     bag: Path | None = option("recording (MCAP) of the messages that the nodes would publish")
-    table: Path | None = option("table of every sample (.parquet, .csv, .tsv)")
-    energy: Path | None = option("picture (.png or .svg) of the energy flow of each element over the last cycle")
+    table: Path | None = option("table of every sample (.parquet, .csv, .tsv)", writes=())
+    energy: Path | None = option(
+        "picture (.png or .svg) of the energy flow of each element over the last cycle",
+        writes=(".png", ".svg"),
+        extra="plots",
+    )
     sensors: Path | None = option("sensors (.yaml) through which the run is written instead")
     change: list[str] = option(
         "change a live parameter, motor.command or the operating point at S, s; S..S is a ramp, -20% relative",
@@ -202,7 +206,7 @@ class ViewVerb(Verb, answer="view:view_bag"):
     given_map: MapFile = None
     config: Config = None
     duration_s: float | None = option("of a page: time to simulate, s (3, 500ms)", unit="s", gt=0.0, shown="3")
-    save: Path | None = option("write a file NAME.rrd instead of opening the view")
+    save: Path | None = option("write a file NAME.rrd instead of opening the view", writes=())
     port: Port = 0
     force: Force = False
 
@@ -233,7 +237,7 @@ class CompareVerb(Written, answer="compare:compare_sides"):
     duration_s: float | None = option(
         "time to simulate a configuration, s", unit="s", shown="that of the recording, else 3"
     )
-    picture: Path | None = option("picture (.png or .svg) of what differs")
+    picture: Path | None = option("picture (.png or .svg) of what differs", writes=(), extra="plots")
     column: list[str] = option("column in the picture, again for more", [], shown="what differs most")
     view: Literal["web", "none"] = option("web: both in one view on the bench", "none")
     view_port: Port = 0
@@ -247,7 +251,7 @@ class BenchVerb(Verb, answer="live_view:open_bench"):
     port: Port = 0
 
 
-class FoxgloveVerb(Verb, answer="running:serve_foxglove"):
+class FoxgloveVerb(Verb, answer="run:serve_foxglove"):
     """Serve a running machine to Foxglove: topics, and with --commands its live parameters and services."""
 
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
@@ -255,7 +259,7 @@ class FoxgloveVerb(Verb, answer="running:serve_foxglove"):
     commands: bool = option("let clients set live parameters and call services", False)
 
 
-class TellVerb(Verb, answer="running:tell_nodes"):
+class TellVerb(Verb, answer="run:tell_nodes"):
     """Tell a running machine to start, stop or change, its monitor to be quiet, its advisor yes or no."""
 
     target: str = argument("machine, or namespace of its nodes", metavar="TARGET")
@@ -296,7 +300,7 @@ class CheckVerb(Written, answer="machines:check_page"):
     """Check a page: freedoms, loops, masses, contacts and the pose at the start."""
 
     page: str = argument("page (.yaml)", metavar="PAGE")
-    picture: Path | None = option("picture (.png or .svg) of the machine at its start")
+    picture: Path | None = option("picture (.png or .svg) of the machine at its start", writes=())
 
 
 class FmuVerb(Configured, answer="machines:export_unit"):

@@ -9,7 +9,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from mech_twin.cli.compare import PATIENCE_S, SHOWN_BYTES, USUAL_DURATION_S, configured_machine
+from mech_twin.cli.compare import (
+    PATIENCE_S,
+    SHOWN_BYTES,
+    USUAL_DURATION_S,
+    configured_machine,
+    know_machine,
+    show_frame,
+)
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.live_view import opened_bench
@@ -17,12 +24,10 @@ from mech_twin.cli.verbs import ViewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.step_samples import StepSamples
-from mech_twin.engine.trajectory import frame_events
-from mech_twin.files.output_file import check_output_file, written_file
+from mech_twin.files.output_file import written_file
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import PAGE, is_page
 from mech_twin.roles import Machine
-from mech_twin.samples import Drawing
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.run_metrics import RunMetrics
 
@@ -42,8 +47,6 @@ def view_bag(asked: ViewVerb) -> None:
         raise CommandError(f"--duration {asked.duration_s:g}: a recording has its own length; expected a page")
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
-    if save is not None:
-        check_output_file(save, force=asked.force)
     settle_domain()
     from mech_twin.process.stop_signal import StopSignal
 
@@ -54,8 +57,14 @@ def view_bag(asked: ViewVerb) -> None:
                 shown = _simulated(bag, asked.duration_s or USUAL_DURATION_S)
             else:
                 shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, asked.config)
-            file = None if save is None else stack.enter_context(written_file(save, force=asked.force))
-            scene = _bench(stack, asked.port, shown, bag) if file is None else _file(stack, file, shown.machine)
+            scene: BenchScene | RerunScene
+            if save is None:
+                scene = _bench(stack, asked.port, shown, bag)
+            else:
+                from mech_twin.view.rerun_scene import RerunScene
+
+                file = stack.enter_context(written_file(save, force=asked.force))
+                scene = stack.enter_context(RerunScene(shown.machine, rrd_path=file))
         shown.show(scene, stop)
         scene.close()
         if save is not None and stop.asked:
@@ -79,15 +88,14 @@ class _Shown(NamedTuple):
 def _recorded(stack: ExitStack, bag: Path) -> _Shown:
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
-
-    samples = BagSamples(stack.enter_context(open_bag(bag)))
-    return _Shown(samples.machine, lambda scene, stop: _show(scene, samples, stop), lambda: _settings(samples))
-
-
-def _settings(samples: BagSamples) -> list[list[str]]:
     from mech_twin.studies.configuration_history import recorded_settings
 
-    return recorded_settings(samples.descriptions())
+    samples = BagSamples(stack.enter_context(open_bag(bag)))
+    return _Shown(
+        samples.machine,
+        lambda scene, stop: _show(scene, samples, stop),
+        lambda: recorded_settings(samples.descriptions()),
+    )
 
 
 def _simulated(page: Path, duration_s: float) -> _Shown:
@@ -103,31 +111,15 @@ def _simulated(page: Path, duration_s: float) -> _Shown:
 
 
 def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: float, stop: StopSignal) -> None:
-
     metrics = RunMetrics(lambda: machine)
-    _prepare(scene, machine)
+    know_machine(scene, machine)
     with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, "showing") as run:
         for frame in run:
             if stop.asked:
                 return
-            scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
-            for event in frame_events(frame):
-                scene.event(event)
-            if scene.drawing_due(frame.linkage.time_s):
-                shapes = machine.draw(frame.linkage, frame.body)
-                scene.drawing(Drawing(frame.linkage.step, frame.linkage.time_s, shapes))
+            show_frame(scene, machine, frame, draw=scene.drawing_due(frame.linkage.time_s))
             metrics.observe(frame)
     scene.metrics(metrics.numbers())
-
-
-def _prepare(scene: BenchScene | RerunScene, machine: Machine) -> None:
-    """Let a scene know the machine that it shows."""
-    from mech_twin.view.bench.scene import BenchScene
-
-    if (tree := machine.mechanism) is not None:
-        scene.know(tree, machine.blow_energy)
-    if isinstance(scene, BenchScene):
-        scene.watch(machine)
 
 
 def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
@@ -136,13 +128,6 @@ def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
     read = read_measured(measurement, map_file, config)
     name, tree = read.machine.name, configuration_tree(read.machine.parameters)
     return _Shown(name, lambda scene, stop: show_measured(scene, read, stop), lambda: changed_settings(name, tree))
-
-
-def _file(stack: ExitStack, file: Path, machine: str) -> RerunScene:
-    """Return a scene in a file for rerun."""
-    from mech_twin.view.rerun_scene import RerunScene
-
-    return stack.enter_context(RerunScene(machine, rrd_path=file))
 
 
 def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
@@ -161,7 +146,7 @@ def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
 def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal) -> None:
     metrics = None if stop.asked else _metrics(samples)
     if metrics is not None:
-        _prepare(scene, metrics.machine)
+        know_machine(scene, metrics.machine)
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:
@@ -177,8 +162,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
                 metrics.observe(frame)
     if metrics is not None:
         scene.metrics(metrics.numbers())
-    for reason, number in samples.unused.items():
-        say(f"{number} recorded samples not used: {reason}")
+    say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
 
 
 def _metrics(samples: BagSamples) -> RunMetrics | None:
