@@ -86,7 +86,13 @@ def simulate(
     )
     built = built_machine(machine, _path(config), settings)
     simulation = Simulation(built)
-    recording = nullcontext() if bag is None else closing(_frame_recorder(built, Path(bag), force=force))
+    recording: Any = nullcontext()
+    if bag is not None:
+        from mech_twin.recording.output_directory import check_recording_directory
+        from mech_twin.results.opened_runs import recorded_to
+
+        check_recording_directory(Path(bag), force=force)
+        recording = closing(recorded_to(Path(bag), built))
     with recording as recorder:
         for frame in frames(built, duration_s):
             simulation.observe(frame)
@@ -101,19 +107,6 @@ def simulate(
         Columns(title, "time_s", simulation.trajectory.columns(), shown_units(built)),
         tuple(simulation.events), simulation.residuals(), simulation.remarks(),
     )  # fmt: skip
-
-
-def _frame_recorder(built: Any, bag: Path, *, force: bool) -> Any:
-    from mech_twin.nodes.run.domain import settle_domain
-
-    settle_domain()
-    from mech_twin.parameters.load import description_text
-    from mech_twin.recording.frame_recorder import FrameRecorder
-    from mech_twin.recording.output_directory import check_recording_directory, remove_recording
-
-    check_recording_directory(bag, force=force)
-    remove_recording(bag)
-    return FrameRecorder(built, bag, description_text(built.name, built.parameters, revision=1))
 
 
 @raising_interrupt()

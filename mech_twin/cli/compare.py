@@ -81,20 +81,16 @@ def _compared(
     names: Sequence[str], tolerance: float, duration_s: float | None, overlay: Overlay | None
 ) -> tuple[list[ComparedRun], Comparison]:
     """Return both sides, each seen as it is read or computed, and what differs."""
-    sees = (overlay.first.see, overlay.second.see) if overlay is not None else (_unseen, _unseen)
-    recorded = [
-        _recorded(Path(name), see) if _is_recording(name) else None for name, see in zip(names, sees, strict=True)
-    ]
+    sees: list[See] = [lambda machine, frame: None] * 2 if overlay is None else [overlay.first.see, overlay.second.see]
+    are_recorded = [name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES for name in names]
+    asked = zip(are_recorded, names, sees, strict=True)
+    recorded = [_recorded(Path(name), see) if is_recorded else None for is_recorded, name, see in asked]
     if duration_s is not None and None not in recorded:
         raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
     durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
     run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
     sides = [known or _simulated(name, run_for, see) for known, name, see in zip(recorded, names, sees, strict=True)]
     return sides, compared(sides[0], sides[1], tolerance)
-
-
-def _unseen(machine: Machine, frame: Frame) -> None:
-    """Show nothing."""
 
 
 def _meant(name: str) -> str:
@@ -108,17 +104,14 @@ def _meant(name: str) -> str:
         raise CommandError(f"{name}: there is no such recording, and {error}") from error
 
 
-def _is_recording(name: str) -> bool:
-    return name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES
-
-
 def configured_machine(name: str) -> Machine:
     """Return a machine as installed, that of a configuration, or that of a page."""
-    config = None if name in CATALOGUE else Path(name)
-    tree = {} if config is None else file_tree(config)
-    kind = name if config is None else str(tree.get("machine", ""))
+    if name in CATALOGUE:
+        return built_machine(name)
+    config, tree = Path(name), file_tree(Path(name))
+    kind = str(tree.get("machine", ""))
     if not kind and "bodies" in tree:  # a page says itself what it is
-        kind, config = name, None
+        return built_machine(name)
     if not kind:
         raise CommandError(f"{config}: key 'machine' is missing; expected one of {', '.join(CATALOGUE)}, or a page")
     return built_machine(kind, config)
@@ -214,8 +207,8 @@ def _show(found: Comparison, all_numbers: bool) -> None:
         title = "numbers" if all_numbers else f"numbers that differ by more than {found.tolerance:g}"
         rows = [(n.name, *("-" if side is None else side for side in n[1:3]), _percent(n.relative)) for n in shown]
         print_table(title, ("quantity", "A", "B", "apart"), rows)
-    within = len(found.numbers) - len(found.beyond)
-    say_result(f"{within} of {len(found.numbers)} numbers within a tolerance of {found.tolerance:g}")
+    count = len(found.numbers)
+    say_result(f"{count - len(found.beyond)} of {count} numbers within a tolerance of {found.tolerance:g}")
 
 
 PATIENCE_S = 30.0  # that the bench may take for what it has been sent

@@ -118,6 +118,11 @@ def _shown(cell: Any) -> str:
     return f"{cell:.6g}" if isinstance(cell, float) else printable(str(cell))
 
 
+def rounded(value: float) -> str:
+    """Return a number as a table of many columns has it, in four digits."""
+    return f"{value:.4g}"
+
+
 def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
     """Write named numbers with their units, one a line."""
     print_table(title, ("quantity", "value", "unit"), numbered(numbers))

@@ -6,7 +6,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
@@ -20,7 +19,6 @@ from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column
-from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
 from mech_twin.process.dependencies import extra_needed
 from mech_twin.results.opened_runs import given_map
@@ -37,47 +35,7 @@ from mech_twin.studies.identification.verdicts import IDENTIFIED
 
 FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2
-LATEST_BEGIN_S = 10.0
-LARGEST_SHARE = 0.8
 MOST_SHOWN = 12  # of what would help
-
-
-class IdentifyRequest(IdentifyVerb):
-    """What `mech-twin identify` was asked for, and what its options mean."""
-
-    @cached_property
-    def given_map(self) -> MeasurementMap:
-        """The map, checked to be of this machine; where none is given, the one proposed for the runs."""
-        if self.map_file is None:
-            from mech_twin.cli.measured import proposal
-
-            proposed = proposal(self.runs, self.built)
-            say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
-            return proposed.known
-        return given_map(self.map_file, self.built)
-
-    @property
-    def begin_bound_s(self) -> float:
-        """The latest beginning of a run within the machine's own."""
-        if self.begin != "unknown":
-            return 0.0
-        return LATEST_BEGIN_S if self.latest_begin_s is None else self.latest_begin_s
-
-    @property
-    def held_out_run(self) -> Path | None:
-        """The run that was asked to be held out; None where nothing or a share was."""
-        return None if self.hold_out is None or self.held_out_share is not None else Path(self.hold_out)
-
-    @property
-    def held_out_share(self) -> float | None:
-        """The share that was asked to be held out."""
-        try:
-            share = float(self.hold_out or "")
-        except ValueError:
-            return None
-        if not 0.0 <= share <= LARGEST_SHARE:
-            raise CommandError(f"--hold-out {self.hold_out}: expected a run, or a share from 0 to {LARGEST_SHARE:g}")
-        return share
 
 
 def split_runs(runs: Sequence[Path], held_out: Path | None) -> tuple[list[Path], Path | None]:
@@ -117,9 +75,8 @@ def say_open(keys: Sequence[Any]) -> None:
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
 
-def identify_machine(verb: IdentifyVerb) -> None:
+def identify_machine(asked: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
-    asked = IdentifyRequest(**dict(verb))
     if asked.latest_begin_s is not None and asked.begin != "unknown":
         raise CommandError(f"--latest-begin {asked.latest_begin_s:g}: expected --begin unknown beside it")
     if asked.plan:
@@ -164,7 +121,7 @@ def identify_machine(verb: IdentifyVerb) -> None:
             say(f"no report: {extra_needed('plots')}")
 
 
-def _plan(asked: IdentifyRequest) -> None:
+def _plan(asked: IdentifyVerb) -> None:
     """Print what the sensors of a file would find in a run of this length."""
     if asked.sensors is None or asked.duration_s is None:
         raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
@@ -189,7 +146,7 @@ def _plan(asked: IdentifyRequest) -> None:
     print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)
 
 
-def _bouncing(asked: IdentifyRequest) -> bool:
+def _bouncing(asked: IdentifyVerb) -> bool:
     """Return whether the runs are positions of something that bounces, without a name of the machine."""
     if asked.motion != "auto" or asked.map_file is not None:
         return asked.motion == "bounces"
@@ -204,7 +161,7 @@ def _bouncing(asked: IdentifyRequest) -> bool:
     return False
 
 
-def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> str:
+def _motion(asked: IdentifyVerb, turn: ModelTurn | None, *, guided: bool) -> str:
     """Return what moves the model: the measured crank, where it leads all that is measured and that is no effort."""
     if asked.motion != "auto":
         return asked.motion
@@ -219,7 +176,7 @@ def _motion(asked: IdentifyRequest, turn: ModelTurn | None, *, guided: bool) -> 
     return "measured" if moving else "simulated"
 
 
-def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestion:
+def _question(asked: IdentifyVerb, base: Parameters) -> IdentificationQuestion:
     keys, bounds = bounded_keys(asked.free)
     if AUTO in keys:
         keys = tuple(dict.fromkeys((*(key for key in keys if key != AUTO), *machine_keys(asked.machine, base))))
@@ -231,7 +188,7 @@ def _question(asked: IdentifyRequest, base: Parameters) -> IdentificationQuestio
     return IdentificationQuestion(asked.machine, base, keys, bounds, prior_keys(asked.priors), *searched)
 
 
-def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
+def _run(path: Path, asked: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
     """Return one run; what contradicts the machine is said on standard error."""
     run, problems = checked_run(path, asked.given_map, asked.built, turn)
     say(*problems)
@@ -239,7 +196,7 @@ def _run(path: Path, asked: IdentifyRequest, turn: ModelTurn | None) -> FitRun:
 
 
 @contextmanager
-def _progress(asked: IdentifyRequest) -> Iterator[Callable[[str], None]]:
+def _progress(asked: IdentifyVerb) -> Iterator[Callable[[str], None]]:
     """Provide what takes lines on the progress: a line that is written over on a terminal, none elsewhere."""
     if not sys.stderr.isatty() or asked.as_json:
         yield lambda _: None

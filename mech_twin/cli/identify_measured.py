@@ -11,7 +11,8 @@ import numpy as np
 
 from mech_twin.cli.console import print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.identify import IdentifyRequest, say_open, show_keys, split_runs
+from mech_twin.cli.identify import say_open, show_keys, split_runs
+from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.files.output_file import check_output_file
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.errors import MeasurementError
@@ -29,14 +30,13 @@ from mech_twin.studies.identification.keyed_configuration import KeyedConfigurat
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
 
 
-def identify_lengths(asked: IdentifyRequest) -> None:
+def identify_lengths(asked: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
     began = time.monotonic()
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
     _refuse_unused(asked)
-    given = asked.given_map
-    base = asked.parameters
+    given, base = asked.given_map, asked.parameters
     columns = _led_columns(asked, given)
     keys = tuple(key for key in asked.free if key != AUTO)
     if AUTO in asked.free or not asked.free:
@@ -59,29 +59,24 @@ def identify_lengths(asked: IdentifyRequest) -> None:
         _write_lengths(asked, model, report, [str(path) for path in fitted])
 
 
-def _refuse_unused(asked: IdentifyRequest) -> None:
+def _refuse_unused(asked: IdentifyVerb) -> None:
     """Raise where something is asked that the fit of lengths in the measured motion does not know."""
-    unused = {
-        "--fix": asked.fixed,
-        "--prior": asked.priors,
-        "--scheduler": asked.scheduler,
-        f"--hold-out {asked.hold_out}": asked.held_out_share is not None,
-    }
+    unused: dict[str, object] = {"--fix": asked.fixed, "--prior": asked.priors, "--scheduler": asked.scheduler}
+    unused[f"--hold-out {asked.hold_out}"] = asked.held_out_share is not None
     for option, given in unused.items():
         if given:
             raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
 
 
-def _led_columns(asked: IdentifyRequest, given: MeasurementMap) -> tuple[str, ...]:
+def _led_columns(asked: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...]:
     """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
     turn = model_turn(asked.built)
     if turn is None:
         raise CommandError(f"{asked.machine}: expected a machine whose joints follow from a crank")
     names = [channel.quantity for channel in given.channels]
     used = tuple(name for name in names if name in turn.led and name.endswith(".position") and name not in TURNING)
-    for name in dict.fromkeys(names):
-        if name not in used and name not in TURNING:
-            say(f"{name}: left out, it is no position that the crank leads")
+    left = [name for name in dict.fromkeys(names) if name not in used and name not in TURNING]
+    say(*(f"{name}: left out, it is no position that the crank leads" for name in left))
     if not used:
         raise CommandError(f"{asked.map_file}: expected a position that the crank leads, beside the crank's")
     return used
@@ -92,7 +87,7 @@ def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryDa
         return geometry_data(read_run(reader, given), model.columns)
 
 
-def _show_lengths(asked: IdentifyRequest, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
+def _show_lengths(asked: IdentifyVerb, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
     if asked.as_json:
         channels = [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()]
         scored = None if held_out is None else {"run": held_out, "scores": report.held_out}
@@ -117,12 +112,13 @@ def _assembly_words(found: FittedAssembly) -> str:
     return "; ".join([*words, f"crank turns {sense}, the other sense {found.sense_margin:.3g} times"])
 
 
-def _write_lengths(asked: IdentifyRequest, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
+def _write_lengths(asked: IdentifyVerb, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
     """Write the configuration with the keys that were identified; the others are kept as they were."""
     assert asked.out is not None
     values = [key.estimate if key.verdict == IDENTIFIED else key.before for key in report.keys]
+    found = ", ".join(runs)
     notes = [
-        f"# {key.key}: identified {key.estimate:.6g} +- {key.high_95 - key.estimate:.2g} (95 %) from {', '.join(runs)}"
+        f"# {key.key}: identified {key.estimate:.6g} +- {key.high_95 - key.estimate:.2g} (95 %) from {found}"
         if key.verdict == IDENTIFIED
         else f"# {key.key}: kept, {key.verdict}: {key.reason}"
         for key in report.keys
@@ -135,20 +131,19 @@ def _write_lengths(asked: IdentifyRequest, model: GeometryModel, report: Geometr
 KEY = "restitution"
 
 
-def identify_bounces(asked: IdentifyRequest) -> None:
+def identify_bounces(asked: IdentifyVerb) -> None:
     """Find the restitution from the bounces that the runs show; write the configuration with it."""
     began = time.monotonic()
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
     keyed = KeyedConfiguration(asked.machine, asked.parameters, (KEY,))
     (before,) = keyed.values().tolist()
-    runs, problems = [], []
+    runs = []
     for path in asked.runs:
         try:
             runs.append(bounces(path, *_columns(path)))
         except MeasurementError as error:
-            problems.append(str(error))
-    say(*(f"{problem}; left out" for problem in problems))
+            say(f"{error}; left out")
     if not runs:
         raise CommandError(f"{asked.machine}: none of the runs shows bounces; expected positions, or --map FILE")
     found = restitution(runs)
@@ -192,12 +187,12 @@ def _columns(path: Path) -> tuple[Array, dict[str, Array]]:
 
 
 def _show_bounces(
-    asked: IdentifyRequest, key: KeyVerdict, runs: list[Bounces], used: tuple[Path, ...], seconds: float
+    asked: IdentifyVerb, key: KeyVerdict, runs: list[Bounces], used: tuple[Path, ...], seconds: float
 ) -> None:
-    rows = [
-        (str(run.path), run.column, run.found.value, run.found.standard_deviation, len(run.times_s), run.flaws)
-        for run in runs
-    ]
+    rows = []
+    for run in runs:
+        found = (run.found.value, run.found.standard_deviation)
+        rows.append((str(run.path), run.column, *found, len(run.times_s), run.flaws))
     if asked.as_json:
         names = ("run", "column", "restitution", "standard_deviation", "bounces", "flaws")
         record = {"machine": asked.machine, "parameters": [key], "used": used}

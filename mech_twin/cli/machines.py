@@ -141,15 +141,6 @@ def own_name(machine: str, parameters: Parameters) -> str:
     return str(getattr(parameters, "name", PAGE.name)) if is_page(machine) else machine
 
 
-def check_is_no_page(recording: Path) -> None:
-    """Refuse a page where a recording is expected, and say which verbs show it."""
-    if is_page(str(recording)) and recording.is_file():
-        raise CommandError(
-            f"{recording}: expected a recording, not a page or configuration; `mech-twin check` draws a page, "
-            "`mech-twin simulate PAGE --bag NAME` records one"
-        )
-
-
 def _page_record(shared: Any) -> dict[str, Any]:
     """Return what a page amounts to as plain values."""
     from mech_twin.machines.page import start_numbers

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, progress, say, say_result, write_text
+from mech_twin.cli.console import print_json, print_numbers, print_table, progress, rounded, say, say_result, write_text
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
@@ -179,17 +179,13 @@ def show_quality(path: Path, given: MeasurementMap, qualities: Sequence[Quality]
     """Print the table of data quality, one row a channel in its own unit, and each flaw in words."""
     rows = []
     for channel, q in zip(given.channels, qualities, strict=True):
-        timing = (_rounded(q.rate_hz), _rounded(round(1e3 * q.jitter_s, 6)), q.gaps, q.repeats, q.back)
-        worth = map(_rounded, (1e6 * q.drift, q.quantum, 100.0 * q.saturated))
-        ends = map(_rounded, (q.noise, q.low, q.high))
+        timing = (rounded(q.rate_hz), rounded(round(1e3 * q.jitter_s, 6)), q.gaps, q.repeats, q.back)
+        worth = map(rounded, (1e6 * q.drift, q.quantum, 100.0 * q.saturated))
+        ends = map(rounded, (q.noise, q.low, q.high))
         rows.append((channel.source.label, channel.unit or "SI", q.samples, *timing, *worth, q.nan, *ends))
     print_table(f"{path}: data quality", QUALITY_HEADS, rows, None if sys.stdout.isatty() else WIDE)
     for channel, quality in zip(given.channels, qualities, strict=True):
         say(*(f"{channel.source.label}: {flaw}" for flaw in quality.flaws()))
-
-
-def _rounded(value: float) -> str:
-    return f"{value:.4g}"
 
 
 def examine_by_file(asked: InfoVerb, map_file: Path) -> None:

@@ -3,12 +3,20 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
+from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
 from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
 from mech_twin.files.output_file import YAML_SUFFIXES
+
+if TYPE_CHECKING:
+    from mech_twin.measurements.measurement_map import MeasurementMap
+
+LATEST_BEGIN_S = 10.0
+LARGEST_SHARE = 0.8
 
 
 class ShadowVerb(Configured, answer="shadow:shadow_machine"):
@@ -95,6 +103,43 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
     out: Path | None = option("directory of the results, or file (.yaml) of the configuration")
     config: Path | None = option("configuration to start from instead of the installed one", None, "--config", "--base")
 
+    @cached_property
+    def given_map(self) -> MeasurementMap:
+        """The map, checked to be of this machine; where none is given, the one proposed for the runs."""
+        if self.map_file is None:
+            from mech_twin.cli.console import say
+            from mech_twin.cli.measured import proposal
+
+            proposed = proposal(self.runs, self.built)
+            say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
+            return proposed.known
+        from mech_twin.results.opened_runs import given_map
+
+        return given_map(self.map_file, self.built)
+
+    @property
+    def begin_bound_s(self) -> float:
+        """The latest beginning of a run within the machine's own."""
+        if self.begin != "unknown":
+            return 0.0
+        return LATEST_BEGIN_S if self.latest_begin_s is None else self.latest_begin_s
+
+    @property
+    def held_out_run(self) -> Path | None:
+        """The run that was asked to be held out; None where nothing or a share was."""
+        return None if self.hold_out is None or self.held_out_share is not None else Path(self.hold_out)
+
+    @property
+    def held_out_share(self) -> float | None:
+        """The share that was asked to be held out."""
+        try:
+            share = float(self.hold_out or "")
+        except ValueError:
+            return None
+        if not 0.0 <= share <= LARGEST_SHARE:
+            raise CommandError(f"--hold-out {self.hold_out}: expected a run, or a share from 0 to {LARGEST_SHARE:g}")
+        return share
+
 
 class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     """Judge runs against a healthy one and name the faults (exit code 1: an alarm), or judge a sensor set."""
@@ -135,7 +180,7 @@ class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     seed: int | None = option("seed of the draws that thresholds come from", ge=0, shown="0")
 
 
-class FleetVerb(Configured, answer="fleet:rank_fleet"):
+class FleetVerb(Configured, answer="monitor:rank_fleet"):
     """Rank machines of one kind, each against its own baseline and its sisters (exit code 1: one is suspect)."""
 
     machine: MachineName

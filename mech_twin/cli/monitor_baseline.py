@@ -4,20 +4,17 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-import typer
 from pydantic import ValidationError
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.cli.console import say, write_text
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.measurement_verbs import MonitorVerb
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
 from mech_twin.files.input_file import opened_input
@@ -87,26 +84,15 @@ def _check_origin(path: Path, setup: MonitorSetup, parameters: Parameters, given
     if origin is None:
         say(f"{path}: does not tell its runs, configuration and age; expected a newer file of --save-baseline")
         return
-    for what, made_for, here in (
-        ("configuration", origin.configuration, configuration_hash(parameters)),
-        ("map", origin.sensors, sensors_hash(given)),
-    ):
-        if made_for != here:
-            raise CommandError(
-                f"{path}: made with another {what} ({made_for[:12]}); expected that of this run ({here[:12]}), "
-                "or a baseline made anew"
-            )
+    made_for = {"configuration": origin.configuration, "map": origin.sensors}
+    here = {"configuration": configuration_hash(parameters), "map": sensors_hash(given)}
+    for what, made in made_for.items():
+        if made != here[what]:
+            expected = f"expected that of this run ({here[what][:12]}), or a baseline made anew"
+            raise CommandError(f"{path}: made with another {what} ({made[:12]}); {expected}")
     days = origin.age_days(datetime.now(UTC))
     old = f", older than {OLD_DAYS:g}: --renew takes healthy runs into it" if days > OLD_DAYS else ""
     say(f"{path}: of {len(origin.runs)} runs, {days:.0f} days old{old}")
-
-
-def check_request(asked: MonitorVerb, file: Path | None) -> None:
-    """Raise where what is asked of a baseline goes with another kind of one."""
-    if asked.seed is not None and file is not None:
-        raise CommandError(f"--seed {asked.seed}: {file} holds thresholds already; expected a run as --baseline")
-    if asked.renew and file is None:
-        raise CommandError("--renew: expected --baseline FILE.json, as --save-baseline wrote it")
 
 
 def earlier_runs(path: Path, setup: MonitorSetup, new: Sequence[Path]) -> tuple[BaselineRun, ...]:
@@ -116,20 +102,12 @@ def earlier_runs(path: Path, setup: MonitorSetup, new: Sequence[Path]) -> tuple[
     known = [run.path for run in setup.origin.runs]
     for run in known:
         if not run.exists():
-            raise CommandError(
-                f"--renew: {path} was made of {run}, which is gone; expected it, or a baseline made anew"
-            )
+            gone = f"{path} was made of {run}, which is gone"
+            raise CommandError(f"--renew: {gone}; expected it, or a baseline made anew")
     for run in new:
         if run.absolute() in known:
             raise CommandError(f"--renew: {run} is in {path} already; expected another day")
     return setup.origin.runs
-
-
-def agreed(path: Path, setup: MonitorSetup, runs: Sequence[str]) -> bool:
-    """Return whether somebody at the terminal says yes; nobody there is a no."""
-    if not sys.stdin.isatty():
-        return False
-    return typer.confirm(f"take {', '.join(runs)} as healthy into {path} ({setup.baseline.cycles} cycles)?", err=True)
 
 
 ARL0_H = 24.0
@@ -179,10 +157,8 @@ def featured_run(
     feed.run_up_s = declared.run_up_s if skip_s is None else skip_s
     feed, vectors = vectors_of_parts(feed, parts)
     if not vectors:
-        reference = declared.reference.column
-        raise CommandError(
-            f"{path}: no complete cycle of {reference} after {feed.run_up_s:g} s; expected some (--skip)"
-        )
+        none = f"no complete cycle of {declared.reference.column} after {feed.run_up_s:g} s"
+        raise CommandError(f"{path}: {none}; expected some (--skip)")
     units = {feature.name: feature.unit for feature in feed.features}
     return FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
 

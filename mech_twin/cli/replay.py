@@ -13,10 +13,9 @@ from mech_twin import __version__
 from mech_twin.cli.console import bar, print_json, print_table, progress, say
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.info import shared_topics
-from mech_twin.cli.machines import check_is_no_page
 from mech_twin.cli.verbs import ReplayVerb
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, machine_parameters
+from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, is_page, machine_parameters
 from mech_twin.studies.configuration_history import ConfigurationHistory
 from mech_twin.studies.resimulation import Verdict, analysed, resimulated
 
@@ -28,7 +27,11 @@ if TYPE_CHECKING:
 
 def replay(asked: ReplayVerb) -> None:
     """Publish a recording, or recompute it, or a measured run by its map."""
-    check_is_no_page(asked.bag)
+    if is_page(str(asked.bag)) and asked.bag.is_file():
+        raise CommandError(
+            f"{asked.bag}: expected a recording, not a page or configuration; `mech-twin check` draws a page, "
+            "`mech-twin simulate PAGE --bag NAME` records one"
+        )
     if asked.given_map is not None:
         if not asked.analyse:
             raise CommandError(

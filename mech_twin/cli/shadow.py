@@ -24,6 +24,7 @@ from mech_twin.cli.live_view import (
 from mech_twin.cli.machines import own_name
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
+from mech_twin.cli.option_values import assigned
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
@@ -145,22 +146,20 @@ def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, flo
     CommandError
         A word is no such assignment, or the key is no number of the machine.
     """
-    found = {}
-    for word in told:
-        key, _, size = word.partition("=")
-        value = _number_of(parameters, key, word)
-        try:
-            deviation = float(size.removesuffix("%"))
-        except ValueError:
-            deviation = math.nan
-        if not (math.isfinite(deviation) and deviation >= 0.0):
-            raise CommandError(f"--uncertain {word}: expected KEY=2% or KEY=NUMBER, not negative")
-        found[key] = deviation / 100.0 * abs(value) if size.endswith("%") else deviation
-    return found
+
+    def sized(size: str) -> tuple[float, bool]:
+        return float(size.removesuffix("%")), size.endswith("%")
+
+    expected = "KEY=2% or KEY=NUMBER, not negative"
+    demand = (expected, lambda found: math.isfinite(found[0]) and found[0] >= 0.0)
+    values = {word.partition("=")[0].strip(): _number_of(parameters, word) for word in told}
+    sizes = assigned("--uncertain", told, expected, sized, demand)
+    return {key: size / 100.0 * abs(values[key]) if part else size for key, (size, part) in sizes.items()}
 
 
-def _number_of(parameters: Parameters, key: str, word: str) -> float:
+def _number_of(parameters: Parameters, word: str) -> float:
     found: object = parameters
+    key = word.partition("=")[0]
     for part in key.split("."):
         inside = dict(found) if isinstance(found, Parameters | Mapping) else {}
         if part not in inside:

@@ -30,7 +30,7 @@ from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.stop_signal import closed_first
-from mech_twin.results.opened_runs import given_map, topic_field
+from mech_twin.results.opened_runs import given_map, recorded_to, topic_field
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies.shorter_steps import RunInShorterSteps, in_shorter_steps
@@ -157,15 +157,7 @@ def _write_row(writer: TableWriter, frame: Frame) -> None:
 
 
 def _bag(stack: ExitStack, bag: Path, machine: Machine, changing: ChangingMachine) -> Output:
-    from mech_twin.nodes.run.domain import settle_domain
-
-    settle_domain()
-    from mech_twin.recording.frame_recorder import FrameRecorder
-    from mech_twin.recording.output_directory import remove_recording
-
-    remove_recording(bag)
-    recorder = FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))
-    stack.enter_context(closing(recorder))
+    recorder = stack.enter_context(closing(recorded_to(bag, machine)))
     changes = list(enumerate(changing.revisions[1:], 2))
 
     def write(frame: Frame) -> None:

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 
+    Show = Callable[[BenchScene | RerunScene, StopSignal], None]
+
 WAIT_S = 0.05
 
 
@@ -54,9 +56,15 @@ def view_bag(asked: ViewVerb) -> None:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
             if simulated:
-                shown = _simulated(bag, asked.duration_s or USUAL_DURATION_S)
+                machine, duration_s = configured_machine(str(bag)), asked.duration_s or USUAL_DURATION_S
+                shown = _of_machine(machine, lambda scene, stop: _show_run(scene, machine, duration_s, stop))
+            elif map_file is not None:
+                from mech_twin.cli.measured import read_measured, show_measured
+
+                read = read_measured(bag, map_file, asked.config)
+                shown = _of_machine(read.machine, lambda scene, stop: show_measured(scene, read, stop))
             else:
-                shown = _recorded(stack, bag) if map_file is None else _measured(bag, map_file, asked.config)
+                shown = _recorded(stack, bag)
             scene: BenchScene | RerunScene
             if save is None:
                 scene = _bench(stack, asked.port, shown, bag)
@@ -81,7 +89,7 @@ class _Shown(NamedTuple):
     """A run to show: the name of its machine, what puts it into the scene, its settings that are not as installed."""
 
     machine: str
-    show: Callable[[BenchScene | RerunScene, StopSignal], None]
+    show: Show
     settings: Callable[[], list[list[str]]]
 
 
@@ -98,16 +106,10 @@ def _recorded(stack: ExitStack, bag: Path) -> _Shown:
     )
 
 
-def _simulated(page: Path, duration_s: float) -> _Shown:
-    """Return the run of a page, or of a configuration, from its start."""
-    machine = configured_machine(str(page))
+def _of_machine(machine: Machine, show: Show) -> _Shown:
     tree = configuration_tree(machine.parameters)
     name = str(tree["name"]) if machine.name == PAGE.name else machine.name
-    return _Shown(
-        name,
-        lambda scene, stop: _show_run(scene, machine, duration_s, stop),
-        lambda: changed_settings(machine.name, tree),
-    )
+    return _Shown(name, show, lambda: changed_settings(machine.name, tree))
 
 
 def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: float, stop: StopSignal) -> None:
@@ -120,14 +122,6 @@ def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: floa
             show_frame(scene, machine, frame, draw=scene.drawing_due(frame.linkage.time_s))
             metrics.observe(frame)
     scene.metrics(metrics.numbers())
-
-
-def _measured(measurement: Path, map_file: Path, config: Path | None) -> _Shown:
-    from mech_twin.cli.measured import read_measured, show_measured
-
-    read = read_measured(measurement, map_file, config)
-    name, tree = read.machine.name, configuration_tree(read.machine.parameters)
-    return _Shown(name, lambda scene, stop: show_measured(scene, read, stop), lambda: changed_settings(name, tree))
 
 
 def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:

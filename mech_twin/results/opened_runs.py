@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Opens runs of a measurement by path, bags and tables alike; reads maps and checks them against the machine."""
+"""Opens runs by path, bags and tables alike; reads maps and checks them against the machine; opens recorders."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource, read_map
 from mech_twin.measurements.tables import TableReader, is_table
 from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.parameters.load import description_text
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 
 if TYPE_CHECKING:
+    from mech_twin.recording.frame_recorder import FrameRecorder
     from mech_twin.recording.measured_topics import MeasuredTopics, TopicField
 
 
@@ -100,3 +102,13 @@ def given_map(path: Path, configured: Machine | None = None) -> MeasurementMap:
 def configured_map(path: Path, config: Path | None) -> MeasurementMap:
     """Return the map in a file, checked against its machine with the given configuration file."""
     return read_map(path, lambda name: machine_columns(built_machine(name, config)))
+
+
+def recorded_to(bag: Path, machine: Machine) -> FrameRecorder:
+    """Return what records the frames of a machine's run, in place of a recording that is there."""
+    settle_domain()
+    from mech_twin.recording.frame_recorder import FrameRecorder
+    from mech_twin.recording.output_directory import remove_recording
+
+    remove_recording(bag)
+    return FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))
