@@ -1,21 +1,241 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ``mech-twin`` command, made of its verbs; each is declared once and answered in a file of its own."""
+"""The ``mech-twin`` command, made of its verbs: what each understands, and its errors in the words of all others."""
 
 from __future__ import annotations
 
+import re
 import sys
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from itertools import pairwise
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from mech_twin import __version__
 from mech_twin.cli import measurement_verbs, study_verbs, verbs
-from mech_twin.cli.command_group import CommandGroup, QuestionGroup, VerbCommand
 from mech_twin.cli.console import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
-from mech_twin.cli.verb import command, in_library, verbs_in
+from mech_twin.cli.verb import check_rules, command, in_library, verbs_in
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 from mech_twin.process.system_limits import NUMERICS_BYTES, check_address_space
+
+OF_THE_LIBRARY = {
+    "help": "show this help",
+    "install_completion": "install completion for the current shell",
+    "show_completion": "show the completion script of the current shell, to copy or change it",
+}
+ASSIGNING = ("--set", "--over", "--limit", "--bound", "--change")  # each value has an = in it
+LISTING = ("--topics",)
+
+
+class CommandGroup(TyperGroup):
+    """The commands; an unknown one is answered with the near one, or with all."""
+
+    entry = "command"
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters with a placeholder each."""
+        return named(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments after giving each ``KEY=VALUE`` of several its option."""
+        typed = tuple(args)
+        with own_words(ctx, typed):
+            return super().parse_args(ctx, with_options_repeated(args))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is named."""
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            near = get_close_matches(args[0], self.commands, 1)
+            hint = f"; did you mean '{near[0]}'?" if near else f"; expected one of {', '.join(self.commands)}"
+            raise CommandError(f"no {self.entry} '{args[0]}'{hint}")
+        return super().resolve_command(ctx, args)
+
+
+class QuestionGroup(CommandGroup):
+    """The questions of ``study``, which may also stand before the machine."""
+
+    entry = "question"
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments after setting the machine before the question."""
+        if args and args[0] in self.commands:
+            if len(args) == 1 or args[1].startswith("-"):
+                raise CommandError(f"study {args[0]}: expected a machine before the question: study MACHINE {args[0]}")
+            args = [args[1], args[0], *args[2:]]
+        if not args and not ctx.resilient_parsing:
+            raise CommandError(f"study: expected a machine and a question: study MACHINE {'|'.join(self.commands)}")
+        return super().parse_args(ctx, args)
+
+
+class VerbCommand(TyperCommand):
+    """A command whose help and errors are in the words of the field; options that contradict each other are refused."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters with a placeholder each."""
+        return named(super().get_params(ctx))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the words after the verb."""
+        typed = tuple(args)
+        if ctx.resilient_parsing:  # of a line that is still being written
+            return super().parse_args(ctx, args)
+        args = with_options_repeated(args)
+        refuse_options_as_values(self.get_params(ctx), typed)
+        with own_words(ctx, typed):
+            rest = super().parse_args(ctx, args)
+        sources = {name: ctx.get_parameter_source(name) for name in ctx.params}
+        given = frozenset(name for name, source in sources.items() if source and source.name == "COMMANDLINE")
+        check_rules(getattr(self.callback, "verb"), given)  # noqa: B009 # as `command` sets it
+        return rest
+
+
+def named(parameters: Sequence[Any]) -> list[Any]:
+    """Return the parameters of a command after taking what the library would add to them in the help."""
+    for parameter in parameters:
+        if parameter.param_type_name == "argument":
+            parameter.display_type_rich = lambda ctx: ""  # the name of an argument says what it is
+        elif getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+        parameter.help = OF_THE_LIBRARY.get(parameter.name, parameter.help)
+    return list(parameters)
+
+
+def with_options_repeated(arguments: list[str]) -> list[str]:
+    """Return the arguments with an option repeated before each of its values: ``--set a=1 b=2``, ``--topics A B``."""
+    given: list[str] = []
+    option, follows = "", False
+    for argument in arguments:
+        if argument.startswith("-") and (not follows or option in LISTING):
+            option = argument if argument in (*ASSIGNING, *LISTING) else ""
+            follows = bool(option)
+        elif follows:
+            follows = False
+        elif option in LISTING or (option and "=" in argument):
+            given.append(option)
+        else:
+            option = ""
+        given.append(argument)
+    return given
+
+
+UNEXPECTED = "Got unexpected extra argument"
+
+
+@contextmanager
+def own_words(context: Any, typed: Sequence[str]) -> Iterator[None]:
+    """Turn an error of the command line library into one line of ours.
+
+    Parameters
+    ----------
+    context : Context
+        Of the command that reads the words.
+    typed : sequence of str
+        The words after the command's name.
+    """
+    from typer.exceptions import TyperException
+
+    try:
+        yield
+    except TyperException as error:
+        raise CommandError(_line(error, context, typed)) from error
+
+
+def refuse_options_as_values(parameters: Sequence[Any], typed: Sequence[str]) -> None:
+    """Raise where an option is followed by an option instead of its value.
+
+    Raises
+    ------
+    CommandError
+        Naming both, and what was expected between them.
+    """
+    options = _options(parameters)
+    for word, following in pairwise(typed):
+        option = options.get(word)
+        if word == "--":
+            return
+        if option is None or getattr(option, "is_flag", False):
+            continue
+        if following in options or re.match(r"--\w", following):
+            raise CommandError(f"{word} {following}: expected {_meaning(option)}, found an option")
+
+
+def _line(error: Any, context: Any, typed: Sequence[str]) -> str:
+    asked, option = getattr(error, "param", None), getattr(error, "option_name", None)
+    if option is not None and hasattr(error, "possibilities"):
+        return _no_such_option(option, context)
+    if option is not None:
+        known = _options(context.command.get_params(context))[option]
+        return f"{option} takes no value" if known.is_flag else f"missing value of {option}: expected {_meaning(known)}"
+    if hasattr(error, "param_type") and asked is not None:
+        kind = "option " if asked.param_type_name == "option" else ""
+        return f"missing {kind}{_name(asked)}: expected {asked.help}"
+    if asked is not None:
+        return _refused(asked, error.message, typed)
+    if str(error.message).startswith(UNEXPECTED):
+        words = re.findall(r"\(([^()]*)\)$", error.message)
+        usage = " ".join([_path(context), *_places(context), "[OPTIONS]"])
+        return f"unexpected '{words[0] if words else ''}'; expected {usage}"
+    return str(error.format_message())
+
+
+def _no_such_option(option: str, context: Any) -> str:
+    options = _options(context.command.get_params(context))
+    longer = [name for name in options if name.startswith(option) and option.startswith("--")]
+    near, where = longer or get_close_matches(option, options, 1), _path(context)
+    hint = f"did you mean '{_name(options[near[0]], near[0])}'?" if near else f"`{where} --help` lists them"
+    return f"no option '{option}' of {where}; {hint}"
+
+
+def _refused(asked: Any, message: str, typed: Sequence[str]) -> str:
+    """Return the line of a value that was not taken: what was typed stands beside its option."""
+    said = re.sub(r"^Input should be (.*?)(, unable to parse.*)?$", r"expected \1", message, flags=re.DOTALL)
+    said = said.replace("expected a valid", "expected a").replace("expected a integer", "expected an integer")
+    said = re.sub(r"^expected (greater|less)", r"expected a value \1", said)
+    found = [option for option in asked.opts if _value_of(option, typed) is not None]
+    name = found[0] if found else _name(asked)
+    value = _value_of(found[0], typed) if found else None
+    shown = name if value is None else f"{name} {value}"
+    return f"{shown}: {said.removeprefix(f'{value}: ')}"
+
+
+def _value_of(option: str, typed: Sequence[str]) -> str | None:
+    """Return the value that was typed last after an option."""
+    beside = [following for word, following in pairwise(typed) if word == option]
+    joined = [word.partition("=")[2] for word in typed if word.startswith(f"{option}=")]
+    return [*joined, *beside][-1] if joined or beside else None
+
+
+def _options(parameters: Sequence[Any]) -> dict[str, Any]:
+    """Return the options of a command by each of their names."""
+    return {name: each for each in parameters if each.param_type_name == "option" for name in each.opts}
+
+
+def _name(parameter: Any, name: str | None = None) -> str:
+    """Return a parameter as the help has it: ``--duration TIME``, ``MACHINE``."""
+    if parameter.param_type_name == "argument":
+        return str(parameter.metavar)
+    return f"{name or parameter.opts[0]} {parameter.metavar or ''}".strip()
+
+
+def _meaning(option: Any) -> str:
+    return f"{option.metavar} ({option.help})"
+
+
+def _path(context: Any) -> str:
+    """Return the command as it is typed: ``mech-twin study MACHINE sweep``."""
+    if context.parent is None:
+        return str(context.info_name)
+    return " ".join([_path(context.parent), *_places(context.parent), context.info_name])
+
+
+def _places(context: Any) -> list[str]:
+    arguments = [each for each in context.command.get_params(context) if each.param_type_name == "argument"]
+    return [each.metavar if each.required else f"[{each.metavar}]" for each in arguments]
+
 
 VERBS = verbs_in(verbs, measurement_verbs)
 QUESTIONS = verbs_in(study_verbs)

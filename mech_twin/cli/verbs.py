@@ -163,7 +163,7 @@ ON_TOPICS = ("rate", "start_s", "duration_s", "loop", "clock", "topics", "listen
 RECOMPUTING = ("analyse", "resimulate")
 
 
-class ReplayVerb(Verb, answer="replay:replay"):
+class ReplayVerb(Verb, answer="recording:replay"):
     """Replay a recording on its topics, or recompute it and compare bit for bit (exit code 1: different)."""
 
     rules: ClassVar[Rules] = (
@@ -211,7 +211,7 @@ class ViewVerb(Verb, answer="view:view_bag"):
     force: Force = False
 
 
-class InfoVerb(Verb, answer="info:show_info"):
+class InfoVerb(Verb, answer="recording:show_info"):
     """Describe a recording: what, how long, whether complete; with a map, a measurement's channels; or check a page."""
 
     rules: ClassVar[Rules] = (
@@ -273,7 +273,7 @@ class TellVerb(Verb, answer="run:tell_nodes"):
     wait_s: float = option("time to find the nodes, s", 5.0, unit="s", shown="5")
 
 
-class RecoverVerb(Written, answer="info:recover_bag"):
+class RecoverVerb(Written, answer="recording:recover_bag"):
     """Salvage a damaged recording: write its intact part into a new one."""
 
     bag: Bag

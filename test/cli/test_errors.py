@@ -13,9 +13,8 @@ from typer.main import get_command
 
 from mech_twin import api
 from mech_twin.capabilities.progress import tell
-from mech_twin.cli.command_group import with_options_repeated
 from mech_twin.cli.console import estimate
-from mech_twin.cli.main import QUESTIONS, VERBS, app, main
+from mech_twin.cli.main import QUESTIONS, VERBS, app, main, with_options_repeated
 from mech_twin.cli.option_values import seconds
 from mech_twin.cli.study import told
 from mech_twin.cli.verb import Apart

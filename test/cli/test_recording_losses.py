@@ -9,7 +9,7 @@ import pytest
 from small_disk import small_disk
 
 from mech_twin.cli.failure import LOSS_EXIT_CODE, messages_in, report_losses
-from mech_twin.cli.info import show_info
+from mech_twin.cli.recording import show_info
 from mech_twin.cli.verbs import InfoVerb
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import string_cdr

@@ -22,8 +22,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from recordings import Entry, altered_bag, decoded_messages, earlier_layout, edited, simulated_bag, written_bag
 
-from mech_twin.cli.command_group import with_options_repeated
-from mech_twin.cli.main import main
+from mech_twin.cli.main import main, with_options_repeated
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]

@@ -1,19 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin replay``: a recording published on its topics, or recomputed and compared bit for bit."""
+"""``mech-twin info``, ``recover``, ``replay``: a recording described, salvaged, published, or computed again."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from mech_twin import __version__
-from mech_twin.cli.console import bar, print_json, print_table, progress, say
+from mech_twin.cli.console import bar, print_csv, print_json, print_table, progress, say, say_result
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.info import shared_topics
-from mech_twin.cli.verbs import ReplayVerb
+from mech_twin.cli.machines import check_page
+from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb, ReplayVerb
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.files.bounded_yaml import bounded_yaml
+from mech_twin.measurements.tables import is_table
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, is_page, machine_parameters
 from mech_twin.studies.configuration_history import ConfigurationHistory
@@ -22,7 +28,161 @@ from mech_twin.studies.resimulation import Verdict, analysed, resimulated
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode
     from mech_twin.nodes.replay.source import ReplaySource
+    from mech_twin.recording.bag_contents import BagInfo, RecordingReader
     from mech_twin.recording.bag_samples import BagSamples
+
+COUNTERS = ("received", "written", "dropped", "cut", "missed", "late", "publishers")
+LOSSES = ("dropped", "cut", "missed", "late")
+GROUPS = {  # by what a topic's path begins with, below the machine's namespace; the last takes the others
+    "motion": ("joint_states", "motor/joint_states", "body/joint_states", "scene", "frames"),
+    "forces and blows": ("forces/", "body/pressing_force", "impacts"),
+    "shadow": ("twin/",),
+    "steps of the roles": ("step/",),
+    "commands, clock and state": ("",),
+}
+WIDE = 400
+
+
+def show_info(asked: InfoVerb) -> None:
+    """Print messages per topic, loss counters, files and problems; with a map, the quality of channels."""
+    bag = asked.bag
+    if asked.given_map is not None:
+        from mech_twin.cli.measured import examine_by_file
+
+        examine_by_file(asked, asked.given_map)
+        return
+    if is_page(str(bag)):
+        if asked.as_csv or asked.wide:
+            raise CommandError(f"--{'csv' if asked.as_csv else 'wide'}: is of a recording's topics; a page has none")
+        check_page(CheckVerb(page=str(bag), as_json=asked.as_json))
+        return
+    if is_table(bag):
+        raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
+    settle_domain()
+    from mech_twin.recording.bag_reader import about_bag
+
+    info, described = about_bag(bag, _described)
+    document = info_record(info)
+    if described is not None:
+        document |= {"machine": described.name, "version": ", ".join(described.versions)}
+    if asked.as_json:
+        print_json(document)
+        return
+    if asked.as_csv:
+        print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
+        return
+    _print_head(document)
+    _print_topics(document["topics"], asked.wide)
+    rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
+    print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
+    say(*document["problems"], *shared_topics(info.counters))
+
+
+def shared_topics(counters: Mapping[str, Mapping[str, int]]) -> list[str]:
+    """Return a line for each topic, by name with its loss counters, that several published at once."""
+    shared = {name: number for name, row in counters.items() if (number := row.get("publishers", 0)) > 1}
+    copied = "what one sent with the source of another is below copied_source, where the middleware told them apart"
+    return [f"{name}: {number} publishers at once; {copied}" for name, number in shared.items()]
+
+
+def _described(reader: RecordingReader) -> ConfigurationHistory | None:
+    """Return the machine of a bag as `replay --resimulate` knows it; None where the bag does not say."""
+    from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.recording.errors import BagError
+
+    try:
+        return ConfigurationHistory(BagSamples(reader).descriptions(), str(reader.path))
+    except (BagError, ConfigurationError):
+        return None
+
+
+def _print_head(document: dict[str, Any]) -> None:
+    """Write what is recorded, how long, and whether it is whole; then by what, how much, and what is missing."""
+    duration, topics = document["duration_s"], document["topics"]
+    losses = {key: sum(topic["counters"].get(key, 0) for topic in topics.values()) for key in LOSSES}
+    length = "length unknown" if duration is None else f"{duration:.6g} s"
+    why = "a part is missing" if any(" part " in each for each in document["problems"]) else "it was not closed"
+    whole = "complete" if document["finished"] else f"not complete: {why}"
+    if document["finished"] and (document["problems"] or losses["dropped"] or losses["cut"]):
+        whole = "closed, but not complete"
+    counted = any(topic["counters"] for topic in topics.values())
+    sound = counted and document["finished"] and not document["problems"]
+    lost = ", ".join(f"{count} {name}" for name, count in losses.items() if count) or ("nothing lost" if sound else "")
+    say_result("; ".join(filter(None, [f"{document['machine'] or 'unknown machine'}, {length}", whole, lost])))
+    size = sum(split["size_bytes"] or 0 for split in document["splits"])
+    files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
+    say_result(f"{document['message_count']} messages of {len(topics)} topics, {_bytes(size)} in {files}")
+    say_result(f"recorded by mech_twin {document['version']}" if document["version"] else "recorded by other software")
+
+
+def _bytes(size: int) -> str:
+    """Return a size in decimal units: ``1.93 MB``."""
+    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
+        if size >= factor:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size} bytes"
+
+
+def _print_topics(topics: dict[str, Any], wide: bool) -> None:
+    if wide:
+        rows = [_counted(name, topic) for name, topic in topics.items()]
+        print_table("topics", ("topic", "type", "messages", *COUNTERS), rows, width=WIDE)
+        return
+    counted = any(topic["counters"] for topic in topics.values())
+    columns = ("topic", "messages", *(LOSSES if counted else ()))
+    shared = _namespace(list(topics))
+    found: dict[str, list[tuple[Any, ...]]] = {group: [] for group in GROUPS}
+    for full, topic in topics.items():
+        name = full.removeprefix(shared)
+        losses = (topic["counters"].get(key, "-") for key in LOSSES if counted)
+        group = next(group for group, heads in GROUPS.items() if name.startswith(heads))
+        found[group].append((f"  {name}", topic["messages"], *losses))
+    grouped = [row for group, own in found.items() if own for row in ((group, *[""] * (len(columns) - 1)), *own)]
+    print_table(f"topics below {shared}" if shared else "topics", columns, grouped)
+
+
+def _counted(name: str, topic: dict[str, Any]) -> tuple[Any, ...]:
+    return (name, topic["type"], topic["messages"], *(topic["counters"].get(key, "-") for key in COUNTERS))
+
+
+def _namespace(names: list[str]) -> str:
+    """Return the namespace that most topics share, ``/machine/``; empty if there is none."""
+    spaces = Counter(name[: name.index("/", 1) + 1] for name in names if "/" in name[1:])
+    space, count = spaces.most_common(1)[0] if spaces else ("", 0)
+    return space if count > len(names) / 2 else ""
+
+
+def info_record(info: BagInfo) -> dict[str, Any]:
+    """Return the summary of a bag as a JSON object."""
+    try:
+        tree = bounded_yaml(info.configuration) if info.configuration else None
+    except (yaml.YAMLError, ValueError, RecursionError):
+        tree = None
+    known = tree if isinstance(tree, dict) else {}
+    head = {key: str(known[key]) if key in known else None for key in ("machine", "version")}
+    topics = {
+        name: {"type": topic.type_name, "messages": topic.message_count, "counters": info.counters.get(name, {})}
+        for name, topic in info.topics.items()
+    }
+    splits = []
+    for split in info.splits:
+        start_s, end_s = (None if at_ns is None else at_ns * 1e-9 for at_ns in (split.start_ns, split.end_ns))
+        place = {"file": split.file.name, "size_bytes": split.size_bytes, "start_s": start_s, "end_s": end_s}
+        splits.append({**place, "messages": split.message_count})
+    whole = {"finished": info.finished, "duration_s": info.duration_s, "message_count": info.message_count}
+    told = {"configuration": info.configuration, "problems": info.problems}
+    return {"bag": info.path, **head, **whole, "topics": topics, "splits": splits, **told}
+
+
+def recover_bag(asked: RecoverVerb) -> None:
+    """Write the new recording and report what was salvaged."""
+    from mech_twin.recording.recovery import recover
+
+    report = recover(asked.bag, asked.out, force=asked.force)
+    if asked.as_json:
+        print_json(report)
+    else:
+        say_result("\n".join(report.lines()))
 
 
 def replay(asked: ReplayVerb) -> None:
