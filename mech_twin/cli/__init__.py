@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The mech-twin command, one file per verb."""
+"""The mech-twin command: each verb a model of its options, and the function that answers it."""
 
 from mech_twin.process.dependencies import require_versions
 

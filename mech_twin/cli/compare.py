@@ -287,7 +287,10 @@ class Overlay:
         farthest = sorted(found.numbers, key=lambda each: -each.relative)[:MOST_ROWS]
         content: dict[str, Any] = {
             "settings": [[each.name, *map(_shown, each[1:3])] for each in found.settings][:MOST_ROWS],
-            "numbers": [[_titled(each.name), *map(_shown, each[1:3]), _percent(each.relative)] for each in farthest],
+            "numbers": [
+                [", ".join(filter(None, caption(each.name))), *map(_shown, each[1:3]), _percent(each.relative)]
+                for each in farthest
+            ],
             "angle": None if pairs is None else [packed(np.asarray(each), "<f8") for each in pairs],
         }
         self._view.tell("comparison", content)
@@ -302,11 +305,6 @@ def _leading_angle(machine: Machine, side: ComparedRun) -> str | None:
     column = next((name for name in side.samples if name.startswith("linkage.") and name.endswith(".position")), None)
     slides = frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints
     return None if column is None or column.split(".")[1] in slides else column
-
-
-def _titled(name: str) -> str:
-    words, unit = caption(name)
-    return f"{words}, {unit}" if unit else words
 
 
 def _shown(value: Any) -> str:

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from mech_twin.cli.console import print_json, print_table, say
+from mech_twin.cli.console import bar, print_json, print_table, say
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measured import checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
@@ -105,8 +103,13 @@ def identify_machine(asked: IdentifyVerb) -> None:
     held = [] if held_out is None or asked.held_out_share is not None else [held_out]
     fitted = fitted if held or held_out is None else [*fitted, held_out]
     runs = [_run(path, asked, turn) for path in fitted]
-    with _progress(asked) as progress:
-        found = identified(question, runs, [_run(path, asked, turn) for path in held], share, progress)
+    with bar("identifying", "SpinnerColumn", "{task.description}") as update:
+
+        def notice(line: str) -> None:
+            if update is not None and not asked.as_json:
+                update(description=f"identifying: {line}")
+
+        found = identified(question, runs, [_run(path, asked, turn) for path in held], share, notice)
     saved = SavedIdentification(found, tuple(fitted), tuple(held), asked.map_file)
     if asked.as_json:
         print_json(saved.document)
@@ -195,18 +198,6 @@ def _run(path: Path, asked: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
     return fit_run(run, begin_known=asked.begin == "start")
 
 
-@contextmanager
-def _progress(asked: IdentifyVerb) -> Iterator[Callable[[str], None]]:
-    """Provide what takes lines on the progress: a line that is written over on a terminal, none elsewhere."""
-    if not sys.stderr.isatty() or asked.as_json:
-        yield lambda _: None
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("identifying") as status:
-        yield lambda line: status.update(f"identifying: {line}")
-
-
 def _show_found(found: Identification) -> None:
     show_keys(f"{found.question.machine}: identified in {found.seconds:.1f} s", found.keys)
     if found.search.starts > 1:
@@ -215,7 +206,10 @@ def _show_found(found: Identification) -> None:
     say_open(found.keys)
     _show_combinations(found.combinations)
     heads = ("channel", "fit, %", "rms", "zero", "gain", "lag, s")
-    fits = [(c.channel, c.fit_percent, c.rms, *map(_joined, (c.zero, c.gain, c.lag_s))) for c in found.channels]
+    fits: list[tuple[Any, ...]] = []
+    for c in found.channels:
+        told = (" ".join(f"{value:.5g}" for value in each.values()) for each in (c.zero, c.gain, c.lag_s))
+        fits.append((c.channel, c.fit_percent, c.rms, *told))
     print_table("channels of the fitted runs", heads, fits)
     if found.held_out is not None and found.before is not None:
         pairs = zip(found.held_out.channels, found.before.channels, strict=True)
@@ -226,10 +220,6 @@ def _show_found(found: Identification) -> None:
                 f"held out: event times off by {1e3 * found.held_out.event_time_rms_s:.3g} ms in the rms, "
                 f"{found.held_out.missed} missed, {found.held_out.false} false"
             )
-
-
-def _joined(values: dict[str, float]) -> str:
-    return " ".join(f"{value:.5g}" for value in values.values())
 
 
 def _show_combinations(combinations: Sequence[Combination]) -> None:

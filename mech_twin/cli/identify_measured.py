@@ -35,7 +35,11 @@ def identify_lengths(asked: IdentifyVerb) -> None:
     began = time.monotonic()
     if asked.out is not None:
         check_output_file(asked.out, force=asked.force)
-    _refuse_unused(asked)
+    unused: dict[str, object] = {"--fix": asked.fixed, "--prior": asked.priors, "--scheduler": asked.scheduler}
+    unused[f"--hold-out {asked.hold_out}"] = asked.held_out_share is not None
+    for option, given in unused.items():
+        if given:
+            raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
     given, base = asked.given_map, asked.parameters
     columns = _led_columns(asked, given)
     keys = tuple(key for key in asked.free if key != AUTO)
@@ -57,15 +61,6 @@ def identify_lengths(asked: IdentifyVerb) -> None:
         raise SystemExit(FOUND)
     if asked.out is not None:
         _write_lengths(asked, model, report, [str(path) for path in fitted])
-
-
-def _refuse_unused(asked: IdentifyVerb) -> None:
-    """Raise where something is asked that the fit of lengths in the measured motion does not know."""
-    unused: dict[str, object] = {"--fix": asked.fixed, "--prior": asked.priors, "--scheduler": asked.scheduler}
-    unused[f"--hold-out {asked.hold_out}"] = asked.held_out_share is not None
-    for option, given in unused.items():
-        if given:
-            raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
 
 
 def _led_columns(asked: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...]:
@@ -106,8 +101,7 @@ def _assembly_words(found: FittedAssembly) -> str:
     """Return which assembly and which sense of the crank fit best, and by how much."""
     taken = " and ".join(f"{key}: {value}" for key, value in found.configured.items()) or "as configured"
     words = [f"assembly {taken}"]
-    if np.isfinite(found.margin):
-        words.append(f"the other one leaves a residual {found.margin:.3g} times as large")
+    words += [f"the other one leaves a residual {found.margin:.3g} times as large"] * bool(np.isfinite(found.margin))
     sense = "as in the map" if found.sense > 0 else "against the map (sign: -1 for the crank)"
     return "; ".join([*words, f"crank turns {sense}, the other sense {found.sense_margin:.3g} times"])
 
@@ -163,18 +157,13 @@ def identify_bounces(asked: IdentifyVerb) -> None:
 
 def _columns(path: Path) -> tuple[Array, dict[str, Array]]:
     """Return the times of a run, and its columns at all of them."""
+    found: dict[str, list[tuple[Array, Array]]] = {}
     with opened_run(path) as reader:
-        time_source, sources = reader.proposed_time(), [each.source for each in reader.offered()]
-        times: list[list[Array]] = [[] for _ in sources]
-        values: list[list[Array]] = [[] for _ in sources]
-        for place, stamps, shown, _ in reader.blocks(sources, time_source):
-            times[place].append(stamps)
-            values[place].append(shown)
-    whole = {
-        source.label: (np.concatenate(stamps), np.concatenate(shown))
-        for source, stamps, shown in zip(sources, times, values, strict=True)
-        if stamps
-    }
+        sources = [each.source for each in reader.offered()]
+        for place, stamps, shown, _ in reader.blocks(sources, reader.proposed_time()):
+            found.setdefault(sources[place].label, []).append((stamps, shown))
+    labels = [source.label for source in sources if source.label in found]
+    whole = {label: [np.concatenate(each) for each in zip(*found[label], strict=True)] for label in labels}
     if not whole:
         raise MeasurementError(path, "has no column beside its time")
     clock = max((stamps for stamps, _ in whole.values()), key=len)

@@ -177,15 +177,13 @@ def _page_record(shared: Any) -> dict[str, Any]:
 
 def _draw(model: Any, picture: Path) -> None:
     """Draw a page at its start."""
+    from mech_twin.capabilities.plots import sheet
     from mech_twin.machines.page.drawing import PageDrawing, real
 
     motion = model.start_instant.joint_motion()
     places = {name: real(motion[2 * i]) for i, name in enumerate(model.assembly.columns)}
     shapes = PageDrawing(model).shapes_at(places)
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 6.0), layout="constrained")
-    axes = figure.add_subplot()
+    figure, (axes,) = sheet(1, 1, 8.0, 6.0)
     xs = [x for shape in shapes for x, _ in shape.points_m]
     ys = [y for shape in shapes for _, y in shape.points_m]
     reach = max(max(xs) - min(xs), max(ys) - min(ys), 1e-6)
@@ -200,9 +198,7 @@ def _draw(model: Any, picture: Path) -> None:
         if shape.text:
             x, y = (0.5 * (min(part) + max(part)) for part in points)
             axes.annotate(shape.text, (x, y), textcoords="offset points", xytext=(6, 6), color=colour, fontsize=9)
-    axes.set_aspect("equal")
-    axes.set_xlabel("x, m")
-    axes.set_ylabel("y, m")
+    axes.set(aspect="equal", xlabel="x, m", ylabel="y, m")
     figure.savefig(picture)
 
 

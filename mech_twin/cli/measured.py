@@ -83,10 +83,8 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
         proposed = map_of(built.name, time, channels)
         if proposed is None:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
-            raise NoNameError(
-                f"{measurements[0]}: none of its channels has a name of {built.name}; they are {names}; "
-                "write the map by hand"
-            )
+            none = f"none of its channels has a name of {built.name}; they are {names}"
+            raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
         qualities = {measurements[0]: tuple(channel_qualities(reader, proposed))}
         run, problems = _measured(reader, proposed, qualities[measurements[0]])
     turn = model_turn(built) if turning_column(columns) and run is not None else None
@@ -137,12 +135,9 @@ def _signed(
 def _with_signs(run: MeasuredRun, channels: Sequence[ProposedChannel]) -> MeasuredRun:
     """Return the run, read without signs, as the proposed map reads it."""
     turned = {each.source.label for each in channels if each.sign < 0}
-    return replace(
-        run,
-        channels=tuple(
-            replace(each, values=-each.values) if each.channel.source.label in turned else each for each in run.channels
-        ),
-    )
+    signs = [-1.0 if each.channel.source.label in turned else 1.0 for each in run.channels]
+    read = [replace(each, values=sign * each.values) for each, sign in zip(run.channels, signs, strict=True)]
+    return replace(run, channels=tuple(read))
 
 
 QUALITY_HEADS = (
@@ -163,16 +158,12 @@ def checked_run(
 
 def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[dict[str, Any]]:
     """Return the quality of each channel as JSON objects."""
-    return [
-        {
-            "source": channel.source.model_dump(exclude_none=True),
-            "is": channel.quantity,
-            "unit": channel.unit,
-            **quality._asdict(),
-            "flaws": quality.flaws(),
-        }
-        for channel, quality in zip(given.channels, qualities, strict=True)
+    heads = [
+        {"source": each.source.model_dump(exclude_none=True), "is": each.quantity, "unit": each.unit}
+        for each in given.channels
     ]
+    pairs = zip(heads, qualities, strict=True)
+    return [{**head, **quality._asdict(), "flaws": quality.flaws()} for head, quality in pairs]
 
 
 def show_quality(path: Path, given: MeasurementMap, qualities: Sequence[Quality]) -> None:

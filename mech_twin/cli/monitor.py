@@ -115,16 +115,16 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
     """Write the picture of the first alarm that was explained; say where there is none."""
     from mech_twin.capabilities.plots import house_style
 
-    for run, told in runs:
-        if not told.why:
-            continue
-        alarm = next(alarm for alarm in told.found.alarms if alarm.change is not None)
-        figure = drawn_explanation(setup, run.vectors, alarm, told.why[0])
-        with house_style(), written_file(path, force=force) as file:
-            figure.savefig(file)
-        say(f"written to {path}")
+    explained = next((pair for pair in runs if pair[1].why), None)
+    if explained is None:
+        say(f"{path}: not written, there is no alarm to explain")
         return
-    say(f"{path}: not written, there is no alarm to explain")
+    run, told = explained
+    alarm = next(alarm for alarm in told.found.alarms if alarm.change is not None)
+    figure = drawn_explanation(setup, run.vectors, alarm, told.why[0])
+    with house_style(), written_file(path, force=force) as file:
+        figure.savefig(file)
+    say(f"written to {path}")
 
 
 def _design(asked: MonitorVerb) -> None:
@@ -189,8 +189,7 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
     for run in runs:
         for explained in run.why:
             _show_explanation(run.run, explained)
-    for run in runs:
-        say(*(f"{run.run}: {event.text}" for event in run.found.events))
+    say(*(f"{run.run}: {event.text}" for run in runs for event in run.found.events))
 
 
 def _show_explanation(run: str, found: Explanation) -> None:
@@ -217,16 +216,10 @@ def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[Cy
         return
     _say_setup(setup)
     heads = ("fault", "size", "unit", "sigma a cycle", "delay, cycles", "found in 50", "looks like")
-    shown = [
-        (
-            f.name,
-            f.size,
-            f.unit,
-            *map(rounded, (f.effect_sigma, f.delay_cycles, f.smallest)),
-            ", ".join(f.alike) or "none",
-        )
-        for f in design.faults
-    ]
+    shown = []
+    for f in design.faults:
+        numbers = map(rounded, (f.effect_sigma, f.delay_cycles, f.smallest))
+        shown.append((f.name, f.size, f.unit, *numbers, ", ".join(f.alike) or "none"))
     print_table(f"{setup.machine}: what these sensors would find", heads, shown)
 
 

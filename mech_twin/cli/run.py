@@ -35,7 +35,10 @@ if TYPE_CHECKING:
 def run_machine(request: RunVerb) -> None:
     """Run the nodes and, at the end, print the metrics of the run."""
     settle_domain(request.open_to_other_hosts)  # before anything large is loaded: where memory runs out is not chosen
-    _check(request)
+    run_namespace(PAGE.name if is_page(request.machine) else request.machine, request.namespace)
+    check_view(request.view, request.view_port, force=request.force)
+    if request.hold and request.view not in WEB_VIEWS:
+        raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
     require_modules("rclpy")  # before a view is opened
     parameters = request.parameters
     if is_page(request.machine):
@@ -110,13 +113,6 @@ def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions
         return RunOptions.model_validate({**configured, **asked, "recorder": recorder, "viewer": viewer})
     except ValidationError as error:
         raise refusal(f"{RUN_GROUP} group", error, RunOptions) from error
-
-
-def _check(request: RunVerb) -> None:
-    run_namespace(PAGE.name if is_page(request.machine) else request.machine, request.namespace)
-    check_view(request.view, request.view_port, force=request.force)
-    if request.hold and request.view not in WEB_VIEWS:
-        raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
 
 
 def _new_directory(name: str) -> Path:

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from mech_twin.capabilities.shorter_steps import InShorterSteps
-from mech_twin.cli.console import numbered, print_csv, print_table, say, say_result
+from mech_twin.cli.console import numbered, print_table, say, say_result
 from mech_twin.declarations.captions import caption, unit_of
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
@@ -101,12 +101,6 @@ def show_events(events: Sequence[Event], *, everything: bool) -> None:
 def is_notable(event: Event) -> bool:
     """Return whether an event is a blow, an impact above 1 mm/s, or a change of state."""
     return event.impulse_ns == 0.0 or abs(event.pre_velocity_m_per_s) > AUDIBLE_M_PER_S
-
-
-def print_numbers_csv(numbers: Mapping[str, Any], shorter: Mapping[str, float] = NO_NUMBERS) -> None:
-    """Write every number with its unit, and its value in shorter steps where it has one, as comma-separated values."""
-    rows = [(*row, shorter.get(row[0], "")) for row in numbered(numbers)]
-    print_csv(("quantity", "value", "unit", "in shorter steps"), rows)
 
 
 def _row(event: Event) -> tuple[Any, ...]:

@@ -9,11 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mech_twin.cli.console import busy, print_json, progress, say, say_result
+from mech_twin.cli.console import busy, numbered, print_csv, print_json, progress, say, say_result
 from mech_twin.cli.failure import FOUND, CommandError, report_losses
 from mech_twin.cli.run_summary import (
     how_told,
-    print_numbers_csv,
     say_consequences,
     show_events,
     show_numbers,
@@ -79,7 +78,8 @@ def simulate_machine(asked: SimulateVerb) -> None:
     if asked.as_json:
         print_json(document)
     elif asked.as_csv:
-        print_numbers_csv(document["summary"], confirmed)
+        rows = [(*row, confirmed.get(row[0], "")) for row in numbered(document["summary"])]
+        print_csv(("quantity", "value", "unit", "in shorter steps"), rows)
     else:
         title, everything = f"{name}: {asked.duration_s:g} s", asked.everything
         show_numbers(title, document["summary"], machine.report(), confirmed, everything=everything)

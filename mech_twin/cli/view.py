@@ -64,7 +64,7 @@ def view_bag(asked: ViewVerb) -> None:
                 read = read_measured(bag, map_file, asked.config)
                 shown = _of_machine(read.machine, lambda scene, stop: show_measured(scene, read, stop))
             else:
-                shown = _recorded(stack, bag)
+                shown = _of_bag(stack, bag)
             scene: BenchScene | RerunScene
             if save is None:
                 scene = _bench(stack, asked.port, shown, bag)
@@ -93,7 +93,7 @@ class _Shown(NamedTuple):
     settings: Callable[[], list[list[str]]]
 
 
-def _recorded(stack: ExitStack, bag: Path) -> _Shown:
+def _of_bag(stack: ExitStack, bag: Path) -> _Shown:
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.studies.configuration_history import recorded_settings
