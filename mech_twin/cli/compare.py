@@ -23,6 +23,7 @@ from mech_twin.engine.trajectory import frame_events
 from mech_twin.files.output_file import YAML_SUFFIXES, written_file
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
@@ -131,8 +132,6 @@ def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
 
 def _recorded(bag: Path, see: See) -> ComparedRun:
     """Return a recording; of an incomplete step nothing is used."""
-    from mech_twin.nodes.run.domain import settle_domain
-
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples

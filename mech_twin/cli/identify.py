@@ -11,7 +11,7 @@ from typing import Any
 
 from mech_twin.cli.console import bar, print_json, print_table, say
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.measured import checked_run
+from mech_twin.cli.measured import NoNameError, checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -153,8 +153,6 @@ def _bouncing(asked: IdentifyVerb) -> bool:
     """Return whether the runs are positions of something that bounces, without a name of the machine."""
     if asked.motion != "auto" or asked.map_file is not None:
         return asked.motion == "bounces"
-    from mech_twin.cli.measured import NoNameError
-
     try:
         asked.given_map  # noqa: B018
     except NoNameError:

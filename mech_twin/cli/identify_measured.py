@@ -119,7 +119,6 @@ def _write_lengths(asked: IdentifyVerb, model: GeometryModel, report: GeometryRe
     ]
     text = description_text(asked.machine, model.parameters(values))
     write_text(asked.out, "\n".join(notes) + "\n" + text, force=asked.force)
-    say(f"written to {asked.out}")
 
 
 KEY = "restitution"
@@ -152,7 +151,6 @@ def identify_bounces(asked: IdentifyVerb) -> None:
         note = f"# {KEY}: identified {found.value:.6g} +- {found.half_width:.2g} (95 %) from {names}\n"
         text = note + description_text(asked.machine, keyed.parameters([found.value]))
         write_text(asked.out, text, force=asked.force)
-        say(f"written to {asked.out}")
 
 
 def _columns(path: Path) -> tuple[Array, dict[str, Array]]:

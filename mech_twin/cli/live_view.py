@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.verbs import BenchVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
@@ -23,12 +24,7 @@ from mech_twin.process.dependencies import require_modules
 from mech_twin.process.parent_death import end_with_parent
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.studies.run_comparison import changed_settings
-from mech_twin.view.bench.link import BEGUN_BY
-
-if TYPE_CHECKING:
-    from mech_twin.declarations.quantity import Parameters
-    from mech_twin.view.bench.link import BenchLink
-
+from mech_twin.view.bench.link import BEGUN_BY, BenchLink
 
 WEB_VIEWS = ("web",)
 NO_VIEW = "none"
@@ -105,8 +101,6 @@ def opened_bench(
 ) -> OpenedView:
     """Start a bench, say its address, and leave it to the stack; or return the bench that has begun this command."""
     require_modules("aiohttp")
-    from mech_twin.view.bench.link import BenchLink
-
     if (place := os.environ.get(BEGUN_BY)) is not None:
         end_with_parent(os.getppid())
         return OpenedView(place, "", stack.enter_context(BenchLink(place)))

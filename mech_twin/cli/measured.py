@@ -24,13 +24,13 @@ from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.process.stop_signal import StopSignal
 from mech_twin.results.opened_runs import configured_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing
 from mech_twin.studies.measured_forces import guided_samples, measured_forces
 
 if TYPE_CHECKING:
-    from mech_twin.process.stop_signal import StopSignal
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 
@@ -54,7 +54,6 @@ def propose_map(asked: MapVerb) -> None:
     found = proposal(measurements, built_machine(asked.machine, asked.config))
     if out is not None:
         write_text(out, found.text, force=asked.force)
-        say(f"written to {out}")
     elif not asked.as_json:
         say_result(found.text)
     if asked.as_json:

@@ -74,8 +74,7 @@ def monitor_machine(asked: MonitorVerb) -> None:
     runs = [_featured(asked, path) for path in asked.runs]
     setup, runs[0] = _setup(asked, runs[0])
     if asked.save_baseline is not None:
-        write_setup(asked.save_baseline, setup, force=asked.force)
-        say(f"written to {asked.save_baseline}")
+        write_setup(asked.save_baseline, setup, force=asked.force, told="written to")
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
     if asked.explain is not None:
         known_fault(setup, asked.explain)
@@ -357,7 +356,6 @@ def _show_fleet(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
             section("Others", HEADS, rows[shown:]),
         ]
         write_text(asked.page, page(f"{asked.machine}: fleet {asked.folder.name}", parts), force=asked.force)
-        say(f"written to {asked.page}")
     if asked.as_json:
         head = {"machine": asked.machine, **{name: getattr(fleet, name) for name in ("limit", "confirming", "common")}}
         print_json({**head, "machines": [_record(sister) for sister in fleet.sisters], "refused": dict(refused)})

@@ -9,23 +9,19 @@ from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING
 
+from mech_twin.capabilities.published import PublishedRow
 from mech_twin.cli.console import busy, print_csv, print_json, print_table, progress, say, say_result
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.process.dependencies import require_extra
-
-if TYPE_CHECKING:
-    from mech_twin.capabilities.published import PublishedRow
+from mech_twin.studies import draw_figures, reproduce
+from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
 
 def reproduce_machines(asked: ReproduceVerb) -> None:
     """Write the comparison with the sources and, if asked, their figures; exit code 1 where a gated row fails."""
-    from mech_twin.studies import reproduce
-    from mech_twin.studies.reproduction import all_hold, machines_with_published_values
-
     machine, figures = asked.machine, asked.figures
     if figures is not None:
         check_output_directory(figures, force=asked.force)
@@ -38,8 +34,6 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
         rows = reproduce(machine, parameters)
     files: list[Path] = []
     if figures is not None:
-        from mech_twin.studies import draw_figures
-
         machines = machines_with_published_values() if machine is None else (machine,)
         with progress(machines, len(machines), "drawing") as counted:
             for name in counted:

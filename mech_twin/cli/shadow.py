@@ -32,6 +32,7 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.key_hints import did_you_mean, key_units
 from mech_twin.parameters.load import document_tree, kind_of
 from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.advice_search import AdviceWish
 
 if TYPE_CHECKING:
@@ -175,8 +176,6 @@ def _given(request: ShadowVerb) -> tuple[MeasurementMap | None, MonitorSetup | N
     """Return the map, and the monitor's reference made for this configuration and these sensors."""
     given = None
     if request.given_map is not None:
-        from mech_twin.results.opened_runs import given_map
-
         given = given_map(request.given_map, request.built)
     if request.monitor is None:
         return given, None

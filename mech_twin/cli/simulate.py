@@ -26,6 +26,7 @@ from mech_twin.files.output_file import written_file
 from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
+from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.stop_signal import closed_first
@@ -188,8 +189,6 @@ def _sensors(stack: ExitStack, asked: SimulateVerb, machine: Machine, sensors: M
 
 
 def _sensor_bag(stack: ExitStack, bag: Path, sensors: MeasurementMap) -> Callable[[Reading], None]:
-    from mech_twin.nodes.run.domain import settle_domain
-
     settle_domain()
     from mech_twin.recording.output_directory import remove_recording
     from mech_twin.recording.sensor_recorder import SensorRecorder

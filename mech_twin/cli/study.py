@@ -14,18 +14,20 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
+from pydantic import ValidationError
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.progress import listening
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.cli.console import counted, estimating, numbered, print_numbers, say, write_text
+from mech_twin.cli.console import counted, estimating, numbered, print_numbers, write_text
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.option_values import assigned
 from mech_twin.cli.run_summary import in_common_digits
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
-from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.files.report_page import page, picture, section, versions
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
@@ -127,11 +129,6 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
 @contextmanager
 def study_errors() -> Iterator[None]:
     """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""
-    from pydantic import ValidationError
-
-    from mech_twin.declarations.configuration_tree import ConfigurationError
-    from mech_twin.parameters.errors import refusal
-
     try:
         yield
     except ConfigurationError:
@@ -169,8 +166,7 @@ def write_report(asked: Study, title: str, options: Mapping[str, Any], parts: Ca
         section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
         section("Asked", ("option", "value"), list(_told(options))),
     ]
-    write_text(asked.report, page(f"{asked.machine}: {title}", [*head, *parts()]), force=True)
-    say(f"wrote {asked.report}")
+    write_text(asked.report, page(f"{asked.machine}: {title}", [*head, *parts()]), force=True, told="wrote")
 
 
 def options_of(asked: Study, *names: str) -> dict[str, Any]:

@@ -27,12 +27,12 @@ from mech_twin.engine.step_samples import StepSamples
 from mech_twin.files.output_file import written_file
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import PAGE, is_page
+from mech_twin.process.stop_signal import StopSignal
 from mech_twin.roles import Machine
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.run_metrics import RunMetrics
 
 if TYPE_CHECKING:
-    from mech_twin.process.stop_signal import StopSignal
     from mech_twin.recording.bag_samples import BagSamples
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
@@ -50,8 +50,6 @@ def view_bag(asked: ViewVerb) -> None:
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
     settle_domain()
-    from mech_twin.process.stop_signal import StopSignal
-
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
