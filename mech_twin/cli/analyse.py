@@ -23,7 +23,7 @@ EXTREMES = ("quantity", "least", "greatest", "unit")
 
 def analyse_machine(asked: AnalyseVerb) -> None:
     """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
-    name, crank_deg, cycle, shape = asked.machine, asked.crank_deg, asked.cycle, asked.form
+    name, crank_deg, cycle = asked.machine, asked.crank_deg, asked.cycle
     if crank_deg is not None and not math.isfinite(crank_deg):
         raise CommandError(f"--crank-deg {crank_deg}: expected a finite angle in degrees")
     machine = built_machine(name, asked.config, assignments(asked.settings))
@@ -34,12 +34,12 @@ def analyse_machine(asked: AnalyseVerb) -> None:
     if cycle is not None:
         with progress(cycle_positions(cycle), cycle, "analysing") as counted:
             document["cycle"] = analysed_columns(machine, counted)
-    if shape == "json":
+    if asked.as_json:
         print_json(document)
-    elif shape == "csv":
+    elif asked.as_csv:
         _write_csv(document)
     else:
-        _show(document, wide=shape == "wide")
+        _show(document, wide=asked.wide)
 
 
 def _write_csv(document: Mapping[str, Any]) -> None:

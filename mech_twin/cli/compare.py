@@ -31,7 +31,6 @@ from mech_twin.samples import Drawing, Frame
 from mech_twin.studies.run_comparison import (
     ComparedRun,
     Comparison,
-    Differing,
     at_equal_angle,
     columns_apart,
     compared,
@@ -186,15 +185,13 @@ def _draw(sides: list[ComparedRun], picture: Path, columns: Sequence[str], *, fo
 
 
 def _document(found: Comparison) -> dict[str, Any]:
-    first, second = found.labels
-    head = {"machine": found.machine, "first": first, "second": second, "tolerance": found.tolerance}
-    rows = {name: [_sides(row) for row in getattr(found, name)] for name in ("settings", "numbers")}
-    return {**head, "within_tolerance": not found.beyond, **rows}
-
-
-def _sides(found: Differing) -> dict[str, Any]:
-    """Return a row without the side that has it not: null is a number that is not finite."""
-    return {name: value for name, value in found._asdict().items() if value is not None}
+    """Return the document; of a row the side that has it not is left out: null is a number that is not finite."""
+    rows = {
+        kind: [{name: value for name, value in row._asdict().items() if value is not None} for row in found_rows]
+        for kind, found_rows in (("settings", found.settings), ("numbers", found.numbers))
+    }
+    head = {"machine": found.machine, "first": found.labels[0], "second": found.labels[1]}
+    return {**head, "tolerance": found.tolerance, "within_tolerance": not found.beyond, **rows}
 
 
 def _show(found: Comparison, all_numbers: bool) -> None:

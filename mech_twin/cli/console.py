@@ -175,7 +175,7 @@ def estimate(done: int, total: int, elapsed_s: float) -> str:
 
 
 def estimating(title: str, *, beyond_reason: bool = False) -> Callable[[int, int], None]:
-    """Return what takes how much is done of how much; it says once how long the rest takes, or only if nobody waits."""
+    """Return what takes how much is done of how much; it says once how long the rest takes, or only if too long."""
     first: tuple[float, int] | None = None  # when, and how much was done: the first step loads and compiles
     said = False
 

@@ -53,12 +53,6 @@ def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple
     return tuple(dict.fromkeys(text.partition("=")[0].strip() for text in texts)), bounds
 
 
-def prior_keys(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return mean and standard deviation of the keys written as ``KEY=MEAN,SD``."""
-    spread = ("a standard deviation above 0", lambda prior: prior[1] > 0.0)
-    return assigned("--prior", texts, "KEY=MEAN,SD, with numbers", lambda text: two_numbers(text, ","), spread)
-
-
 def show_keys(title: str, keys: Sequence[Any]) -> None:
     """Print the keys with their intervals and verdicts."""
     heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
@@ -185,8 +179,11 @@ def _question(asked: IdentifyVerb, base: Parameters) -> IdentificationQuestion:
     keys = tuple(key for key in keys if key not in asked.fixed)
     if not keys:
         raise CommandError(f"{asked.machine}: no key is free; expected --free KEY")
+    spread = ("a standard deviation above 0", lambda prior: prior[1] > 0.0)
+    form = "KEY=MEAN,SD, with numbers"
+    priors = assigned("--prior", asked.priors, form, lambda text: two_numbers(text, ","), spread)
     searched = (asked.begin_bound_s, asked.seed, asked.cores, asked.scheduler)
-    return IdentificationQuestion(asked.machine, base, keys, bounds, prior_keys(asked.priors), *searched)
+    return IdentificationQuestion(asked.machine, base, keys, bounds, priors, *searched)
 
 
 def _run(path: Path, asked: IdentifyVerb, turn: ModelTurn | None) -> FitRun:

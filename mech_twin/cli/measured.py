@@ -13,7 +13,6 @@ from mech_twin.cli.console import print_json, print_numbers, print_table, progre
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
-from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.machine_columns import machine_columns
@@ -85,7 +84,12 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
             none = f"none of its channels has a name of {built.name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
         qualities = {measurements[0]: tuple(channel_qualities(reader, proposed))}
-        run, problems = _measured(reader, proposed, qualities[measurements[0]])
+        run, problems = None, [f"{reader.path}: more than {MOST_SAMPLES} samples, not compared with the model"]
+        if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
+            try:
+                run, problems = read_run(reader, proposed), []
+            except MeasurementError as error:
+                problems = [str(error)]
     turn = model_turn(built) if turning_column(columns) and run is not None else None
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
@@ -102,17 +106,6 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
 
 class NoNameError(CommandError):
     """No channel of a measurement has a name of the machine."""
-
-
-def _measured(
-    reader: RunReader, proposed: MeasurementMap, qualities: Sequence[Quality]
-) -> tuple[MeasuredRun | None, list[str]]:
-    if sum(quality.samples for quality in qualities) > MOST_SAMPLES:
-        return None, [f"{reader.path}: more than {MOST_SAMPLES} samples, not compared with the model"]
-    try:
-        return read_run(reader, proposed), []
-    except MeasurementError as error:
-        return None, [str(error)]
 
 
 def _signed(

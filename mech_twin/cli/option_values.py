@@ -95,8 +95,8 @@ def settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the configuration keys of the machine that begin so, ready for a value, with unit and meaning."""
     from mech_twin.parameters.key_hints import key_units
 
-    model = _entry(context).parameters if _named(context) else None
-    return _ready(key_units(model) if model is not None else {}, incomplete)
+    entry = _entry(context)
+    return _ready({} if entry is None else key_units(entry.parameters), incomplete)
 
 
 def live_settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
@@ -124,8 +124,7 @@ def objectives(context: Context, incomplete: str) -> list[str]:
 
 def bounds(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the variables of the machine's design question, with their usual bounds in SI units."""
-    question = _entry(context).capabilities.design if _named(context) else None
-    known = getattr(question, "variables", {})
+    known = getattr(_question(context), "variables", {})
     return _ready({name: f"usually {low:g}:{high:g}" for name, (low, high) in known.items()}, incomplete)
 
 
@@ -156,11 +155,9 @@ def _named(context: Context) -> str:
 def _entry(context: Context) -> Any:
     from mech_twin.machines.catalog import CATALOGUE
 
-    return CATALOGUE[_named(context)]
+    return CATALOGUE.get(_named(context))
 
 
 def _question(context: Context) -> Any:
-    if not _named(context):
-        return None
-    able = _entry(context).capabilities
-    return able.sizing if context.info_name == "size" else able.design
+    able = getattr(_entry(context), "capabilities", None)
+    return getattr(able, "sizing" if context.info_name == "size" else "design", None)

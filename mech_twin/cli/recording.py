@@ -130,7 +130,9 @@ def _print_topics(topics: dict[str, Any], wide: bool) -> None:
         return
     counted = any(topic["counters"] for topic in topics.values())
     columns = ("topic", "messages", *(LOSSES if counted else ()))
-    shared = _namespace(list(topics))
+    spaces = Counter(name[: name.index("/", 1) + 1] for name in topics if "/" in name[1:])
+    space, count = next(iter(spaces.most_common(1)), ("", 0))
+    shared = space if count > len(topics) / 2 else ""  # the namespace of most of them, /machine/
     found: dict[str, list[tuple[Any, ...]]] = {group: [] for group in GROUPS}
     for full, topic in topics.items():
         name = full.removeprefix(shared)
@@ -143,13 +145,6 @@ def _print_topics(topics: dict[str, Any], wide: bool) -> None:
 
 def _counted(name: str, topic: dict[str, Any]) -> tuple[Any, ...]:
     return (name, topic["type"], topic["messages"], *(topic["counters"].get(key, "-") for key in COUNTERS))
-
-
-def _namespace(names: list[str]) -> str:
-    """Return the namespace that most topics share, ``/machine/``; empty if there is none."""
-    spaces = Counter(name[: name.index("/", 1) + 1] for name in names if "/" in name[1:])
-    space, count = spaces.most_common(1)[0] if spaces else ("", 0)
-    return space if count > len(names) / 2 else ""
 
 
 def info_record(info: BagInfo) -> dict[str, Any]:

@@ -108,14 +108,9 @@ def _outlets(request: ShadowVerb) -> list[AlertOutlet]:
     """Return where alerts go beside the diagnostics."""
     from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet
 
-    found: list[AlertOutlet] = []
-    if request.prometheus is not None:
-        page = PrometheusOutlet(request.prometheus)
-        say(f"metrics for Prometheus on port {page.port}")
-        found.append(page)
-    if request.mqtt is not None:
-        found.append(MqttOutlet(request.mqtt))
-    return found
+    pages = [] if request.prometheus is None else [PrometheusOutlet(request.prometheus)]
+    say(*(f"metrics for Prometheus on port {page.port}" for page in pages))
+    return [*pages, *([] if request.mqtt is None else [MqttOutlet(request.mqtt)])]
 
 
 def validated_wish(path: Path) -> AdviceWish:

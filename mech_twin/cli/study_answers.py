@@ -282,8 +282,7 @@ def _cells(done: Sweep, point: Point, names: Sequence[str], absent: str) -> tupl
 
 def answer_regimes(asked: RegimesVerb) -> None:
     """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
-    machine, shape = asked.machine, asked.form
-    out, axes = asked.output, axes_of(asked.over)
+    machine, out, axes = asked.machine, asked.output, axes_of(asked.over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()
@@ -297,12 +296,12 @@ def answer_regimes(asked: RegimesVerb) -> None:
         return [drawn, section("Regimes", found.columns, found.rows[:MOST_ROWS])]
 
     write_report(asked, f"regimes over {key}", options_of(asked, "over", "settling"), parts)
-    if shape == "json":
+    if asked.as_json:
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
         return
-    if shape == "csv":
+    if asked.as_csv:
         print_csv(found.columns, found.rows)
-    elif shape == "wide":
+    elif asked.everything:
         print_table("regimes", found.columns, found.rows, wide=True)
     else:
         spans = joined(found.rows)

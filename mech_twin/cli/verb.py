@@ -20,7 +20,6 @@ from mech_twin.files.output_file import check_output_file
 from mech_twin.process.dependencies import require_extra
 
 PLACEHOLDERS = {int: "N", float: "NUMBER", Path: "PATH"}
-Form = Literal["narrow", "wide", "csv", "json"]
 
 
 class Apart(NamedTuple):
@@ -79,17 +78,6 @@ class Verb(BaseModel):
         """Return the file of an option: as asked, else the usual one of the machine, if there is one."""
         path, usual = getattr(self, name), declared(type(self).model_fields[name]).get("usual")
         return path or (Path(f"{Path(getattr(self, 'machine', '')).stem}-{usual}") if usual else None)
-
-    @property
-    def form(self) -> Form:
-        """The form of output that was asked for, of a verb with several."""
-        for option, form in FORMS.items():
-            if getattr(self, option, False):
-                return form
-        return "narrow"
-
-
-FORMS: dict[str, Form] = {"as_json": "json", "as_csv": "csv", "wide": "wide", "everything": "wide"}
 
 
 def verbs_in(*modules: ModuleType) -> dict[str, type[Verb]]:

@@ -62,7 +62,16 @@ def view_bag(asked: ViewVerb) -> None:
                 read = read_measured(bag, map_file, asked.config)
                 shown = _of_machine(read.machine, lambda scene, stop: show_measured(scene, read, stop))
             else:
-                shown = _of_bag(stack, bag)
+                from mech_twin.recording.bag_reader import open_bag
+                from mech_twin.recording.bag_samples import BagSamples
+                from mech_twin.studies.configuration_history import recorded_settings
+
+                samples = BagSamples(stack.enter_context(open_bag(bag)))
+                shown = _Shown(
+                    samples.machine,
+                    lambda scene, stop: _show(scene, samples, stop),
+                    lambda: recorded_settings(samples.descriptions()),
+                )
             scene: BenchScene | RerunScene
             if save is None:
                 scene = _bench(stack, asked.port, shown, bag)
@@ -89,19 +98,6 @@ class _Shown(NamedTuple):
     machine: str
     show: Show
     settings: Callable[[], list[list[str]]]
-
-
-def _of_bag(stack: ExitStack, bag: Path) -> _Shown:
-    from mech_twin.recording.bag_reader import open_bag
-    from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.studies.configuration_history import recorded_settings
-
-    samples = BagSamples(stack.enter_context(open_bag(bag)))
-    return _Shown(
-        samples.machine,
-        lambda scene, stop: _show(scene, samples, stop),
-        lambda: recorded_settings(samples.descriptions()),
-    )
 
 
 def _of_machine(machine: Machine, show: Show) -> _Shown:
