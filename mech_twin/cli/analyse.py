@@ -21,12 +21,12 @@ COMPONENTS = ("along x", "along y", "along z")
 EXTREMES = ("quantity", "least", "greatest", "unit")
 
 
-def analyse_machine(asked: AnalyseVerb) -> None:
+def analyse_machine(request: AnalyseVerb) -> None:
     """Write one position, or one cycle in so many positions, and the machine's closed-form metrics."""
-    name, crank_deg, cycle = asked.machine, asked.crank_deg, asked.cycle
+    name, crank_deg, cycle = request.machine, request.crank_deg, request.cycle
     if crank_deg is not None and not math.isfinite(crank_deg):
         raise CommandError(f"--crank-deg {crank_deg}: expected a finite angle in degrees")
-    machine = built_machine(name, asked.config, assignments(asked.settings))
+    machine = built_machine(name, request.config, assignments(request.settings))
     document: dict[str, Any] = {"machine": name, "config": configuration_tree(machine.parameters)}
     document |= {"summary": machine.report()}
     if crank_deg is not None:
@@ -34,12 +34,12 @@ def analyse_machine(asked: AnalyseVerb) -> None:
     if cycle is not None:
         with progress(cycle_positions(cycle), cycle, "analysing") as counted:
             document["cycle"] = analysed_columns(machine, counted)
-    if asked.as_json:
+    if request.as_json:
         print_json(document)
-    elif asked.as_csv:
+    elif request.as_csv:
         _write_csv(document)
     else:
-        _show(document, wide=asked.wide)
+        _show(document, wide=request.wide)
 
 
 def _write_csv(document: Mapping[str, Any]) -> None:

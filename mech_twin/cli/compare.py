@@ -50,24 +50,24 @@ PANELS = 6
 See = Callable[[Machine, Frame], None]
 
 
-def compare_sides(asked: CompareVerb) -> None:
+def compare_sides(request: CompareVerb) -> None:
     """Print what differs and, where asked to, show it.
 
     Exit with 1 if a number differs by more than the tolerance, or a residual is broken.
     """
-    picture, columns = asked.picture, asked.column
+    picture, columns = request.picture, request.column
     if picture is not None and picture.suffix not in (".png", ".svg"):
         raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
-    names = [_meant(asked.first), _meant(asked.second)]
+    names = [_meant(request.first), _meant(request.second)]
     with ExitStack() as stack:
-        overlay = None if asked.view == NO_VIEW else Overlay(stack, asked.view_port, names)
-        sides, found = _compared(names, asked.tolerance, asked.duration_s, overlay)
+        overlay = None if request.view == NO_VIEW else Overlay(stack, request.view_port, names)
+        sides, found = _compared(names, request.tolerance, request.duration_s, overlay)
         if picture is not None:
-            _draw(sides, picture, columns, force=asked.force)
-        if asked.as_json:
+            _draw(sides, picture, columns, force=request.force)
+        if request.as_json:
             print_json(_document(found))
         else:
-            _show(found, asked.everything)
+            _show(found, request.everything)
         if overlay is not None:
             overlay.tell(sides, found)
             hold_view(overlay.page)
@@ -83,8 +83,8 @@ def _compared(
     """Return both sides, each seen as it is read or computed, and what differs."""
     sees: list[See] = [lambda machine, frame: None] * 2 if overlay is None else [overlay.first.see, overlay.second.see]
     are_recorded = [name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES for name in names]
-    asked = zip(are_recorded, names, sees, strict=True)
-    recorded = [_recorded(Path(name), see) if is_recorded else None for is_recorded, name, see in asked]
+    request = zip(are_recorded, names, sees, strict=True)
+    recorded = [_recorded(Path(name), see) if is_recorded else None for is_recorded, name, see in request]
     if duration_s is not None and None not in recorded:
         raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
     durations = [side.samples["time_s"][-1] for side in recorded if side is not None]

@@ -67,100 +67,100 @@ def say_open(keys: Sequence[Any]) -> None:
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
 
-def identify_machine(asked: IdentifyVerb) -> None:
+def identify_machine(request: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
-    if asked.latest_begin_s is not None and asked.begin != "unknown":
-        raise CommandError(f"--latest-begin {asked.latest_begin_s:g}: expected --begin unknown beside it")
-    if asked.plan:
-        _plan(asked)
+    if request.latest_begin_s is not None and request.begin != "unknown":
+        raise CommandError(f"--latest-begin {request.latest_begin_s:g}: expected --begin unknown beside it")
+    if request.plan:
+        _plan(request)
         return
-    if not asked.runs:
+    if not request.runs:
         raise CommandError("expected at least one run, a bag or a table")
-    if _bouncing(asked):
+    if _bouncing(request):
         from mech_twin.cli.identify_measured import identify_bounces
 
-        identify_bounces(asked)
+        identify_bounces(request)
         return
-    machine = asked.built
+    machine = request.built
     turn = model_turn(machine)
-    if _motion(asked, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
+    if _motion(request, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
         from mech_twin.cli.identify_measured import identify_lengths
 
-        identify_lengths(asked)
+        identify_lengths(request)
         return
-    if asked.out is not None:
-        check_out(asked.out, force=asked.force)
-    base = asked.parameters
-    question = _question(asked, base)
-    fitted, held_out = split_runs(asked.runs, asked.held_out_run)
-    share = asked.held_out_share if asked.held_out_share is not None else 0.0 if held_out else DEFAULT_SHARE
-    held = [] if held_out is None or asked.held_out_share is not None else [held_out]
+    if request.out is not None:
+        check_out(request.out, force=request.force)
+    base = request.parameters
+    question = _question(request, base)
+    fitted, held_out = split_runs(request.runs, request.held_out_run)
+    share = request.held_out_share if request.held_out_share is not None else 0.0 if held_out else DEFAULT_SHARE
+    held = [] if held_out is None or request.held_out_share is not None else [held_out]
     fitted = fitted if held or held_out is None else [*fitted, held_out]
-    runs = [_run(path, asked, turn) for path in fitted]
+    runs = [_run(path, request, turn) for path in fitted]
     with bar("identifying", "SpinnerColumn", "{task.description}") as update:
 
         def notice(line: str) -> None:
-            if update is not None and not asked.as_json:
+            if update is not None and not request.as_json:
                 update(description=f"identifying: {line}")
 
-        found = identified(question, runs, [_run(path, asked, turn) for path in held], share, notice)
-    saved = SavedIdentification(found, tuple(fitted), tuple(held), asked.map_file)
-    if asked.as_json:
+        found = identified(question, runs, [_run(path, request, turn) for path in held], share, notice)
+    saved = SavedIdentification(found, tuple(fitted), tuple(held), request.map_file)
+    if request.as_json:
         print_json(saved.document)
     else:
         _show_found(found)
     if not found.better:
         say(f"{found.lack}; no configuration is written")
         raise SystemExit(FOUND)
-    if asked.out is not None:
-        say(*(f"written to {path}" for path in saved.save(asked.out, force=asked.force)))
-        if not is_file(asked.out) and find_spec("matplotlib") is None:
+    if request.out is not None:
+        say(*(f"written to {path}" for path in saved.save(request.out, force=request.force)))
+        if not is_file(request.out) and find_spec("matplotlib") is None:
             say(f"no report: {extra_needed('plots')}")
 
 
-def _plan(asked: IdentifyVerb) -> None:
+def _plan(request: IdentifyVerb) -> None:
     """Print what the sensors of a file would find in a run of this length."""
-    if asked.sensors is None or asked.duration_s is None:
+    if request.sensors is None or request.duration_s is None:
         raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
-    if asked.runs:
-        raise CommandError(f"--plan: expected no run, got {asked.runs[0]}; it asks what a run would tell")
-    question = _question(asked, asked.parameters)
-    sensors = given_map(asked.sensors, asked.built)
-    opened = None if asked.map_file is None else given_map(asked.map_file, asked.built)
+    if request.runs:
+        raise CommandError(f"--plan: expected no run, got {request.runs[0]}; it asks what a run would tell")
+    question = _question(request, request.parameters)
+    sensors = given_map(request.sensors, request.built)
+    opened = None if request.map_file is None else given_map(request.map_file, request.built)
     names = [channel.quantity for channel in sensors.channels]
     if opened is not None and [channel.quantity for channel in opened.channels] != names:
-        raise CommandError(f"{asked.map_file}: expected the channels of {asked.sensors}, in their order")
-    plan = sensor_plan(question, sensors, asked.duration_s, opened)
-    if asked.as_json:
+        raise CommandError(f"{request.map_file}: expected the channels of {request.sensors}, in their order")
+    plan = sensor_plan(question, sensors, request.duration_s, opened)
+    if request.as_json:
         found = {"parameters": plan.keys, "combinations": plan.combinations, "helps": plan.helps}
         print_json({"machine": question.machine, **found})
         return
     rows = [(k.key, k.estimate, 0.5 * (k.high_95 - k.low_95), k.verdict) for k in plan.keys]
-    print_table(f"{question.machine}: {asked.duration_s:g} s", ("key", "value", "+- (95 %)", "verdict"), rows)
+    print_table(f"{question.machine}: {request.duration_s:g} s", ("key", "value", "+- (95 %)", "verdict"), rows)
     say_open(plan.keys)
     _show_combinations(plan.combinations)
     helped = [(h.what, ", ".join(h.identified) or "-", h.narrowed) for h in plan.helps[:MOST_SHOWN]]
     print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)
 
 
-def _bouncing(asked: IdentifyVerb) -> bool:
+def _bouncing(request: IdentifyVerb) -> bool:
     """Return whether the runs are positions of something that bounces, without a name of the machine."""
-    if asked.motion != "auto" or asked.map_file is not None:
-        return asked.motion == "bounces"
+    if request.motion != "auto" or request.map_file is not None:
+        return request.motion == "bounces"
     try:
-        asked.given_map  # noqa: B018
+        request.given_map  # noqa: B018
     except NoNameError:
-        if number_in(configuration_tree(asked.built.parameters), BOUNCE_KEY) is None:
+        if number_in(configuration_tree(request.built.parameters), BOUNCE_KEY) is None:
             raise
         return True
     return False
 
 
-def _motion(asked: IdentifyVerb, turn: ModelTurn | None, *, guided: bool) -> str:
+def _motion(request: IdentifyVerb, turn: ModelTurn | None, *, guided: bool) -> str:
     """Return what moves the model: the measured crank, where it leads all that is measured and that is no effort."""
-    if asked.motion != "auto":
-        return asked.motion
-    names = [channel.quantity for channel in asked.given_map.channels]
+    if request.motion != "auto":
+        return request.motion
+    names = [channel.quantity for channel in request.given_map.channels]
     if turn is None or not guided or not set(names) & set(TURNING):
         return "simulated"
     led = {name.rpartition(".")[0] for name in {*turn.led, *TURNING} if joint_column(name) is not None}
@@ -171,26 +171,26 @@ def _motion(asked: IdentifyVerb, turn: ModelTurn | None, *, guided: bool) -> str
     return "measured" if moving else "simulated"
 
 
-def _question(asked: IdentifyVerb, base: Parameters) -> IdentificationQuestion:
-    keys, bounds = bounded_keys(asked.free)
+def _question(request: IdentifyVerb, base: Parameters) -> IdentificationQuestion:
+    keys, bounds = bounded_keys(request.free)
     if AUTO in keys:
-        keys = tuple(dict.fromkeys((*(key for key in keys if key != AUTO), *machine_keys(asked.machine, base))))
-    keys = keys or assumed_keys(asked.machine, base, asked.config)
-    keys = tuple(key for key in keys if key not in asked.fixed)
+        keys = tuple(dict.fromkeys((*(key for key in keys if key != AUTO), *machine_keys(request.machine, base))))
+    keys = keys or assumed_keys(request.machine, base, request.config)
+    keys = tuple(key for key in keys if key not in request.fixed)
     if not keys:
-        raise CommandError(f"{asked.machine}: no key is free; expected --free KEY")
+        raise CommandError(f"{request.machine}: no key is free; expected --free KEY")
     spread = ("a standard deviation above 0", lambda prior: prior[1] > 0.0)
     form = "KEY=MEAN,SD, with numbers"
-    priors = assigned("--prior", asked.priors, form, lambda text: two_numbers(text, ","), spread)
-    searched = (asked.begin_bound_s, asked.seed, asked.cores, asked.scheduler)
-    return IdentificationQuestion(asked.machine, base, keys, bounds, priors, *searched)
+    priors = assigned("--prior", request.priors, form, lambda text: two_numbers(text, ","), spread)
+    searched = (request.begin_bound_s, request.seed, request.cores, request.scheduler)
+    return IdentificationQuestion(request.machine, base, keys, bounds, priors, *searched)
 
 
-def _run(path: Path, asked: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
+def _run(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
     """Return one run; what contradicts the machine is said on standard error."""
-    run, problems = checked_run(path, asked.given_map, asked.built, turn)
+    run, problems = checked_run(path, request.given_map, request.built, turn)
     say(*problems)
-    return fit_run(run, begin_known=asked.begin == "start")
+    return fit_run(run, begin_known=request.begin == "start")
 
 
 def _show_found(found: Identification) -> None:

@@ -30,50 +30,50 @@ from mech_twin.studies.identification.keyed_configuration import KeyedConfigurat
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
 
 
-def identify_lengths(asked: IdentifyVerb) -> None:
+def identify_lengths(request: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
     began = time.monotonic()
-    if asked.out is not None:
-        check_output_file(asked.out, force=asked.force)
-    unused: dict[str, object] = {"--fix": asked.fixed, "--prior": asked.priors, "--scheduler": asked.scheduler}
-    unused[f"--hold-out {asked.hold_out}"] = asked.held_out_share is not None
+    if request.out is not None:
+        check_output_file(request.out, force=request.force)
+    unused: dict[str, object] = {"--fix": request.fixed, "--prior": request.priors, "--scheduler": request.scheduler}
+    unused[f"--hold-out {request.hold_out}"] = request.held_out_share is not None
     for option, given in unused.items():
         if given:
             raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
-    given, base = asked.given_map, asked.parameters
-    columns = _led_columns(asked, given)
-    keys = tuple(key for key in asked.free if key != AUTO)
-    if AUTO in asked.free or not asked.free:
-        keys = tuple(dict.fromkeys((*keys, *lengths(asked.machine, base, columns))))
+    given, base = request.given_map, request.parameters
+    columns = _led_columns(request, given)
+    keys = tuple(key for key in request.free if key != AUTO)
+    if AUTO in request.free or not request.free:
+        keys = tuple(dict.fromkeys((*keys, *lengths(request.machine, base, columns))))
         say(f"free, since the measured positions depend on them: {', '.join(keys) or 'no key'}")
     if not keys:
-        raise CommandError(f"{asked.machine}: no length moves {', '.join(columns)}; expected --free KEY")
-    model = GeometryModel(asked.machine, base, keys, columns)
+        raise CommandError(f"{request.machine}: no length moves {', '.join(columns)}; expected --free KEY")
+    model = GeometryModel(request.machine, base, keys, columns)
     model.values()  # a key that is wrong is named before the runs are read
-    fitted, held_out = split_runs(asked.runs, asked.held_out_run)
+    fitted, held_out = split_runs(request.runs, request.held_out_run)
     runs = [_data(path, given, model) for path in fitted]
-    chosen = [text.partition("=")[0].strip() for text in asked.settings]
+    chosen = [text.partition("=")[0].strip() for text in request.settings]
     report, model = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model), chosen)
-    _show_lengths(asked, report, held_out, time.monotonic() - began)
+    _show_lengths(request, report, held_out, time.monotonic() - began)
     if not report.better:
         found = any(key.verdict == IDENTIFIED for key in report.keys)
         say(f"{f'{held_out}: fits no better than before' if found else 'no key is identified'}; nothing is written")
         raise SystemExit(FOUND)
-    if asked.out is not None:
-        _write_lengths(asked, model, report, [str(path) for path in fitted])
+    if request.out is not None:
+        _write_lengths(request, model, report, [str(path) for path in fitted])
 
 
-def _led_columns(asked: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...]:
+def _led_columns(request: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...]:
     """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
-    turn = model_turn(asked.built)
+    turn = model_turn(request.built)
     if turn is None:
-        raise CommandError(f"{asked.machine}: expected a machine whose joints follow from a crank")
+        raise CommandError(f"{request.machine}: expected a machine whose joints follow from a crank")
     names = [channel.quantity for channel in given.channels]
     used = tuple(name for name in names if name in turn.led and name.endswith(".position") and name not in TURNING)
     left = [name for name in dict.fromkeys(names) if name not in used and name not in TURNING]
     say(*(f"{name}: left out, it is no position that the crank leads" for name in left))
     if not used:
-        raise CommandError(f"{asked.map_file}: expected a position that the crank leads, beside the crank's")
+        raise CommandError(f"{request.map_file}: expected a position that the crank leads, beside the crank's")
     return used
 
 
@@ -82,14 +82,14 @@ def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryDa
         return geometry_data(read_run(reader, given), model.columns)
 
 
-def _show_lengths(asked: IdentifyVerb, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
-    if asked.as_json:
+def _show_lengths(request: IdentifyVerb, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
+    if request.as_json:
         channels = [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()]
         scored = None if held_out is None else {"run": held_out, "scores": report.held_out}
-        head = {"machine": asked.machine, "parameters": report.keys, "channels": channels, "lags_s": report.lags_s}
+        head = {"machine": request.machine, "parameters": report.keys, "channels": channels, "lags_s": report.lags_s}
         print_json({**head, "assembly": report.assembly, "held_out": scored, "seconds": seconds})
         return
-    show_keys(f"{asked.machine}: lengths from measured positions", report.keys)
+    show_keys(f"{request.machine}: lengths from measured positions", report.keys)
     say(_assembly_words(report.assembly))
     say_open(report.keys)
     scores = [(s.channel, s.fit_percent, s.before_percent, s.constant_percent) for s in report.held_out]
@@ -106,9 +106,9 @@ def _assembly_words(found: FittedAssembly) -> str:
     return "; ".join([*words, f"crank turns {sense}, the other sense {found.sense_margin:.3g} times"])
 
 
-def _write_lengths(asked: IdentifyVerb, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
+def _write_lengths(request: IdentifyVerb, model: GeometryModel, report: GeometryReport, runs: Sequence[str]) -> None:
     """Write the configuration with the keys that were identified; the others are kept as they were."""
-    assert asked.out is not None
+    assert request.out is not None
     values = [key.estimate if key.verdict == IDENTIFIED else key.before for key in report.keys]
     found = ", ".join(runs)
     notes = [
@@ -117,40 +117,40 @@ def _write_lengths(asked: IdentifyVerb, model: GeometryModel, report: GeometryRe
         else f"# {key.key}: kept, {key.verdict}: {key.reason}"
         for key in report.keys
     ]
-    text = description_text(asked.machine, model.parameters(values))
-    write_text(asked.out, "\n".join(notes) + "\n" + text, force=asked.force)
+    text = description_text(request.machine, model.parameters(values))
+    write_text(request.out, "\n".join(notes) + "\n" + text, force=request.force)
 
 
 KEY = "restitution"
 
 
-def identify_bounces(asked: IdentifyVerb) -> None:
+def identify_bounces(request: IdentifyVerb) -> None:
     """Find the restitution from the bounces that the runs show; write the configuration with it."""
     began = time.monotonic()
-    if asked.out is not None:
-        check_output_file(asked.out, force=asked.force)
-    keyed = KeyedConfiguration(asked.machine, asked.parameters, (KEY,))
+    if request.out is not None:
+        check_output_file(request.out, force=request.force)
+    keyed = KeyedConfiguration(request.machine, request.parameters, (KEY,))
     (before,) = keyed.values().tolist()
     runs = []
-    for path in asked.runs:
+    for path in request.runs:
         try:
             runs.append(bounces(path, *_columns(path)))
         except MeasurementError as error:
             say(f"{error}; left out")
     if not runs:
-        raise CommandError(f"{asked.machine}: none of the runs shows bounces; expected positions, or --map FILE")
+        raise CommandError(f"{request.machine}: none of the runs shows bounces; expected positions, or --map FILE")
     found = restitution(runs)
     low, high = found.value - found.half_width, found.value + found.half_width
     narrow = found.half_width <= WIDEST * found.value
     reason = "flights between bounces shorten by it" if narrow else "the runs leave it open by more than half of itself"
     verdict = IDENTIFIED if narrow else NOT_EXCITED
     key = KeyVerdict(KEY, before, found.value, found.standard_error, low, high, verdict, reason)
-    _show_bounces(asked, key, runs, found.used, time.monotonic() - began)
-    if asked.out is not None and narrow:
+    _show_bounces(request, key, runs, found.used, time.monotonic() - began)
+    if request.out is not None and narrow:
         names = ", ".join(path.name for path in found.used)
         note = f"# {KEY}: identified {found.value:.6g} +- {found.half_width:.2g} (95 %) from {names}\n"
-        text = note + description_text(asked.machine, keyed.parameters([found.value]))
-        write_text(asked.out, text, force=asked.force)
+        text = note + description_text(request.machine, keyed.parameters([found.value]))
+        write_text(request.out, text, force=request.force)
 
 
 def _columns(path: Path) -> tuple[Array, dict[str, Array]]:
@@ -174,16 +174,16 @@ def _columns(path: Path) -> tuple[Array, dict[str, Array]]:
 
 
 def _show_bounces(
-    asked: IdentifyVerb, key: KeyVerdict, runs: list[Bounces], used: tuple[Path, ...], seconds: float
+    request: IdentifyVerb, key: KeyVerdict, runs: list[Bounces], used: tuple[Path, ...], seconds: float
 ) -> None:
     rows = []
     for run in runs:
         found = (run.found.value, run.found.standard_deviation)
         rows.append((str(run.path), run.column, *found, len(run.times_s), run.flaws))
-    if asked.as_json:
+    if request.as_json:
         names = ("run", "column", "restitution", "standard_deviation", "bounces", "flaws")
-        record = {"machine": asked.machine, "parameters": [key], "used": used}
+        record = {"machine": request.machine, "parameters": [key], "used": used}
         print_json({**record, "runs": [dict(zip(names, row, strict=True)) for row in rows], "seconds": seconds})
         return
     print_table("bounces", ("run", "column", KEY, "s.d.", "bounces", "missed or false"), rows)
-    show_keys(f"{asked.machine}: from {len(used)} of {len(asked.runs)} runs", [key])
+    show_keys(f"{request.machine}: from {len(used)} of {len(request.runs)} runs", [key])

@@ -131,9 +131,9 @@ def hold_view(page: str) -> None:
             time.sleep(LOOK_S)
 
 
-def open_bench(asked: BenchVerb) -> None:
+def open_bench(request: BenchVerb) -> None:
     """Open the bench on a folder of recordings until stopped."""
-    folder = asked.folder
+    folder = request.folder
     if not folder.is_dir():
         raise CommandError(f"{folder}: expected a directory of recordings")
     require_modules("aiohttp")
@@ -143,6 +143,6 @@ def open_bench(asked: BenchVerb) -> None:
     own = sorted(path.name for suffix in PAGE_SUFFIXES for path in folder.glob(f"*{suffix}"))
     machines = [*(name for name in CATALOGUE if name != PAGE.name), *own, *map(str, shipped_pages().values())]
     hall = {"folder": str(folder.resolve()), "machines": machines}
-    with StartedBench(asked.port or None, hall=hall, history_bytes=512 << 20, announce=say) as bench:
+    with StartedBench(request.port or None, hall=hall, history_bytes=512 << 20, announce=say) as bench:
         say(f"view: {bench.url}")
         hold_view(bench.url)

@@ -35,10 +35,10 @@ from mech_twin.parameters.load import (
 from mech_twin.parameters.motors import with_catalogue_motor
 
 
-def show_catalogue(asked: ListVerb) -> None:
+def show_catalogue(request: ListVerb) -> None:
     """Print the names and titles of all machines."""
     titles = [(entry.name, entry.title) for entry in CATALOGUE.values()]
-    if asked.as_json:
+    if request.as_json:
         print_json({"machines": [{"name": name, "title": title} for name, title in titles]})
     else:
         print_table("machines", ("name", "description"), titles)
@@ -52,13 +52,13 @@ def shipped_pages() -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
-def write_page(asked: NewVerb) -> None:
+def write_page(request: NewVerb) -> None:
     """Write a page to start from to standard output, or name the kinds."""
-    kind, pages = asked.kind, shipped_pages()
-    if asked.former is not None:
+    kind, pages = request.kind, shipped_pages()
+    if request.former is not None:
         if kind is not None:
-            raise CommandError(f"--from {asked.former}: expected no page to start from beside it, got {kind}")
-        sys.stdout.write(former_page(asked.former))
+            raise CommandError(f"--from {request.former}: expected no page to start from beside it, got {kind}")
+        sys.stdout.write(former_page(request.former))
         return
     if kind is None:
         heads = {name: path.read_text(encoding="utf-8").splitlines()[0] for name, path in pages.items()}
@@ -104,9 +104,9 @@ def _flow(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=math.inf).removesuffix("...\n").strip()
 
 
-def check_page(asked: CheckVerb) -> None:
+def check_page(request: CheckVerb) -> None:
     """Say what a page amounts to: freedoms, closures, masses, the pose at the start; draw it if asked."""
-    page, picture = asked.page, asked.picture
+    page, picture = request.page, request.picture
     if not is_page(page):
         raise CommandError(f"{page}: expected the path of a page, ending in {' or '.join(PAGE_SUFFIXES)}")
     from mech_twin.machines.page.roles import PageModel
@@ -119,7 +119,7 @@ def check_page(asked: CheckVerb) -> None:
         raise ConfigurationError(f"{page}: {error}") from error
     if picture is not None:
         _draw(model, picture)
-    if asked.as_json:
+    if request.as_json:
         print_json(found)
         return
     print_numbers(f"{page}: {parameters.name}", found["numbers"])
@@ -202,17 +202,17 @@ def _draw(model: Any, picture: Path) -> None:
     figure.savefig(picture)
 
 
-def export_unit(asked: FmuVerb) -> None:
+def export_unit(request: FmuVerb) -> None:
     """Write the unit, and say what an importer sees of it."""
     from mech_twin.fmi.export import LINUX, WINDOWS, export_fmu
     from mech_twin.fmi.unit_variables import unit_name
 
-    built = asked.built
-    fmi, file = asked.fmi, asked.out or Path(f"{unit_name(built)}.fmu")
-    platforms = (LINUX, WINDOWS) if asked.windows else (LINUX,)
+    built = request.built
+    fmi, file = request.fmi, request.out or Path(f"{unit_name(built)}.fmu")
+    platforms = (LINUX, WINDOWS) if request.windows else (LINUX,)
     with busy("compiling the unit"):
-        written = export_fmu(built, file, fmi, platforms, force=asked.force)
-    if asked.as_json:
+        written = export_fmu(built, file, fmi, platforms, force=request.force)
+    if request.as_json:
         head = {"machine": unit_name(built), "file": file, "fmi": fmi}
         head["platforms"] = [platform.folders[fmi - 2] for platform in platforms]
         sides = {f"{side}s": [v.name for v in written.variables if v.causality == side] for side in ("input", "output")}

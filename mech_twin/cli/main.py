@@ -164,17 +164,17 @@ def refuse_options_as_values(parameters: Sequence[Any], typed: Sequence[str]) ->
 
 
 def _line(error: Any, context: Any, typed: Sequence[str]) -> str:
-    asked, option = getattr(error, "param", None), getattr(error, "option_name", None)
+    parameter, option = getattr(error, "param", None), getattr(error, "option_name", None)
     if option is not None and hasattr(error, "possibilities"):
         return _no_such_option(option, context)
     if option is not None:
         known = _options(context.command.get_params(context))[option]
         return f"{option} takes no value" if known.is_flag else f"missing value of {option}: expected {_meaning(known)}"
-    if hasattr(error, "param_type") and asked is not None:
-        kind = "option " if asked.param_type_name == "option" else ""
-        return f"missing {kind}{_name(asked)}: expected {asked.help}"
-    if asked is not None:
-        return _refused(asked, error.message, typed)
+    if hasattr(error, "param_type") and parameter is not None:
+        kind = "option " if parameter.param_type_name == "option" else ""
+        return f"missing {kind}{_name(parameter)}: expected {parameter.help}"
+    if parameter is not None:
+        return _refused(parameter, error.message, typed)
     if str(error.message).startswith(UNEXPECTED):
         words = re.findall(r"\(([^()]*)\)$", error.message)
         usage = " ".join([_path(context), *_places(context), "[OPTIONS]"])
@@ -190,13 +190,13 @@ def _no_such_option(option: str, context: Any) -> str:
     return f"no option '{option}' of {where}; {hint}"
 
 
-def _refused(asked: Any, message: str, typed: Sequence[str]) -> str:
+def _refused(parameter: Any, message: str, typed: Sequence[str]) -> str:
     """Return the line of a value that was not taken: what was typed stands beside its option."""
     said = re.sub(r"^Input should be (.*?)(, unable to parse.*)?$", r"expected \1", message, flags=re.DOTALL)
     said = said.replace("expected a valid", "expected a").replace("expected a integer", "expected an integer")
     said = re.sub(r"^expected (greater|less)", r"expected a value \1", said)
-    found = [option for option in asked.opts if _value_of(option, typed) is not None]
-    name = found[0] if found else _name(asked)
+    found = [option for option in parameter.opts if _value_of(option, typed) is not None]
+    name = found[0] if found else _name(parameter)
     value = _value_of(found[0], typed) if found else None
     shown = name if value is None else f"{name} {value}"
     return f"{shown}: {said.removeprefix(f'{value}: ')}"
@@ -258,8 +258,8 @@ study_app = typer.Typer(
 export_app = typer.Typer(cls=CommandGroup, help="Export a machine for other tools: mech-twin export fmu MACHINE.")
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(shown: bool) -> None:
+    if shown:
         typer.echo(f"mech-twin {__version__}")
         raise typer.Exit
 

@@ -47,18 +47,18 @@ class Proposal:
     problems: list[str]
 
 
-def propose_map(asked: MapVerb) -> None:
+def propose_map(request: MapVerb) -> None:
     """Write the proposed map to a file or to standard output, and the table of data quality after it."""
-    measurements, out = asked.measurements, asked.out
-    found = proposal(measurements, built_machine(asked.machine, asked.config))
+    measurements, out = request.measurements, request.out
+    found = proposal(measurements, built_machine(request.machine, request.config))
     if out is not None:
-        write_text(out, found.text, force=asked.force)
-    elif not asked.as_json:
+        write_text(out, found.text, force=request.force)
+    elif not request.as_json:
         say_result(found.text)
-    if asked.as_json:
+    if request.as_json:
         channels = [quality_record(found.known, qualities) for qualities in found.qualities.values()]
         runs = [{"measurement": p, "channels": c} for p, c in zip(measurements, channels, strict=True)]
-        head = {"measurement": measurements[0], "machine": asked.machine, "map": found.text}
+        head = {"measurement": measurements[0], "machine": request.machine, "map": found.text}
         print_json({**head, "problems": found.problems, "channels": channels[0], "runs": runs})
         return
     for path, qualities in found.qualities.items():
@@ -171,19 +171,19 @@ def show_quality(path: Path, given: MeasurementMap, qualities: Sequence[Quality]
         say(*(f"{channel.source.label}: {flaw}" for flaw in quality.flaws()))
 
 
-def examine_by_file(asked: InfoVerb, map_file: Path) -> None:
+def examine_by_file(request: InfoVerb, map_file: Path) -> None:
     """Print quality and contradictions of one run; exit code 1 where something contradicts the map."""
-    path, given = asked.bag, configured_map(map_file, asked.config)
+    path, given = request.bag, configured_map(map_file, request.config)
     with opened_run(path) as reader:
         qualities = channel_qualities(reader, given)
     problems: list[str] = []
     if sum(quality.samples for quality in qualities) <= MOST_SAMPLES:
-        machine = built_machine(given.machine, asked.config)
+        machine = built_machine(given.machine, request.config)
         try:
             _, problems = checked_run(path, given, machine, model_turn(machine))
         except MeasurementError as error:
             problems = [str(error)]
-    if asked.as_json:
+    if request.as_json:
         document = {"measurement": path, "machine": given.machine}
         print_json({**document, "channels": quality_record(given, qualities), "problems": problems})
     else:
@@ -220,17 +220,17 @@ def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Rea
     return Read(run, machine, turn, crank_motion(run, turn))
 
 
-def analyse_measured(asked: ReplayVerb, map_file: Path) -> None:
+def analyse_measured(request: ReplayVerb, map_file: Path) -> None:
     """Print the largest forces of a measured motion, and every other channel beside the model in the same motion.
 
     With a tolerance, exit code 1 where a channel is off by more than that share of its own size.
     """
-    measurement, tolerance = asked.bag, asked.tolerance
-    read = read_measured(measurement, map_file, asked.config)
+    measurement, tolerance = request.bag, request.tolerance
+    read = read_measured(measurement, map_file, request.config)
     samples = guided_samples(read.machine, read.motion, read.run)
     with progress(samples, len(read.motion.times_s), "analysing") as counted:
         found = measured_forces(iter(counted), read.run, read.turn.crank)
-    if asked.as_json:
+    if request.as_json:
         head = {"measurement": measurement, "machine": read.machine.name, "samples": found.samples}
         compared = [{**asdict(each), "share": each.share} for each in found.compared]
         print_json({**head, "crank_zero_rad": read.motion.zero_rad, "largest": found.largest, "compared": compared})

@@ -52,60 +52,60 @@ from mech_twin.studies.spreading import available_cores, spread
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 
 
-def _arl0_h(asked: MonitorVerb | FleetVerb) -> float:
+def _arl0_h(request: MonitorVerb | FleetVerb) -> float:
     """Return the mean time between false alarms that a new reference is made for."""
-    return ARL0_H if asked.known_arl0_h is None else asked.known_arl0_h
+    return ARL0_H if request.known_arl0_h is None else request.known_arl0_h
 
 
-def monitor_machine(asked: MonitorVerb) -> None:
+def monitor_machine(request: MonitorVerb) -> None:
     """Judge runs, or a sensor set; exit with 1 where a fault was found."""
-    kept_file = baseline_file(asked.baseline)
-    if asked.seed is not None and kept_file is not None:
-        raise CommandError(f"--seed {asked.seed}: {kept_file} holds thresholds already; expected a run as --baseline")
-    if asked.renew and kept_file is None:
+    kept_file = baseline_file(request.baseline)
+    if request.seed is not None and kept_file is not None:
+        raise CommandError(f"--seed {request.seed}: {kept_file} holds thresholds already; expected a run as --baseline")
+    if request.renew and kept_file is None:
         raise CommandError("--renew: expected --baseline FILE.json, as --save-baseline wrote it")
-    if asked.design:
-        _design(asked)
+    if request.design:
+        _design(request)
         return
-    if not asked.runs:
+    if not request.runs:
         raise CommandError("monitor: expected at least one run, or --design --sensors FILE")
-    if asked.sensors is not None:
-        raise CommandError(f"--sensors {asked.sensors}: goes with --design; a run has --map")
-    runs = [_featured(asked, path) for path in asked.runs]
-    setup, runs[0] = _setup(asked, runs[0])
-    if asked.save_baseline is not None:
-        write_setup(asked.save_baseline, setup, force=asked.force, told="written to")
+    if request.sensors is not None:
+        raise CommandError(f"--sensors {request.sensors}: goes with --design; a run has --map")
+    runs = [_featured(request, path) for path in request.runs]
+    setup, runs[0] = _setup(request, runs[0])
+    if request.save_baseline is not None:
+        write_setup(request.save_baseline, setup, force=request.force, told="written to")
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
-    if asked.explain is not None:
-        known_fault(setup, asked.explain)
-        found = [run.explained(setup, runs[0].units, asked.explain) for run in found]
-    show_runs(setup, runs[0].units, found, as_json=asked.as_json)
-    if asked.picture is not None:
-        _draw(asked.picture, setup, list(zip(runs, found, strict=True)), force=asked.force)
+    if request.explain is not None:
+        known_fault(setup, request.explain)
+        found = [run.explained(setup, runs[0].units, request.explain) for run in found]
+    show_runs(setup, runs[0].units, found, as_json=request.as_json)
+    if request.picture is not None:
+        _draw(request.picture, setup, list(zip(runs, found, strict=True)), force=request.force)
     faulty = any(run.found.has_fault for run in found)
-    if faulty and asked.renew:
+    if faulty and request.renew:
         say(f"{kept_file}: not renewed, a run has an alarm")
     if faulty:
         raise SystemExit(FOUND)
-    if asked.renew and kept_file is not None:
-        _renew(asked, kept_file, setup, runs)
+    if request.renew and kept_file is not None:
+        _renew(request, kept_file, setup, runs)
 
 
-def _featured(asked: MonitorVerb, path: Path) -> FeaturedRun:
-    return featured_run(path, asked.machine, asked.parameters, asked.map_file, asked.skip_s)
+def _featured(request: MonitorVerb, path: Path) -> FeaturedRun:
+    return featured_run(path, request.machine, request.parameters, request.map_file, request.skip_s)
 
 
-def _renew(asked: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun]) -> None:
+def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun]) -> None:
     """Write the baseline anew, of its own runs and these, where there is a yes."""
     earlier = earlier_runs(file, setup, [run.path for run in runs])
     names = ", ".join(str(run.path) for run in runs)
     question = f"take {names} as healthy into {file} ({setup.baseline.cycles} cycles)?"
-    if not asked.yes and not (sys.stdin.isatty() and typer.confirm(question, err=True)):
+    if not request.yes and not (sys.stdin.isatty() and typer.confirm(question, err=True)):
         say(f"{file}: not renewed")
         return
-    read = [(_featured(asked, run.path), run.cycles) for run in earlier]
+    read = [(_featured(request, run.path), run.cycles) for run in earlier]
     known = [run._replace(vectors=run.vectors[:cycles]) for run, cycles in read]
-    renewed = setup_of_runs([*known, *runs], asked.parameters, setup.arl0_h, 0)
+    renewed = setup_of_runs([*known, *runs], request.parameters, setup.arl0_h, 0)
     write_setup(file, renewed, force=True)
     say(f"{file}: renewed with {len(runs)} more, {len(known) + len(runs)} runs, {renewed.baseline.cycles} cycles")
 
@@ -126,33 +126,33 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
     say(f"written to {path}")
 
 
-def _design(asked: MonitorVerb) -> None:
-    if asked.sensors is None or asked.runs:
+def _design(request: MonitorVerb) -> None:
+    if request.sensors is None or request.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
-    monitored = MonitoredMachine(asked.machine, asked.parameters, given_map(asked.sensors, asked.built))
-    seed = asked.seed or 0
-    setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), _arl0_h(asked), seed)
-    show_design(setup, sensor_design(setup), monitored.feed().features, as_json=asked.as_json)
+    monitored = MonitoredMachine(request.machine, request.parameters, given_map(request.sensors, request.built))
+    seed = request.seed or 0
+    setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), _arl0_h(request), seed)
+    show_design(setup, sensor_design(setup), monitored.feed().features, as_json=request.as_json)
 
 
-def _setup(asked: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, FeaturedRun]:
+def _setup(request: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, FeaturedRun]:
     """Return the setup, and the first run without the cycles that were its baseline."""
-    file, parameters = baseline_file(asked.baseline), asked.parameters
+    file, parameters = baseline_file(request.baseline), request.parameters
     if file is not None:
-        kept_setup = read_setup(file, asked.machine, parameters, first.given)
-        wanted = arl0_cycles(asked.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
+        kept_setup = read_setup(file, request.machine, parameters, first.given)
+        wanted = arl0_cycles(request.known_arl0_h or kept_setup.arl0_h, kept_setup.baseline.period_s)
         if not math.isclose(wanted, kept_setup.limits.arl0_cycles, rel_tol=1e-9):
             raise CommandError(
-                f"--arl0 {_arl0_h(asked):g}: {file} holds thresholds for {kept_setup.arl0_h:g} h; "
+                f"--arl0 {_arl0_h(request):g}: {file} holds thresholds for {kept_setup.arl0_h:g} h; "
                 "expected that, or a run as --baseline"
             )
         return kept_setup, first
-    days, rest = [_featured(asked, path) for path in asked.baseline], first
+    days, rest = [_featured(request, path) for path in request.baseline], first
     if not days:
         kept, cycles = int(HEALTHY_SHARE * len(first.vectors)), first.vectors
         say(f"{first.path}: no --baseline given, the first {kept} of {len(cycles)} cycles are taken as healthy")
         days, rest = [first._replace(vectors=cycles[:kept])], first._replace(vectors=cycles[kept:])
-    return setup_of_runs(days, parameters, _arl0_h(asked), asked.seed or 0), rest
+    return setup_of_runs(days, parameters, _arl0_h(request), request.seed or 0), rest
 
 
 class Judged(NamedTuple):
@@ -272,29 +272,29 @@ class _Question(NamedTuple):
     sister: MonitorSetup | None = None
 
 
-def rank_fleet(asked: FleetVerb) -> None:
+def rank_fleet(request: FleetVerb) -> None:
     """Judge each machine of a folder; exit with 1 where one is suspect, with 2 where one could not be judged."""
     begun_s = time.monotonic()
-    folders = sorted(each for each in _listed(asked.folder) if each.is_dir())
+    folders = sorted(each for each in _listed(request.folder) if each.is_dir())
     if not folders:
-        raise CommandError(f"{asked.folder}: no folder in it; expected one for each machine, its recordings in it")
-    parameters = asked.parameters
-    kept, arl0_h = asked.save_baselines, _arl0_h(asked)
-    question = _Question(asked.machine, parameters, asked.map_file, asked.skip_s, arl0_h, asked.healthy, kept)
+        raise CommandError(f"{request.folder}: no folder in it; expected one for each machine, its recordings in it")
+    parameters = request.parameters
+    kept, arl0_h = request.save_baselines, _arl0_h(request)
+    question = _Question(request.machine, parameters, request.map_file, request.skip_s, arl0_h, request.healthy, kept)
     members, others, sister = list[FleetMember](), folders, None
     while others and sister is None:  # the first that can be judged: what its roll-outs tell serves the others
         (first, sister), others = _judged(question, others[0]), others[1:]
         members.append(first)
     task = partial(judged_folder, question._replace(sister=sister))
-    results = spread(task, others, asked.cores or available_cores(), asked.scheduler)
+    results = spread(task, others, request.cores or available_cores(), request.scheduler)
     with progress(results, len(others), "fleet") as found:
         members += found
     fleet = fleet_of(sorted(members))
-    _show_fleet(fleet, asked, time.monotonic() - begun_s)
+    _show_fleet(fleet, request, time.monotonic() - begun_s)
     if any(sister.is_suspect for sister in fleet.sisters):
         raise SystemExit(FOUND)
     if fleet.refused:
-        raise CommandError(f"{asked.folder}: {len(fleet.refused)} of {len(folders)} machines could not be judged")
+        raise CommandError(f"{request.folder}: {len(fleet.refused)} of {len(folders)} machines could not be judged")
 
 
 def judged_folder(question: _Question, folder: Path) -> FleetMember:
@@ -316,8 +316,8 @@ def _runs(question: _Question, folder: Path) -> list[FeaturedRun]:
     if len(paths) < least:
         expected = f"{BASELINE} and a recording, or {question.healthy} healthy recordings and one more"
         raise CommandError(f"{folder}: {len(paths)} recordings; expected {expected}")
-    asked = question.machine, question.parameters, question.map_file, question.skip_s
-    return [featured_run(path, *asked) for path in paths]
+    request = question.machine, question.parameters, question.map_file, question.skip_s
+    return [featured_run(path, *request) for path in paths]
 
 
 def _setup_of(question: _Question, folder: Path, runs: list[FeaturedRun]) -> tuple[MonitorSetup, list[FeaturedRun]]:
@@ -339,14 +339,14 @@ def _listed(folder: Path) -> list[Path]:
         raise CommandError(f"{folder}: cannot be listed: {error.strerror}") from error
 
 
-def _show_fleet(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
+def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
     rows = [_row(rank, sister) for rank, sister in enumerate(fleet.sisters, 1)]
     refused = [(member.name, member.refused) for member in fleet.refused]
     suspects = sum(sister.is_suspect for sister in fleet.sisters)
     shown = sum(bool(sister.verdict) for sister in fleet.sisters)
     counts = f"{suspects} suspect, {shown - suspects} unconfirmed, {len(refused)} not judged"
     told = f"{len(rows)} machines, {counts}; {took_s:.0f} s"
-    if asked.page is not None:
+    if request.page is not None:
         parts = [
             f"<p>{told}; {versions()}</p>",
             section("Suspect", HEADS, rows[:suspects]),
@@ -355,15 +355,18 @@ def _show_fleet(fleet: Fleet, asked: FleetVerb, took_s: float) -> None:
             section("Moved in all", ("feature", "median, sigma"), list(fleet.common.items())),
             section("Others", HEADS, rows[shown:]),
         ]
-        write_text(asked.page, page(f"{asked.machine}: fleet {asked.folder.name}", parts), force=asked.force)
-    if asked.as_json:
-        head = {"machine": asked.machine, **{name: getattr(fleet, name) for name in ("limit", "confirming", "common")}}
+        write_text(request.page, page(f"{request.machine}: fleet {request.folder.name}", parts), force=request.force)
+    if request.as_json:
+        head = {
+            "machine": request.machine,
+            **{name: getattr(fleet, name) for name in ("limit", "confirming", "common")},
+        }
         print_json({**head, "machines": [_record(sister) for sister in fleet.sisters], "refused": dict(refused)})
         return
-    if asked.everything or shown:
-        print_table(f"{asked.machine}: {told}", HEADS, rows if asked.everything else rows[:shown])
+    if request.everything or shown:
+        print_table(f"{request.machine}: {told}", HEADS, rows if request.everything else rows[:shown])
     else:
-        say(f"{asked.machine}: {told}")
+        say(f"{request.machine}: {told}")
     say(*(f"{name}: not judged: {reason}" for name, reason in refused))
     if not isfinite(fleet.limit):
         say("too few sisters to compare them; expected five or more with the same features")

@@ -43,18 +43,18 @@ GROUPS = {  # by what a topic's path begins with, below the machine's namespace;
 WIDE = 400
 
 
-def show_info(asked: InfoVerb) -> None:
+def show_info(request: InfoVerb) -> None:
     """Print messages per topic, loss counters, files and problems; with a map, the quality of channels."""
-    bag = asked.bag
-    if asked.given_map is not None:
+    bag = request.bag
+    if request.given_map is not None:
         from mech_twin.cli.measured import examine_by_file
 
-        examine_by_file(asked, asked.given_map)
+        examine_by_file(request, request.given_map)
         return
     if is_page(str(bag)):
-        if asked.as_csv or asked.wide:
-            raise CommandError(f"--{'csv' if asked.as_csv else 'wide'}: is of a recording's topics; a page has none")
-        check_page(CheckVerb(page=str(bag), as_json=asked.as_json))
+        if request.as_csv or request.wide:
+            raise CommandError(f"--{'csv' if request.as_csv else 'wide'}: is of a recording's topics; a page has none")
+        check_page(CheckVerb(page=str(bag), as_json=request.as_json))
         return
     if is_table(bag):
         raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
@@ -65,14 +65,14 @@ def show_info(asked: InfoVerb) -> None:
     document = info_record(info)
     if described is not None:
         document |= {"machine": described.name, "version": ", ".join(described.versions)}
-    if asked.as_json:
+    if request.as_json:
         print_json(document)
         return
-    if asked.as_csv:
+    if request.as_csv:
         print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
         return
     _print_head(document)
-    _print_topics(document["topics"], asked.wide)
+    _print_topics(document["topics"], request.wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
     say(*document["problems"], *shared_topics(info.counters))
@@ -169,36 +169,36 @@ def info_record(info: BagInfo) -> dict[str, Any]:
     return {"bag": info.path, **head, **whole, "topics": topics, "splits": splits, **told}
 
 
-def recover_bag(asked: RecoverVerb) -> None:
+def recover_bag(request: RecoverVerb) -> None:
     """Write the new recording and report what was salvaged."""
     from mech_twin.recording.recovery import recover
 
-    report = recover(asked.bag, asked.out, force=asked.force)
-    if asked.as_json:
+    report = recover(request.bag, request.out, force=request.force)
+    if request.as_json:
         print_json(report)
     else:
         say_result("\n".join(report.lines()))
 
 
-def replay(asked: ReplayVerb) -> None:
+def replay(request: ReplayVerb) -> None:
     """Publish a recording, or recompute it, or a measured run by its map."""
-    if is_page(str(asked.bag)) and asked.bag.is_file():
+    if is_page(str(request.bag)) and request.bag.is_file():
         raise CommandError(
-            f"{asked.bag}: expected a recording, not a page or configuration; `mech-twin check` draws a page, "
+            f"{request.bag}: expected a recording, not a page or configuration; `mech-twin check` draws a page, "
             "`mech-twin simulate PAGE --bag NAME` records one"
         )
-    if asked.given_map is not None:
-        if not asked.analyse:
+    if request.given_map is not None:
+        if not request.analyse:
             raise CommandError(
-                f"--map {asked.given_map}: a measured run has no topics of the twin; expected --analyse beside it"
+                f"--map {request.given_map}: a measured run has no topics of the twin; expected --analyse beside it"
             )
         from mech_twin.cli.measured import analyse_measured
 
-        analyse_measured(asked, asked.given_map)
-    elif asked.analyse or asked.resimulate:
-        recompute_bag(asked)
+        analyse_measured(request, request.given_map)
+    elif request.analyse or request.resimulate:
+        recompute_bag(request)
     else:
-        replay_bag(asked)
+        replay_bag(request)
 
 
 def replay_bag(request: ReplayVerb) -> None:
@@ -247,31 +247,31 @@ TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate":
 UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
 
 
-def recompute_bag(asked: ReplayVerb) -> None:
+def recompute_bag(request: ReplayVerb) -> None:
     """Print the result of the comparison; exit code 1 if anything differs or nothing could be compared.
 
     A difference at or after a step that was published twice, and not alike, proves nothing: that is not certain.
     """
-    bag, mode = asked.bag, "analyse" if asked.analyse else "resimulate"
+    bag, mode = request.bag, "analyse" if request.analyse else "resimulate"
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
 
     with open_bag(bag) as reader:
         samples = BagSamples(reader)
-        history = _history(samples, bag, asked.config)
+        history = _history(samples, bag, request.config)
         samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
         if set(history.versions) != {__version__}:
             say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
         with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
             if mode == "analyse":
-                verdict = analysed(steps, history.machine_at, asked.tolerance or 0.0)
+                verdict = analysed(steps, history.machine_at, request.tolerance or 0.0)
             else:
                 verdict = resimulated(steps, history.machine_at)
             for _ in islice(steps, LATEST_SECOND):
                 pass
         shared = shared_topics(reader.info.counters)
-    _write(asked, mode, samples, history, verdict)
+    _write(request, mode, samples, history, verdict)
     say(*shared)
     if not verdict.identical:
         raise SystemExit(FOUND)
@@ -290,7 +290,9 @@ def _history(samples: BagSamples, bag: Path, config: Path | None) -> Configurati
     return ConfigurationHistory([description_text(name, machine_parameters(name, config))], str(config))
 
 
-def _write(asked: ReplayVerb, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict) -> None:
+def _write(
+    request: ReplayVerb, mode: str, samples: BagSamples, history: ConfigurationHistory, verdict: Verdict
+) -> None:
     first, doubted = None, samples.contradicted_from
     if verdict.first is not None:
         row = verdict.first._asdict()
@@ -306,14 +308,14 @@ def _write(asked: ReplayVerb, mode: str, samples: BagSamples, history: Configura
     }
     if mode == "resimulate":
         numbers["resets"] = verdict.resets
-    if asked.as_json:
+    if request.as_json:
         more: dict[str, Any] = {"resumed_at_steps": verdict.taken_up, "unused_samples": samples.unused}
         more |= {"contradicted_from_step": doubted, "first_difference": first}
-        print_json({"bag": asked.bag, "recorded_with": history.versions, "version": __version__, **numbers, **more})
+        print_json({"bag": request.bag, "recorded_with": history.versions, "version": __version__, **numbers, **more})
         return
     numbers["identical"] = "not certain" if uncertain else verdict.identical
     rows = [(_word(name), value, UNITS.get(name, "")) for name, value in numbers.items()]
-    print_table(f"{asked.bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
+    print_table(f"{request.bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
     say(*(f"step {step}: resumed from the recorded state" for step in verdict.taken_up[:10]))
     say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
     if uncertain:

@@ -20,16 +20,16 @@ from mech_twin.studies import draw_figures, reproduce
 from mech_twin.studies.reproduction import all_hold, machines_with_published_values
 
 
-def reproduce_machines(asked: ReproduceVerb) -> None:
+def reproduce_machines(request: ReproduceVerb) -> None:
     """Write the comparison with the sources and, if asked, their figures; exit code 1 where a gated row fails."""
-    machine, figures = asked.machine, asked.figures
+    machine, figures = request.machine, request.figures
     if figures is not None:
-        check_output_directory(figures, force=asked.force)
+        check_output_directory(figures, force=request.force)
         require_extra("plots")
-    changed = asked.config is not None or asked.settings
+    changed = request.config is not None or request.settings
     if changed and machine is None:
         raise CommandError("--config and --set change one machine: name it before them")
-    parameters = asked.parameters if changed else None
+    parameters = request.parameters if changed else None
     with busy("computing published values"):
         rows = reproduce(machine, parameters)
     files: list[Path] = []
@@ -39,14 +39,14 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
             for name in counted:
                 files += draw_figures(name, figures, parameters)
     hold, gated = all_hold(rows), sum(row.gated for row in rows)
-    if asked.as_json:
+    if request.as_json:
         verdicts, records = Counter(row.verdict for row in rows), [row.record() for row in rows]
         head = {"machine": machine or "all", "all_gated_hold": hold, "verdicts": verdicts}
         print_json({**head, "rows": records, "figures": files})
-    elif asked.as_csv:
+    elif request.as_csv:
         print_csv(WIDE_COLUMNS, map(_cells, rows))
     else:
-        if asked.wide:
+        if request.wide:
             width = None if sys.stdout.isatty() else WIDE
             print_table("published and computed", WIDE_COLUMNS, map(_cells, rows), width)
         else:
@@ -54,7 +54,7 @@ def reproduce_machines(asked: ReproduceVerb) -> None:
         counts = Counter(row.verdict for row in rows)  # in the order in which they first appear
         say_result(*(f"{count:5d}  {verdict}" for verdict, count in counts.items()))
         say_result(f"{sum(row.gated and row.holds for row in rows)} of {gated} checks within tolerance")
-    if not asked.as_json:
+    if not request.as_json:
         say(*(f"wrote {file}" for file in files))
     if not hold:
         say(f"mech-twin: {sum(not row.holds for row in rows)} of {gated} gated rows do not hold")

@@ -107,10 +107,10 @@ def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions
 
     configured = {"pace": "realtime"} | run_group(request.machine, request.config, assignments(request.settings))
     shared = RunOptions.model_fields.keys() & RunVerb.model_fields.keys()
-    asked = {name: value for name in shared if (value := getattr(request, name)) is not None}
+    given = {name: value for name in shared if (value := getattr(request, name)) is not None}
     try:
         RunOptions.model_validate(configured)  # what an option replaces is no reason to let it pass
-        return RunOptions.model_validate({**configured, **asked, "recorder": recorder, "viewer": viewer})
+        return RunOptions.model_validate({**configured, **given, "recorder": recorder, "viewer": viewer})
     except ValidationError as error:
         raise refusal(f"{RUN_GROUP} group", error, RunOptions) from error
 
@@ -136,35 +136,35 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
     print_json({**head, "recording": directory, **sent})
 
 
-def tell_nodes(asked: TellVerb) -> None:
+def tell_nodes(request: TellVerb) -> None:
     """Tell the nodes and print what they answer."""
     settle_domain()
     from mech_twin.nodes.run.telling import ORDERS, tell
 
-    target, what, fault = asked.target, asked.what, asked.fault
+    target, what, fault = request.target, request.what, request.fault
     order = None if "=" in what[0] else what[0]
     if order is not None and (order not in ORDERS or len(what) > 1):
         raise CommandError(f"tell {' '.join(what)}: expected KEY=VALUE ..., or one of {', '.join(ORDERS)}")
     if fault is not None and (order is None or not ORDERS[order].of_a_fault):
         raise CommandError("--fault goes with acknowledge and shelve")
     try:
-        say_result(tell(target, order, assignments(what) if order is None else {}, fault, asked.wait_s))
+        say_result(tell(target, order, assignments(what) if order is None else {}, fault, request.wait_s))
     except UnansweredError as error:
         raise CommandError(f"tell {target} {error}") from error
 
 
-def serve_foxglove(asked: FoxgloveVerb) -> None:
+def serve_foxglove(request: FoxgloveVerb) -> None:
     """Serve the topics of a machine until stopped."""
     require_modules("foxglove")
     settle_domain()
     from mech_twin.nodes.run.foxglove_server import FoxgloveServer
 
     try:
-        server = FoxgloveServer(asked.target, asked.port, commands=asked.commands)
+        server = FoxgloveServer(request.target, request.port, commands=request.commands)
     except OSError as error:
         raise CommandError(f"foxglove: {error}; choose another one with --port") from error
     watched = "clients watch; --commands lets them act"
-    allowed = "any page of a browser on this machine may command it" if asked.commands else watched
+    allowed = "any page of a browser on this machine may command it" if request.commands else watched
     say(f"foxglove: ws://127.0.0.1:{server.port} ({allowed})")
     with StopSignal() as stop, closing(server):
         server.serve(lambda: stop.asked)

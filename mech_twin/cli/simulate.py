@@ -42,58 +42,58 @@ if TYPE_CHECKING:
     from mech_twin.studies.energy_flow import EnergyBooks
 
 
-def simulate_machine(asked: SimulateVerb) -> None:
+def simulate_machine(request: SimulateVerb) -> None:
     """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
-    check_outputs(asked)
-    name, machine = asked.machine, asked.built
-    say_consequences(name, asked.config, asked.settings)
-    books = None if asked.energy is None else _energy_books(asked, machine)
+    check_outputs(request)
+    name, machine = request.machine, request.built
+    say_consequences(name, request.config, request.settings)
+    books = None if request.energy is None else _energy_books(request, machine)
     with busy("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
-    changes = live_changes(asked.change)
+    changes = live_changes(request.change)
     changing = ChangingMachine(machine, changes)
-    beside = None if asked.one_step else _beside(machine, asked.duration_s, changes)
+    beside = None if request.one_step else _beside(machine, request.duration_s, changes)
     simulation = Simulation(machine)
-    changed = (changing.command, changing.at) if asked.change else ()
-    run = frames(machine, asked.duration_s, *changed)
+    changed = (changing.command, changing.at) if request.change else ()
+    run = frames(machine, request.duration_s, *changed)
     with ExitStack() as outputs:
-        opened = opened_outputs(outputs, asked, machine, changing)
+        opened = opened_outputs(outputs, request, machine, changing)
         opened += [] if books is None else [books.observe]
         opened += [] if beside is None else [beside.follow]
-        counted = outputs.enter_context(progress(run, steps_for(machine, asked.duration_s) + 1, name))
+        counted = outputs.enter_context(progress(run, steps_for(machine, request.duration_s) + 1, name))
         for frame in counted:
             simulation.observe(frame)
-            if asked.samples:
+            if request.samples:
                 simulation.trajectory.append(frame)
             for output in opened:
                 output(frame)
-    if books is not None and asked.energy is not None:
-        draw_energy(asked, books, asked.energy)
+    if books is not None and request.energy is not None:
+        draw_energy(request, books, request.energy)
     document = simulation.document()
     confirmed = {} if beside is None else beside.numbers(simulation.numbers())
     if beside is not None:
         failed = {"failure": beside.failure} if beside.failure else {}
         document["shorter_steps"] = {"step_s": beside.step_s, "summary": confirmed, **failed}
-    if asked.samples:
+    if request.samples:
         document["samples"] = simulation.trajectory.columns()
-    if asked.as_json:
+    if request.as_json:
         print_json(document)
-    elif asked.as_csv:
+    elif request.as_csv:
         rows = [(*row, confirmed.get(row[0], "")) for row in numbered(document["summary"])]
         print_csv(("quantity", "value", "unit", "in shorter steps"), rows)
     else:
-        title, everything = f"{name}: {asked.duration_s:g} s", asked.everything
+        title, everything = f"{name}: {request.duration_s:g} s", request.everything
         show_numbers(title, document["summary"], machine.report(), confirmed, everything=everything)
         how = () if beside is None else (beside.step_s, beside.failure)
         say_result(how_told(machine.coupling_step_s, *how))
         show_residuals(document["residuals"])
-        show_events(simulation.events, everything=asked.everything)
+        show_events(simulation.events, everything=request.everything)
     say(*(f"warning: {remark}" for remark in simulation.remarks()))
     broken = broken_lines(simulation.residuals(), machine.coupling_step_s)
     if broken:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(FOUND)
-    report_losses(asked.bag)
+    report_losses(request.bag)
 
 
 def _beside(machine: Machine, duration_s: float, changes: Sequence[LiveChange]) -> RunInShorterSteps | None:
@@ -109,44 +109,48 @@ def _beside(machine: Machine, duration_s: float, changes: Sequence[LiveChange]) 
 Output = Callable[[Frame], None]
 
 
-def check_outputs(asked: SimulateVerb) -> None:
+def check_outputs(request: SimulateVerb) -> None:
     """Raise before the run begins where its outputs could not be written."""
-    if asked.sensors is not None and asked.bag is None and asked.table is None:
-        raise CommandError(f"--sensors {asked.sensors}: expected --bag or --table beside it, for what the sensors show")
-    if asked.bag is not None:
+    if request.sensors is not None and request.bag is None and request.table is None:
+        raise CommandError(
+            f"--sensors {request.sensors}: expected --bag or --table beside it, for what the sensors show"
+        )
+    if request.bag is not None:
         from mech_twin.recording.output_directory import check_recording_directory
 
-        check_recording_directory(asked.bag, force=asked.force)
-    if asked.table is not None and asked.table.suffix not in WRITTEN_SUFFIXES:
-        raise CommandError(f"--table {asked.table}: expected a file that ends in {', '.join(WRITTEN_SUFFIXES)}")
+        check_recording_directory(request.bag, force=request.force)
+    if request.table is not None and request.table.suffix not in WRITTEN_SUFFIXES:
+        raise CommandError(f"--table {request.table}: expected a file that ends in {', '.join(WRITTEN_SUFFIXES)}")
 
 
-def _energy_books(asked: SimulateVerb, machine: Machine) -> EnergyBooks:
+def _energy_books(request: SimulateVerb, machine: Machine) -> EnergyBooks:
     from mech_twin.studies.energy_flow import EnergyBooks
 
-    return EnergyBooks(catalogue_entry(asked.machine), machine)
+    return EnergyBooks(catalogue_entry(request.machine), machine)
 
 
-def draw_energy(asked: SimulateVerb, books: EnergyBooks, picture: Path) -> None:
+def draw_energy(request: SimulateVerb, books: EnergyBooks, picture: Path) -> None:
     """Draw the energy flow of the last cycle."""
     from mech_twin.capabilities.plots import DPI
     from mech_twin.studies.energy_flow import drawn_flow
 
-    figure = drawn_flow(Path(asked.machine).stem.replace("_", " "), books.flow())
-    with written_file(picture, force=asked.force) as file:
+    figure = drawn_flow(Path(request.machine).stem.replace("_", " "), books.flow())
+    with written_file(picture, force=request.force) as file:
         figure.savefig(file, dpi=DPI)
 
 
-def opened_outputs(stack: ExitStack, asked: SimulateVerb, machine: Machine, changing: ChangingMachine) -> list[Output]:
+def opened_outputs(
+    stack: ExitStack, request: SimulateVerb, machine: Machine, changing: ChangingMachine
+) -> list[Output]:
     """Return what takes each frame of the run; the stack closes it."""
     stack.enter_context(closed_first())
-    if asked.sensors is not None:
-        return [_sensors(stack, asked, machine, given_map(asked.sensors, machine))]
+    if request.sensors is not None:
+        return [_sensors(stack, request, machine, given_map(request.sensors, machine))]
     outputs: list[Output] = []
-    if asked.bag is not None:
-        outputs.append(_bag(stack, asked.bag, machine, changing))
-    if asked.table is not None:
-        file = stack.enter_context(written_file(asked.table, force=asked.force))
+    if request.bag is not None:
+        outputs.append(_bag(stack, request.bag, machine, changing))
+    if request.table is not None:
+        file = stack.enter_context(written_file(request.table, force=request.force))
         writer = stack.enter_context(TableWriter(file, list(machine_columns(machine))))
         outputs.append(partial(_write_row, writer))
     return outputs
@@ -170,14 +174,14 @@ def _bag(stack: ExitStack, bag: Path, machine: Machine, changing: ChangingMachin
     return write
 
 
-def _sensors(stack: ExitStack, asked: SimulateVerb, machine: Machine, sensors: MeasurementMap) -> Output:
-    bench = SensorBench(sensors, machine_columns(machine), machine.coupling_step_s, asked.seed, machine.gauge)
+def _sensors(stack: ExitStack, request: SimulateVerb, machine: Machine, sensors: MeasurementMap) -> Output:
+    bench = SensorBench(sensors, machine_columns(machine), machine.coupling_step_s, request.seed, machine.gauge)
     takers: list[Callable[[Reading], None]] = []
-    if asked.table is not None:
-        file = stack.enter_context(written_file(asked.table, force=asked.force))
+    if request.table is not None:
+        file = stack.enter_context(written_file(request.table, force=request.force))
         takers.append(stack.enter_context(sensor_table(file, sensors)).read)
-    if asked.bag is not None:
-        takers.append(_sensor_bag(stack, asked.bag, sensors))
+    if request.bag is not None:
+        takers.append(_sensor_bag(stack, request.bag, sensors))
 
     def take(readings: Iterator[Reading]) -> None:
         for reading in readings:

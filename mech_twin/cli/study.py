@@ -146,32 +146,32 @@ def told(title: str) -> Iterator[None]:
         yield
 
 
-def notes_of(**asked: object) -> list[str]:
+def notes_of(**request: object) -> list[str]:
     """Return what a written file says of itself: the command, and what was asked; what is None is left out."""
     command = f"  {shlex.join(['mech-twin', *sys.argv[1:]])}"
-    return [command, *(f"{name}: {_listed(value)}" for name, value in asked.items() if value is not None)]
+    return [command, *(f"{name}: {_listed(value)}" for name, value in request.items() if value is not None)]
 
 
 def _listed(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def write_report(asked: Study, title: str, options: Mapping[str, Any], parts: Callable[[], Sequence[str]]) -> None:
+def write_report(request: Study, title: str, options: Mapping[str, Any], parts: Callable[[], Sequence[str]]) -> None:
     """Write the report, if one is asked for: what was asked, and what was found."""
-    if asked.report is None:
+    if request.report is None:
         return
-    changed = changed_settings(asked.machine, configuration_tree(asked.parameters))
+    changed = changed_settings(request.machine, configuration_tree(request.parameters))
     head = [
         f"<p>{versions()}</p>",
         section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
         section("Asked", ("option", "value"), list(_told(options))),
     ]
-    write_text(asked.report, page(f"{asked.machine}: {title}", [*head, *parts()]), force=True, told="wrote")
+    write_text(request.report, page(f"{request.machine}: {title}", [*head, *parts()]), force=True, told="wrote")
 
 
-def options_of(asked: Study, *names: str) -> dict[str, Any]:
+def options_of(request: Study, *names: str) -> dict[str, Any]:
     """Return options by name."""
-    return {name: getattr(asked, name) for name in names}
+    return {name: getattr(request, name) for name in names}
 
 
 def _told(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -50,20 +50,20 @@ ROBUST = ("margin", "basin_fraction", "tolerance", "stroke_ratio", "starts", "se
 SHOWN_ROWS = 20
 
 
-def answer_size(asked: SizeVerb) -> None:
+def answer_size(request: SizeVerb) -> None:
     """Size, write the configuration, and say which constraint binds."""
-    machine = asked.machine
-    if shows_limits(asked.limit, machine, "sizing"):
+    machine = request.machine
+    if shows_limits(request.limit, machine, "sizing"):
         return
-    out, parameters = asked.output, asked.parameters
+    out, parameters = request.output, request.parameters
     with study_errors(), told(f"sizing {machine}"):
-        limits = limits_of(asked.limit)
-        answer = size(machine, parameters, limits=limits, objective=asked.objective, tolerance=asked.tolerance)
+        limits = limits_of(request.limit)
+        answer = size(machine, parameters, limits=limits, objective=request.objective, tolerance=request.tolerance)
         notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
-        write_configuration(machine, answer.parameters, out, asked.config, notes)
-    write_report(asked, "sizing", {}, lambda: sizing_parts(answer))
+        write_configuration(machine, answer.parameters, out, request.config, notes)
+    write_report(request, "sizing", {}, lambda: sizing_parts(answer))
     shorter = answer.in_shorter_steps
-    if asked.as_json:
+    if request.as_json:
         shown = ("name", "value", "limit", "side", "holds", "binds")
         document = {name: getattr(answer, name) for name in ("objective", "tolerance", "sizes", "metrics", "binding")}
         document["constraints"] = [{name: getattr(each, name) for name in shown} for each in answer.constraints]
@@ -99,29 +99,29 @@ def _print_rows(title: str, rows: Sequence[Mapping[str, Any]], marked: int | Non
     print_table(title, tuple(rows[0]), [tuple(row.values()) for row in rows], marked=marked)
 
 
-def answer_search(asked: SearchVerb) -> None:
+def answer_search(request: SearchVerb) -> None:
     """Search, write the configuration of the first design found, and show all."""
-    by_runs = searches_by_runs(asked.machine)
-    _check_search(asked, by_runs=by_runs)
-    if not by_runs and shows_limits(asked.limit, asked.machine, "design"):
+    by_runs = searches_by_runs(request.machine)
+    _check_search(request, by_runs=by_runs)
+    if not by_runs and shows_limits(request.limit, request.machine, "design"):
         return
-    out, several = asked.output, len(asked.objective) > 1
-    if asked.report is not None and several:
+    out, several = request.output, len(request.objective) > 1
+    if request.report is not None and several:
         require_extra("plots")
-    with study_errors(), told(f"searching {'runs' if by_runs else 'designs'} of {asked.machine}"):
-        found = _searched(asked, by_runs=by_runs)
+    with study_errors(), told(f"searching {'runs' if by_runs else 'designs'} of {request.machine}"):
+        found = _searched(request, by_runs=by_runs)
         first, shorter = found[0], found[0].in_shorter_steps
-        of_runs = {"limits": asked.limit, "duration_s": asked.duration_s or 0.0} if by_runs else {}
-        objectives = asked.objective[0] if by_runs else tuple(first.objectives)
-        notes = notes_of(objective=objectives, **of_runs, seed=asked.seed)
-        write_configuration(asked.machine, first.parameters, out, asked.config, notes)
-    options = options_of(asked, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
+        of_runs = {"limits": request.limit, "duration_s": request.duration_s or 0.0} if by_runs else {}
+        objectives = request.objective[0] if by_runs else tuple(first.objectives)
+        notes = notes_of(objective=objectives, **of_runs, seed=request.seed)
+        write_configuration(request.machine, first.parameters, out, request.config, notes)
+    options = options_of(request, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
     if not by_runs:
-        options["objective"] = asked_objectives(design_question(asked.machine), tuple(asked.objective))
+        options["objective"] = asked_objectives(design_question(request.machine), tuple(request.objective))
     title = "Pareto front" if len(options["objective"]) > 1 else "best design"
-    write_report(asked, title, options, lambda: search_parts(found, options["objective"]))
+    write_report(request, title, options, lambda: search_parts(found, options["objective"]))
     rows = [{**design.variables, **in_common_digits(design.objectives, design.in_shorter_steps)} for design in found]
-    if asked.as_json:
+    if request.as_json:
         front = [
             {
                 **design.variables, **design.objectives, **shorter_record(design.in_shorter_steps),
@@ -129,14 +129,14 @@ def answer_search(asked: SearchVerb) -> None:
             }
             for design in found
         ]  # fmt: skip
-        head = {"machine": asked.machine, "objectives": list(first.objectives), "seed": asked.seed}
+        head = {"machine": request.machine, "objectives": list(first.objectives), "seed": request.seed}
         print_json({**head, "designs": front, "configuration": out})
         return
     near = dict(sorted(first.margins.items(), key=lambda item: item[1]))
     if by_runs:
         print_numbers("best design", rows[0])
     else:
-        named = f"Pareto front of {', '.join(asked.objective)}" if several else "best design"
+        named = f"Pareto front of {', '.join(request.objective)}" if several else "best design"
         _print_rows(named, rows, 0 if len(rows) > 1 else None)
     if near or not by_runs:
         of = "limits" if by_runs else "constraints"
@@ -146,74 +146,74 @@ def answer_search(asked: SearchVerb) -> None:
     say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))
 
 
-def _check_search(asked: SearchVerb, *, by_runs: bool) -> None:
+def _check_search(request: SearchVerb, *, by_runs: bool) -> None:
     """Raise where an option is of the other kind of search."""
     if by_runs:
-        if not asked.bound or not asked.objective:
-            asked_of(asked.machine, "design", NO_QUESTION)
-        if len(asked.objective) > 1 or asked.points is not None:
+        if not request.bound or not request.objective:
+            asked_of(request.machine, "design", NO_QUESTION)
+        if len(request.objective) > 1 or request.points is not None:
             raise CommandError("a search by runs has one objective and no Pareto front")
         return
-    for name, value in (("--duration", asked.duration_s), ("--cores", asked.cores)):
+    for name, value in (("--duration", request.duration_s), ("--cores", request.cores)):
         if value is not None:
             raise CommandError(f"{name} {value:g}: is of a search by runs, with --objective and --bound of its own")
-    if asked.points is not None and len(asked.objective) < 2:
-        raise CommandError(f"--points {asked.points}: expected several --objective, which give a Pareto front")
+    if request.points is not None and len(request.objective) < 2:
+        raise CommandError(f"--points {request.points}: expected several --objective, which give a Pareto front")
 
 
-def _searched(asked: SearchVerb, *, by_runs: bool) -> list[Design]:
-    of_both: dict[str, Any] = {"parameters": asked.parameters, "seed": asked.seed}
-    bounds = bounds_of(asked.bound)
+def _searched(request: SearchVerb, *, by_runs: bool) -> list[Design]:
+    of_both: dict[str, Any] = {"parameters": request.parameters, "seed": request.seed}
+    bounds = bounds_of(request.bound)
     if by_runs:
-        of_both |= {"limits": ranges_of(asked.limit), "duration_s": asked.duration_s or 0.0, "cores": asked.cores}
-        return [search_runs(asked.machine, asked.objective[0], bounds, **of_both)]
-    limits, points = limits_of(asked.limit), asked.points or POINTS
-    return search(asked.machine, tuple(asked.objective), bounds=bounds, limits=limits, points=points, **of_both)
+        of_both |= {"limits": ranges_of(request.limit), "duration_s": request.duration_s or 0.0, "cores": request.cores}
+        return [search_runs(request.machine, request.objective[0], bounds, **of_both)]
+    limits, points = limits_of(request.limit), request.points or POINTS
+    return search(request.machine, tuple(request.objective), bounds=bounds, limits=limits, points=points, **of_both)
 
 
-def answer_designs(asked: DesignsVerb) -> None:
+def answer_designs(request: DesignsVerb) -> None:
     """Scan the space, and say how fast and what the best are."""
-    if shows_limits(asked.limit, asked.machine, "design"):
+    if shows_limits(request.limit, request.machine, "design"):
         return
-    out, parameters = asked.out, asked.parameters
+    out, parameters = request.out, request.parameters
     with study_errors(), counted("designs") as progress:
         begun = time.monotonic()
         found = designs(
-            asked.machine, asked.count, parameters=parameters, bounds=bounds_of(asked.bound),
-            limits=limits_of(asked.limit), progress=progress, **options_of(asked, "seed", "cores", "scheduler"),
+            request.machine, request.count, parameters=parameters, bounds=bounds_of(request.bound),
+            limits=limits_of(request.limit), progress=progress, **options_of(request, "seed", "cores", "scheduler"),
         )  # fmt: skip
         taken = time.monotonic() - begun
         if out is not None:
-            notes = notes_of(machine=asked.machine, seed=asked.seed, designs=asked.count)
+            notes = notes_of(machine=request.machine, seed=request.seed, designs=request.count)
             found.write(out, {"written by": "\n".join(notes)})
     best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
     numbers = {"designs": found.designs, "feasible": len(found.feasible), "feasible_share": found.share}
     counts = [(name.replace("_", " "), number) for name, number in numbers.items()]
     parts = [section("Designs", ("quantity", "value"), counts)]
     parts.append(records("Best designs", [{"best": name, **row} for name, row in best.items()]))
-    write_report(asked, "designs", options_of(asked, "count", "bound", "limit", "seed"), lambda: parts)
-    if asked.as_json:
-        print_json({"machine": asked.machine, **numbers, "best": best, "table": out})
+    write_report(request, "designs", options_of(request, "count", "bound", "limit", "seed"), lambda: parts)
+    if request.as_json:
+        print_json({"machine": request.machine, **numbers, "best": best, "table": out})
         return
     print_numbers("designs", {**numbers, **{f"best {name}": row[name] for name, row in best.items()}})
     say(f"{found.designs / taken:.0f} designs a second" + (f"; wrote {out}" if out else ""))
 
 
-def answer_synthesise(asked: SynthesiseVerb) -> None:
+def answer_synthesise(request: SynthesiseVerb) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
-    machine, speed = asked.machine, asked.impact_speed_m_per_s
-    out = asked.output
+    machine, speed = request.machine, request.impact_speed_m_per_s
+    out = request.output
     with study_errors(), told(f"synthesising a cycle of {machine}"):
-        options, periods = options_of(asked, *ROBUST), asked.periods
-        found = synthesise(machine, speed, parameters=asked.parameters, options=options, periods=periods)
-        notes = notes_of(impact_speed_m_per_s=speed, seed=asked.seed, cycle=found.chosen)
-        write_configuration(machine, found.cycle(found.chosen).parameters, out, asked.config, notes)
+        options, periods = options_of(request, *ROBUST), request.periods
+        found = synthesise(machine, speed, parameters=request.parameters, options=options, periods=periods)
+        notes = notes_of(impact_speed_m_per_s=speed, seed=request.seed, cycle=found.chosen)
+        write_configuration(machine, found.cycle(found.chosen).parameters, out, request.config, notes)
     titles = dict.fromkeys(title for cycle in found.cycles for title in cycle.lines)
     rows = [(title, *(cycle.lines.get(title, "-") for cycle in found.cycles)) for title in titles]
     heads = ("", *(cycle.name for cycle in found.cycles))
     parts = [section("Cycles", heads, rows), f"<p>Chosen: {found.chosen}.</p>"]
-    write_report(asked, "one-impact cycle", found.asked, lambda: parts)
-    if asked.as_json:
+    write_report(request, "one-impact cycle", found.asked, lambda: parts)
+    if request.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
         print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": out})
         return
@@ -221,21 +221,21 @@ def answer_synthesise(asked: SynthesiseVerb) -> None:
     say(f"wrote {out}")
 
 
-def answer_sweep(asked: SweepVerb) -> None:
+def answer_sweep(request: SweepVerb) -> None:
     """Sweep, and say what was written."""
-    table = asked.output
+    table = request.output
     if table.suffix != ".csv":
         require_extra("tables")
-    if not asked.no_picture:
-        check_output_file(table.with_suffix(".png"), force=asked.force)
+    if not request.no_picture:
+        check_output_file(table.with_suffix(".png"), force=request.force)
         require_extra("plots")
-    parameters = asked.parameters
+    parameters = request.parameters
     with study_errors(), counted("sweeping") as progress:
         try:
             done = sweep(
-                asked.machine, axes_of(asked.over), table, parameters=parameters, outputs=tuple(asked.number),
-                duration_s=asked.duration_s, picture=not asked.no_picture, progress=progress,
-                **options_of(asked, "cores", "scheduler"),
+                request.machine, axes_of(request.over), table, parameters=parameters, outputs=tuple(request.number),
+                duration_s=request.duration_s, picture=not request.no_picture, progress=progress,
+                **options_of(request, "cores", "scheduler"),
             )  # fmt: skip
         except KeyboardInterrupt:
             say(f"interrupted; finished points are kept beside {table}: the same command goes on from there")
@@ -244,25 +244,25 @@ def answer_sweep(asked: SweepVerb) -> None:
     columns = {name: [point.numbers[name] for point in done.points if name in point.numbers] for name in names}
     varying = [name for name, column in columns.items() if varies(column)]  # rounding apart
     title = f"sweep of {', '.join(done.asked.keys)}"
-    write_report(asked, title, {}, lambda: sweep_parts(done, varying))
-    if asked.as_json:
+    write_report(request, title, {}, lambda: sweep_parts(done, varying))
+    if request.as_json:
         rows = [{**done.asked.changes(point.index), **point.numbers, "refused": point.refused} for point in done.points]
-        head = {"machine": asked.machine, "config": configuration_tree(parameters), "points": len(rows)}
+        head = {"machine": request.machine, "config": configuration_tree(parameters), "points": len(rows)}
         head |= {"resumed": done.resumed, "refused": sum(bool(point.refused) for point in done.points)}
         print_json({**head, "table": done.table, "picture": done.picture, "rows": rows})
-    elif asked.as_csv:
+    elif request.as_csv:
         print_csv((*done.asked.keys, *names, "refused"), [_cells(done, point, names, "") for point in done.points])
     else:
-        _show_sweep(asked, done, varying)
+        _show_sweep(request, done, varying)
 
 
-def _show_sweep(asked: SweepVerb, done: Sweep, varying: Sequence[str]) -> None:
+def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None:
     """Write the points, their numbers that vary, and what is left out."""
     names = done.outputs
-    shown_names, shown = (names, done.points) if asked.everything else (varying, done.points[:SHOWN_ROWS])
-    title = f"{asked.machine}: {len(done.points)} points, {len(names)} numbers"
+    shown_names, shown = (names, done.points) if request.everything else (varying, done.points[:SHOWN_ROWS])
+    title = f"{request.machine}: {len(done.points)} points, {len(names)} numbers"
     rows = [_cells(done, point, shown_names, "refused")[:-1] for point in shown]
-    print_table(title, (*done.asked.keys, *shown_names), rows, wide=asked.everything, more="--all")
+    print_table(title, (*done.asked.keys, *shown_names), rows, wide=request.everything, more="--all")
     left, fixed = len(done.points) - len(shown), len(names) - len(shown_names)
     omitted = [f"{left} more points"] * (left > 0) + [f"{fixed} numbers that do not vary"] * (fixed > 0)
     if omitted:
@@ -280,28 +280,30 @@ def _cells(done: Sweep, point: Point, names: Sequence[str], absent: str) -> tupl
     return (*done.asked.changes(point.index).values(), *numbers, point.refused)
 
 
-def answer_regimes(asked: RegimesVerb) -> None:
+def answer_regimes(request: RegimesVerb) -> None:
     """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
-    machine, out, axes = asked.machine, asked.output, axes_of(asked.over)
+    machine, out, axes = request.machine, request.output, axes_of(request.over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()
     with study_errors(), counted("regimes") as progress:
-        settling = asked.settling
-        found = regimes(machine, values, key, parameters=asked.parameters, settling_periods=settling, progress=progress)
+        settling = request.settling
+        found = regimes(
+            machine, values, key, parameters=request.parameters, settling_periods=settling, progress=progress
+        )
         found.write_picture(out)
 
     def parts() -> list[str]:
         drawn = picture(f"{machine}: regimes", out) if out.suffix == ".png" else ""
         return [drawn, section("Regimes", found.columns, found.rows[:MOST_ROWS])]
 
-    write_report(asked, f"regimes over {key}", options_of(asked, "over", "settling"), parts)
-    if asked.as_json:
+    write_report(request, f"regimes over {key}", options_of(request, "over", "settling"), parts)
+    if request.as_json:
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
         return
-    if asked.as_csv:
+    if request.as_csv:
         print_csv(found.columns, found.rows)
-    elif asked.everything:
+    elif request.everything:
         print_table("regimes", found.columns, found.rows, wide=True)
     else:
         spans = joined(found.rows)

@@ -169,7 +169,7 @@ def command(verb: type[Verb]) -> Callable[..., None]:
     fields = verb.model_fields
     words = {name: choices for name, field in fields.items() if (choices := _choices(field))}
 
-    def asked(context: typer.Context, **values: Any) -> None:
+    def request(context: typer.Context, **values: Any) -> None:
         given = {name: value for name, value in values.items() if value is not None}
         for name, allowed in words.items():
             if name in given and given[name] not in allowed:
@@ -182,11 +182,11 @@ def command(verb: type[Verb]) -> Callable[..., None]:
     shown = {name: field for name, field in in_order(verb).items() if declared(field)}
     parameters = [Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)]
     parameters += [_parameter(name, field) for name, field in shown.items()]
-    asked.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # which the library reads
-    asked.__annotations__ = {each.name: each.annotation for each in parameters}
-    asked.__doc__ = verb.__doc__
-    asked.verb = verb  # type: ignore[attr-defined] # of which the command checks the rules
-    return asked
+    request.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # which the library reads
+    request.__annotations__ = {each.name: each.annotation for each in parameters}
+    request.__doc__ = verb.__doc__
+    request.verb = verb  # type: ignore[attr-defined] # of which the command checks the rules
+    return request
 
 
 def _choices(field: FieldInfo) -> tuple[str, ...]:

@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 WAIT_S = 0.05
 
 
-def view_bag(asked: ViewVerb) -> None:
+def view_bag(request: ViewVerb) -> None:
     """Show a recording, a run of a page, or by a map a measured run, until stopped, or write it to a file."""
-    bag, save, map_file = asked.bag, asked.save, asked.given_map
-    if not (simulated := is_page(str(bag))) and asked.duration_s is not None:
-        raise CommandError(f"--duration {asked.duration_s:g}: a recording has its own length; expected a page")
+    bag, save, map_file = request.bag, request.save, request.given_map
+    if not (simulated := is_page(str(bag))) and request.duration_s is not None:
+        raise CommandError(f"--duration {request.duration_s:g}: a recording has its own length; expected a page")
     if save is not None and save.suffix != ".rrd":
         raise CommandError(f"--save {save}: expected a file NAME.rrd")
     settle_domain()
@@ -54,12 +54,12 @@ def view_bag(asked: ViewVerb) -> None:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
             if simulated:
-                machine, duration_s = configured_machine(str(bag)), asked.duration_s or USUAL_DURATION_S
+                machine, duration_s = configured_machine(str(bag)), request.duration_s or USUAL_DURATION_S
                 shown = _of_machine(machine, lambda scene, stop: _show_run(scene, machine, duration_s, stop))
             elif map_file is not None:
                 from mech_twin.cli.measured import read_measured, show_measured
 
-                read = read_measured(bag, map_file, asked.config)
+                read = read_measured(bag, map_file, request.config)
                 shown = _of_machine(read.machine, lambda scene, stop: show_measured(scene, read, stop))
             else:
                 from mech_twin.recording.bag_reader import open_bag
@@ -74,11 +74,11 @@ def view_bag(asked: ViewVerb) -> None:
                 )
             scene: BenchScene | RerunScene
             if save is None:
-                scene = _bench(stack, asked.port, shown, bag)
+                scene = _bench(stack, request.port, shown, bag)
             else:
                 from mech_twin.view.rerun_scene import RerunScene
 
-                file = stack.enter_context(written_file(save, force=asked.force))
+                file = stack.enter_context(written_file(save, force=request.force))
                 scene = stack.enter_context(RerunScene(shown.machine, rrd_path=file))
         shown.show(scene, stop)
         scene.close()
