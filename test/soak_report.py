@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from footprint import FootprintLog
 
 from mech_twin.engine.run import frames
-from mech_twin.nodes.roles.stepping import TOLD_FROM_S
+from mech_twin.nodes.roles.stepping import LOGGED_FROM_S
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.bag_samples import FIELDS, BagSamples
 from mech_twin.roles import Machine
@@ -124,7 +124,7 @@ def faults(told: Told, log: FootprintLog, compared: Comparison, realtime: bool) 
     lines += ["no step was compared"] * (compared.steps == 0)
     if realtime:
         lines += [f"{told.given_up_s:.1f} s were given up"] * bool(told.given_up_s)
-        behind = [lag for lag in told.lags_after(log.settled_from_s()) if lag >= TOLD_FROM_S]
+        behind = [lag for lag in told.lags_after(log.settled_from_s()) if lag >= LOGGED_FROM_S]
         if behind:
             lines.append(f"behind by up to {max(behind):.2f} s in {len(behind)} windows")
     for role in log.rows:

@@ -17,7 +17,7 @@ from mech_twin.declarations.captions import caption, unit_of
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import Event
-from mech_twin.studies.shorter_steps import told
+from mech_twin.studies.shorter_steps import common_digits as told
 
 SHOWN_EVENTS = 12
 NO_NUMBERS: Mapping[str, float] = MappingProxyType({})

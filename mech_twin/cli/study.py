@@ -32,7 +32,7 @@ from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.asking import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
-from mech_twin.studies.shorter_steps import told as digits_told
+from mech_twin.studies.shorter_steps import common_digits as digits_told
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000

@@ -143,7 +143,7 @@ class CompiledMachine:
             here, begun = slice(done, done + block), time.perf_counter()
             end, error = self.run(first + done, row, targets[here], picked, columns[here], worst)
             taken_s = time.perf_counter() - begun
-            tables.append(end.events[: end.told])
+            tables.append(end.events[: end.event_count])
             done, failed_role, status = done + end.steps, end.failed, end.status
             if taken_s < SHORTEST_BLOCK_S:
                 block *= 2
@@ -156,10 +156,10 @@ class CompiledMachine:
         """Return the events of linkage and of body from rows of the table of a run."""
         linkage, body = self.layout.linkage.events, self.layout.body
         of_body = rows[:, SOURCE] == FROM_BODY
-        told = linkage.events(rows[~of_body, TABLE_EXTRA : TABLE_EXTRA + linkage.width])
+        linkage_events = linkage.events(rows[~of_body, TABLE_EXTRA : TABLE_EXTRA + linkage.width])
         if body is None:
-            return told, ()
-        return told, body.events.events(rows[of_body, TABLE_EXTRA : TABLE_EXTRA + body.events.width])
+            return linkage_events, ()
+        return linkage_events, body.events.events(rows[of_body, TABLE_EXTRA : TABLE_EXTRA + body.events.width])
 
     def events_in_order(self, table: Array) -> list[tuple[int, Event]]:
         """Return the events of a run with their steps, in time order; at equal times the linkage's first."""
@@ -203,7 +203,7 @@ class CompiledMachine:
         first = start.linkage.step
         columns = np.empty((len(targets), len(picked)))
         end, error = self.run(first, row, targets, picked, columns, worst)
-        table = end.events[: end.told]
+        table = end.events[: end.event_count]
         steps = table[:, STEP].tolist()
         done = 0
         for step, numbers in enumerate(columns[: end.steps].tolist(), first + 1):

@@ -112,8 +112,8 @@ class CompiledForces(_Compiled[ForceLayout]):
         layout, out = self.layout, np.empty(self.layout.size)
         events = layout.events.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
         loads, count = held_force_step(self.held, linkage.step, row_of(linkage), events, len(events), out, no_loads())
-        told = layout.events.loads(loads[:count]) if count else ()
-        return layout.of_row(linkage.step, linkage.time_s, out, told)
+        listed_loads = layout.events.loads(loads[:count]) if count else ()
+        return layout.of_row(linkage.step, linkage.time_s, out, listed_loads)
 
 
 class CompiledBody(_Compiled[BodyLayout]):

@@ -47,7 +47,7 @@ class RunEnd(NamedTuple):
     """End of a run: table and number of its events, steps done, failed role if any, and its status."""
 
     events: Array
-    told: int
+    event_count: int
     steps: int
     failed: int
     status: int

@@ -6,7 +6,7 @@ r"""Equation of motion of a crank-driven linkage with one degree of freedom, as 
     motor --[ gear i, eta ]--> shaft inertia J --> crank: angle f, speed w, friction c, v --> I_pr(f), M_pr(f)
 
     (I_pr + J) w' + w^2/2 dI_pr/df = M_pr + mean of the gear - v w + lam
-    M(t, w) = the motor's curve at i w, from the torque it told at t_n (`torque_in_step`)
+    M(t, w) = the motor's curve at i w, from the torque it reported at t_n (`torque_in_step`)
 
 One law acts at the crank: loss of the gear, Coulomb friction, and a load that only resists.  Its bounds are the sums of
 theirs.  A prescribed speed is a crank of known acceleration, whose drive takes what the mechanism needs.

@@ -98,9 +98,9 @@ def residuals_of_run(machine: Machine, worst: Iterable[tuple[str, float]]) -> di
 
 def by_plain_name(found: Iterable[tuple[str, str, Residual]]) -> dict[str, Residual]:
     """Return residuals by name; where two roles give one the same name, by ``role.name``."""
-    told = list(found)
-    names = [name for _, name, _ in told]
-    return {name if names.count(name) == 1 else f"{role}.{name}": residual for role, name, residual in told}
+    residuals = list(found)
+    names = [name for _, name, _ in residuals]
+    return {name if names.count(name) == 1 else f"{role}.{name}": residual for role, name, residual in residuals}
 
 
 def broken_lines(residuals: Mapping[str, Residual], step_s: float | None = None) -> list[str]:

@@ -55,7 +55,7 @@ class RollOut:
     final: Frame
     residuals: dict[str, Residual]
     error: MotionError | None
-    _told: Callable[[], list[tuple[int, Event]]]
+    _listed_events: Callable[[], list[tuple[int, Event]]]
     _numbers: Callable[[], EventNumbers] | None = None
     machines: tuple[tuple[int, Machine], ...] = ()
 
@@ -76,7 +76,7 @@ class RollOut:
     @cached_property
     def stepped_events(self) -> tuple[tuple[int, Event], ...]:
         """Every event with the step it happened in, in time order; those of the start are left out."""
-        return tuple(self._told())
+        return tuple(self._listed_events())
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -151,8 +151,8 @@ def roll_out(
     count = _count(machine, duration_s)
     first = 0 if start is None else start.linkage.step
     if start is not None and start.linkage.joints != machine.linkage.joints:
-        told = ", ".join(start.linkage.joints)
-        raise StudyError(f"start: a frame with the joints {told}; expected one of {machine.name}")
+        joints = ", ".join(start.linkage.joints)
+        raise StudyError(f"start: a frame with the joints {joints}; expected one of {machine.name}")
     targets = command_profile(command, first, count, machine.coupling_step_s)
     if start is None:
         start = complete_frame(machine, machine.linkage.start(), None, _plain(targets[0]))
@@ -297,20 +297,20 @@ def _compiled_run(
     for view, piece in zip(compiled, pieces, strict=True):
         here = slice(done + 1, done + 1 + piece.steps)
         end, error = view.run_interruptibly(step + done, row, targets[here], picked, found[here], worst, between)
-        tables.append(end.events[: end.told])
+        tables.append(end.events[: end.event_count])
         done += end.steps
         if error is not None:
             break
     table = np.concatenate(tables)
     machine = view.machine
 
-    def told() -> list[tuple[int, Event]]:
+    def listed_events() -> list[tuple[int, Event]]:
         return view.events_in_order(table)
 
     final = view.frame(step + done, row, table) if done else start
     limits = residuals_of_run(machine, zip(compiled[0].residuals, worst.tolist(), strict=True))
     found_columns = {name: found[:, i] for i, name in enumerate(names)}
-    return RollOut(found_columns, final, limits, error, told, lambda: view.event_numbers(table))
+    return RollOut(found_columns, final, limits, error, listed_events, lambda: view.event_numbers(table))
 
 
 def _run_by_roles(

@@ -75,8 +75,8 @@ def threes(make: Callable[[float, float, float], Made], numbers: Sequence[float]
 
 def event_of(kind: str, contact: str, before: int, numbers: Sequence[float]) -> Event:
     """Return an event from its numbers in the order of its fields; the first ``before`` coordinates are before it."""
-    time_s, pre, post, impulse, period, *told = numbers
-    sides = threes(Coordinate, told)
+    time_s, pre, post, impulse, period, *coordinates = numbers
+    sides = threes(Coordinate, coordinates)
     return Event(time_s, kind, contact, pre, post, impulse, int(period), sides[:before], sides[before:])
 
 
@@ -126,7 +126,7 @@ class EventLayout:
         """Return the kinds of a table's events."""
         return np.array(self._kinds)[rows[:, KIND].astype(np.int64)]
 
-    def rows(self, told: Sequence[Event] | Sequence[Load]) -> Array:
+    def rows(self, entries: Sequence[Event] | Sequence[Load]) -> Array:
         """Return the table of at least one event, or load.
 
         Raises
@@ -135,7 +135,7 @@ class EventLayout:
             If the role has no such kind or contact.
         """
         table = []
-        for one in told:
+        for one in entries:
             row = [one.time_s, self._kinds.index(one.kind), self._contacts.index(one.contact), *one[3:7]]
             if isinstance(one, Event):
                 row += [1.0, *chain(*one.pre, *one.post)] if one.pre else [0.0] * (self.width - SIDES)

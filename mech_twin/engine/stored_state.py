@@ -58,9 +58,9 @@ def state_text(machine: Machine, state: StoredState) -> str:
     samples = [sample for sample in state if sample is not None]
     if any(sample.events for sample in samples):
         raise StateError(f"step {state.linkage.step} ends with an event, which a state does not hold: take one more")
-    told: dict[str, Any] = {"machine": machine.name, "step": state.linkage.step, "command": state.linkage.command}
+    document: dict[str, Any] = {"machine": machine.name, "step": state.linkage.step, "command": state.linkage.command}
     for name, sample in zip(("linkage", "body"), samples, strict=False):
-        told[name] = {
+        document[name] = {
             "regime": sample.regime,
             "position": dict(zip(sample.joints, sample.position, strict=True)),
             "velocity": dict(zip(sample.joints, sample.velocity, strict=True)),
@@ -68,8 +68,8 @@ def state_text(machine: Machine, state: StoredState) -> str:
             "memory": sample.memory.as_dict(),
         }
     if state.body is not None:
-        told["body"]["pressing_force_n"] = state.body.pressing_force_n
-    return json.dumps(told)
+        document["body"]["pressing_force_n"] = state.body.pressing_force_n
+    return json.dumps(document)
 
 
 def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> StoredState:
@@ -92,20 +92,20 @@ def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> S
         If it is no state of this machine.
     """
     check_storable(machine)
-    told = _object(_parsed(text), "state")
-    if told.get("machine") != machine.name:
-        raise StateError(f"state: machine {told.get('machine')!r}: expected {machine.name!r}")
-    stored = told.get("step")
+    document = _object(_parsed(text), "state")
+    if document.get("machine") != machine.name:
+        raise StateError(f"state: machine {document.get('machine')!r}: expected {machine.name!r}")
+    stored = document.get("step")
     if not isinstance(stored, int) or stored < 0:
         raise StateError(f"state: step {stored!r}: expected a whole number, 0 or more")
     step_s = machine.coupling_step_s
-    linkage = _moved(_sample(told, "linkage", like.linkage, machine.linkage.regimes), stored, step, step_s)
-    command = _number(told.get("command"), "command")
+    linkage = _moved(_sample(document, "linkage", like.linkage, machine.linkage.regimes), stored, step, step_s)
+    command = _number(document.get("command"), "command")
     linkage = linkage._replace(command=command, events=(Event(step * step_s, RESET, GIVEN_STATE),))
     if like.body is None or machine.body is None:
         return StoredState(linkage, None)
-    body = _moved(_sample(told, "body", like.body, machine.body.regimes), stored, step, step_s)
-    force = _number(told["body"].get("pressing_force_n"), "body.pressing_force_n")
+    body = _moved(_sample(document, "body", like.body, machine.body.regimes), stored, step, step_s)
+    force = _number(document["body"].get("pressing_force_n"), "body.pressing_force_n")
     return StoredState(linkage, body._replace(pressing_force_n=force, events=()))
 
 
@@ -116,8 +116,8 @@ def _parsed(text: str) -> Any:
         raise StateError(f"state: {str(error)[:100]}: expected the text that get_state returned") from error
 
 
-def _sample(told: Mapping[str, Any], name: str, like: Moving, regimes: tuple[str, ...]) -> Moving:
-    part = _object(told.get(name), name)
+def _sample(document: Mapping[str, Any], name: str, like: Moving, regimes: tuple[str, ...]) -> Moving:
+    part = _object(document.get(name), name)
     regime = part.get("regime")
     if not isinstance(regime, int) or not 0 <= regime < max(1, len(regimes)):
         raise StateError(f"state: {name}.regime {regime!r}: expected 0 to {max(0, len(regimes) - 1)}")

@@ -63,13 +63,13 @@ def mech_step(reals_at, wholes_at, flags_at, begin, step, target, row_at, events
         return 0
     targets = empty(1)
     targets[0] = target
-    table, told, steps, failed, status = run_steps(
+    table, event_count, steps, failed, status = run_steps(
         models, Places({places}), Widths({width_list}), step, {step_s!r}, targets, row, empty(0, int64), empty((1, 0)),
         empty(0, int64), empty(0)
     )
     if failed != 0:
         return status
-    for i in range(told):
+    for i in range(event_count):
         kind = int(table[i, {extra} + {kind}])
         if table[i, {source}] == {from_body}:
             kind += {linkage_kinds}
@@ -78,7 +78,7 @@ def mech_step(reals_at, wholes_at, flags_at, begin, step, target, row_at, events
         events[kind, 2] = table[i, {extra} + {pre}]
         events[kind, 3] = table[i, {extra} + {post}]
         events[kind, 4] = table[i, {extra} + {impulse}]
-    return told
+    return event_count
 """
 
 

@@ -132,10 +132,10 @@ class StepCodec(Generic[SampleOf]):
             If the message is not a sample of the role.
         """
         names, numbers = tuple(message.name), numbers_of(message, *ABSENT.values())
-        layout, pick, at, told = _read_form(self.layout, names)
-        said = None if at is None else (numbers[at], numbers[at + len(names) + 1])
-        step, time_s = step_and_time(stamp_s(message.header), said, step_s)
-        made: SampleOf = layout.sample(step, time_s, pick(numbers), told(numbers))
+        layout, pick, at, make_last = _read_form(self.layout, names)
+        step_row = None if at is None else (numbers[at], numbers[at + len(names) + 1])
+        step, time_s = step_and_time(stamp_s(message.header), step_row, step_s)
+        made: SampleOf = layout.sample(step, time_s, pick(numbers), make_last(numbers))
         return made
 
     def received(self, raw: bytes, step_s: float, joints: Names | None = None) -> SampleOf:

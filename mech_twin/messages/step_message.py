@@ -106,23 +106,23 @@ def numbers_of(message: AnyStep, *more: float) -> tuple[float, ...]:
     return numbers
 
 
-def step_and_time(stamp: float, told: tuple[float, float] | None, step_s: float | None) -> tuple[int, float]:
-    """Return step index and exact time (s): from the step's row ``told``, else from the stamp and the step length (s).
+def step_and_time(stamp: float, step_row: tuple[float, float] | None, step_s: float | None) -> tuple[int, float]:
+    """Return step index and exact time (s): from ``step_row``, else from the stamp and the step length (s).
 
     Raises
     ------
     MessageError
         If neither is known, the stamp contradicts the row, or the stamp is not a multiple of the step length.
     """
-    if told is not None:
-        step, time_s = int(told[0]), told[1]
+    if step_row is not None:
+        step, time_s = int(step_row[0]), step_row[1]
     elif step_s is not None:
         step = round(stamp / step_s)
         time_s = step * step_s
     else:
         raise MessageError("no step row, and the coupling step is not known")
     if abs(stamp - time_s) > 2e-9 + 1e-12 * time_s:
-        if told is None:
+        if step_row is None:
             raise MessageError(
                 f"stamp {stamp:.9f} s lies between steps of {step_s:g} s; expected that of the step answered"
             )

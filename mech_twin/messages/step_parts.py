@@ -19,12 +19,12 @@ Numbers = Sequence[float]
 
 def rows_of(sample: Sample) -> tuple[Row, ...]:
     """Return the rows of the optional parts of a sample (its last field)."""
-    told: Any = sample[-1]
-    if not told:
+    content: Any = sample[-1]
+    if not content:
         return ()
-    if isinstance(told, EffortCommand):
-        return Row(ASKED, *told[:2]), Row(HELD, *told[2:])
-    return tuple([row for index, part in enumerate(told) for row in _part_rows(str(index), part)])
+    if isinstance(content, EffortCommand):
+        return Row(ASKED, *content[:2]), Row(HELD, *content[2:])
+    return tuple([row for index, part in enumerate(content) for row in _part_rows(str(index), part)])
 
 
 def _part_rows(index: str, part: Event | Load) -> list[Row]:

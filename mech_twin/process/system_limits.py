@@ -28,8 +28,8 @@ def check_address_space(needed: int, what: str) -> None:
     """
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < needed:
-        told = f"limit of address space {limit // MIB} MiB, {what} {needed // MIB} MiB"
-        raise SurroundingsError(f"not enough memory ({told}): raise it, ulimit -v unlimited")
+        shortage = f"limit of address space {limit // MIB} MiB, {what} {needed // MIB} MiB"
+        raise SurroundingsError(f"not enough memory ({shortage}): raise it, ulimit -v unlimited")
 
 
 class SurroundingsError(Exception):

@@ -106,9 +106,9 @@ class BagReader(OpenBag):
             counters = source.index.counters() or counters
         if self.path.is_file() and any(source.index.split_number() for source in self._sources):
             return {}  # they count the whole bag; this is one later file of it
-        told = counter_rows(parsed_mapping(_custom_data(self.path).get(COUNTERS_KEY, "{}")))
-        for topic in counters.keys() & told.keys():
-            row, later = counters[topic], told[topic]
+        stored = counter_rows(parsed_mapping(_custom_data(self.path).get(COUNTERS_KEY, "{}")))
+        for topic in counters.keys() & stored.keys():
+            row, later = counters[topic], stored[topic]
             counters[topic] = {key: max(value, later.get(key, 0)) for key, value in row.items()}
         for topic, row in counters.items():  # "written": messages present; the others were cut
             held = self.topics[topic].message_count if topic in self.topics else 0

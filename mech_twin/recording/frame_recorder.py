@@ -137,7 +137,7 @@ class FrameRecorder:
         self._writer.close(discard_empty=True)
 
     def _write_blows(self, events: tuple[Event, ...]) -> None:
-        for gauge, event in blow.told_blows(self._machine.gauge, events):
+        for gauge, event in blow.gauged_blows(self._machine.gauge, events):
             self._put(BLOW_GAUGE, blow.numbers_message(gauge, event))
             if event.contact in gauge.sent:
                 self._put(BLOW_WAVE, blow.curve_message(gauge, event))

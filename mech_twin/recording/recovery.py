@@ -148,17 +148,17 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
             files_written.append(_rewritten(index, directory / f"{report.out.name}_{number}.mcap", topics, report))
     salvaged = f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"
     custom = {FINISHED_KEY: "true", RECOVERED_KEY: "; ".join((salvaged, *report.damages))[:_MARK_CHARACTERS]}
-    custom |= _told_counters(report.bag)
+    custom |= _stored_counters(report.bag)
     write_metadata(directory, list(topics.values()), files_written, custom, running_distro())
 
 
-def _told_counters(source: Path) -> dict[str, str]:
+def _stored_counters(source: Path) -> dict[str, str]:
     """Return the loss counters of `metadata.yaml`: after a full disk the files lack the last ones."""
     try:
-        told = read_metadata(source).custom if source.is_dir() else {}
+        custom = read_metadata(source).custom if source.is_dir() else {}
     except BagError:
         return {}
-    return {COUNTERS_KEY: told[COUNTERS_KEY]} if COUNTERS_KEY in told else {}
+    return {COUNTERS_KEY: custom[COUNTERS_KEY]} if COUNTERS_KEY in custom else {}
 
 
 def _rewritten(

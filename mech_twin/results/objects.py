@@ -84,9 +84,9 @@ class Run:
     @property
     def digits(self) -> dict[str, Any]:
         """Every number with the digits that do not depend on the step; both numbers if these are too few."""
-        from mech_twin.studies.shorter_steps import told
+        from mech_twin.studies.shorter_steps import common_digits
 
-        return {name: told(name, value, self.in_shorter_steps) for name, value in self.summary.items()}
+        return {name: common_digits(name, value, self.in_shorter_steps) for name, value in self.summary.items()}
 
     def plot(self, *names: str) -> Figure:
         """Return a figure of samples over time; see `Columns.plot`."""

@@ -195,10 +195,10 @@ def _after_trial_cycle(state: AdviceState, advice: Recommendation, miss: float, 
         return AdviceStep(state)
     judged = state.misses[rules.settling_cycles :]
     gain = state.miss_before - sum(judged) / len(judged)
-    told = f"gain {gain:.4g} of {advice.gain:.4g} promised, over {len(judged)} cycles"
+    outcome = f"gain {gain:.4g} of {advice.gain:.4g} promised, over {len(judged)} cycles"
     if gain < rules.promised_share * advice.gain:
-        return _reverted(state, state.newest_s, told)
-    return AdviceStep(_idle(state), Decision(state.newest_s, "kept", told))
+        return _reverted(state, state.newest_s, outcome)
+    return AdviceStep(_idle(state), Decision(state.newest_s, "kept", outcome))
 
 
 def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep:

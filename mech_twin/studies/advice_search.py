@@ -104,8 +104,8 @@ class AdviceModel:
         """Return the model with a known fault: these keys are changed, and named in the evidence."""
         if not changes:
             return self
-        told = tuple(f"{key} = {value:.5g}" for key, value in changes.items())
-        return replace(self, parameters=varied(self.parameters, changes), faults=told)
+        faults = tuple(f"{key} = {value:.5g}" for key, value in changes.items())
+        return replace(self, parameters=varied(self.parameters, changes), faults=faults)
 
     def figure(self, value: float, parameters: Parameters | None = None) -> float:
         """Return the model's mean feature with the setting at this value; nan without a cycle."""

@@ -181,8 +181,8 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     broken = {name: margin for name, margin in margins.items() if not margin >= 0.0}
     if broken:
         nearest = ", ".join(f"{key} = {value:.6g}" for key, value in changes.items())
-        told = ", ".join(f"{name} by {-margin:.4g}" for name, margin in broken.items())
-        raise StudyError(f"no design keeps every limit; the nearest, {nearest}, misses {told}")
+        shortfalls = ", ".join(f"{name} by {-margin:.4g}" for name, margin in broken.items())
+        raise StudyError(f"no design keeps every limit; the nearest, {nearest}, misses {shortfalls}")
     found = varied(parameters, changes)
     return Design(changes, {asked.name: numbers[asked.name]}, margins, found, _checked(asked, found))
 

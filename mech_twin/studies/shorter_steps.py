@@ -104,7 +104,7 @@ def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -
     return InShorterSteps(run.step_s, machine.coupling_step_s, run.numbers(names))
 
 
-def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
+def common_digits(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
     """Return a number with the digits that do not depend on the step; both numbers if these are too few.
 
     Half of the last digit is at least the error, assumed proportional to the step.  A number that is absent from
@@ -112,8 +112,10 @@ def told(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
 
     Examples
     --------
-    >>> told("peak_n", 4248.81475, {"peak_n": 4251.16915}), told("gap_m", 2.0e-4, {"gap_m": 2.9e-4})
-    ('4250', '0.0002 to 0.00029')
+    >>> common_digits("peak_n", 4248.81475, {"peak_n": 4251.16915})
+    '4250'
+    >>> common_digits("gap_m", 2.0e-4, {"gap_m": 2.9e-4})
+    '0.0002 to 0.00029'
     """
     if name not in shorter or value == shorter[name]:
         return value

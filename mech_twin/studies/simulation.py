@@ -65,5 +65,9 @@ def event_record(event: Event) -> dict[str, Any]:
         "post_velocity_m_per_s": event.post_velocity_m_per_s,
         "impulse_ns": event.impulse_ns,
         "period": event.period,
-        **{side: list(map(list, told)) for side, told in (("pre", event.pre), ("post", event.post)) if told},
+        **{
+            side: list(map(list, coordinates))
+            for side, coordinates in (("pre", event.pre), ("post", event.post))
+            if coordinates
+        },
     }

@@ -9,7 +9,7 @@ LEAST_SPEED_M_PER_S = 1e-3  # slower impacts are not logged: they are the end of
 ROUNDING_M_PER_S = 1e-9  # a slower contact is at rest except for rounding
 
 
-def is_told(event: Event) -> bool:
+def is_logged(event: Event) -> bool:
     """Return whether an event is logged: a change of state, or an impact above a minimum speed."""
     speed = max(abs(event.pre_velocity_m_per_s), abs(event.post_velocity_m_per_s))
     return event.impulse_ns == 0.0 or speed >= LEAST_SPEED_M_PER_S

@@ -22,7 +22,7 @@ from mech_twin.view.annotations import Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
 from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
 from mech_twin.view.curves import PALETTE, Track, times
-from mech_twin.view.event_text import event_line, is_told
+from mech_twin.view.event_text import event_line, is_logged
 from mech_twin.view.extent import Bounds
 from mech_twin.view.layout import BANNER, EVENTS, IMPACTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint
 from mech_twin.view.mechanism import Mechanism
@@ -76,7 +76,7 @@ class RerunScene:
         self._annotations: Annotations | None = None
         self._portraits: tuple[PhasePortrait, ...] = ()
         self._events: list[tuple[float, str, str]] = []
-        self._told = False
+        self._has_events = False
         self._marks = ImpactMarks(self._stream)
         self._mechanism = Mechanism(self._stream)
         self._shown: SceneContents | None = None
@@ -142,8 +142,8 @@ class RerunScene:
 
     def event(self, event: Event, level: str = "INFO") -> None:
         """Show an event at its exact time: a log line, and for an impact vertical marks and a flash."""
-        if is_told(event):
-            self._told = True
+        if is_logged(event):
+            self._has_events = True
             self._events.append((event.time_s, event_line(event), level))
         self._marks.add(event)
         self._banner.strike(event)
@@ -157,7 +157,7 @@ class RerunScene:
 
     def log(self, text: str, level: str = "INFO") -> None:
         """Show a line in the log at the time of the newest sample."""
-        self._told = True
+        self._has_events = True
         self._events.append((self._time_s, text, level))
 
     def close(self) -> None:
@@ -247,7 +247,7 @@ class RerunScene:
             portraits=tuple(portrait.joint for portrait in self._portraits),
             bounds=None if self._shown is None else self._shown.bounds,
             impacts=self._marks.kinds,
-            events=self._told,
+            events=self._has_events,
             units={path: unit for track in tracks for path, unit in track.units.items()},
         )
         within = self._shown is not None and self._mechanism.within(self._shown.bounds)

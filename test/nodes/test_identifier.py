@@ -108,9 +108,9 @@ def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowe
     before, lines, end = shadow.observer, set(), time.monotonic() + LIMIT_S
     while identifier.phase == "running" and time.monotonic() < end:
         identifier.check_peers(time.monotonic())
-        lines.add(identifier.told)
+        lines.add(identifier.status_line)
         time.sleep(0.02)
-    assert identifier.phase == "found", identifier.told
+    assert identifier.phase == "found", identifier.status_line
     assert len(lines) > 2
     (key,) = identifier.found.keys
     assert key.low_95 < HIDDEN < key.high_95
@@ -138,5 +138,5 @@ def test_a_fit_whose_process_is_killed_is_told_as_failed(shadowed) -> None:
     while identifier.phase == "running" and time.monotonic() < end:
         identifier.check_peers(time.monotonic())
         time.sleep(0.02)
-    assert (identifier.phase, identifier.told) == ("failed", "the fit ended with code -9")
+    assert (identifier.phase, identifier.status_line) == ("failed", "the fit ended with code -9")
     assert asked(identifier._identify).success, "another may be asked for"

@@ -8,8 +8,8 @@ import pytest
 from mech_twin.nodes.roles.stepping import (
     BEGINNING_S,
     GIVEN_UP_FROM_S,
-    TOLD_EVERY_S,
-    TOLD_FROM_S,
+    LOGGED_EVERY_S,
+    LOGGED_FROM_S,
     LagNotice,
     StepPacer,
 )
@@ -76,11 +76,11 @@ def behind(lag_s: float) -> tuple[Clock, StepPacer, LagNotice]:
 def test_a_lag_is_told_at_once_and_every_ten_seconds_and_its_end_once() -> None:
     clock, pacer, notice = behind(3.0)
     assert notice.lines(pacer) == ("behind by 3.0 s", "behind by 3.0 s")
-    clock.now_s += 0.5 * TOLD_EVERY_S
+    clock.now_s += 0.5 * LOGGED_EVERY_S
     assert notice.lines(pacer) == ("behind by 3.0 s", "")
-    clock.now_s += 0.6 * TOLD_EVERY_S
+    clock.now_s += 0.6 * LOGGED_EVERY_S
     assert notice.lines(pacer) == ("behind by 3.0 s", "behind by 3.0 s")
-    pacer.passed(1000 + round(1e3 * (3.0 + 1.1 * TOLD_EVERY_S)))
+    pacer.passed(1000 + round(1e3 * (3.0 + 1.1 * LOGGED_EVERY_S)))
     assert pacer.lag_s == pytest.approx(0.0, abs=1e-9)
     assert notice.lines(pacer) == ("", "caught up with the wall clock")
     assert notice.lines(pacer) == ("", "")
@@ -94,7 +94,7 @@ def test_a_run_that_is_behind_waits_for_nothing_until_it_has_caught_up() -> None
 
 
 def test_a_small_lag_is_not_told() -> None:
-    _, pacer, notice = behind(0.9 * TOLD_FROM_S)
+    _, pacer, notice = behind(0.9 * LOGGED_FROM_S)
     assert notice.lines(pacer) == ("", "")
 
 

@@ -60,8 +60,8 @@ def followed(
 ) -> list[tuple[FrameEstimate, np.ndarray]]:
     """Return the estimates of a run after the first fifth, each with the true row."""
     pairs = [(observer.take(sample), row) for sample, row in samples(machine, channels, rate_hz, seed)]
-    told = [(estimate, row) for estimate, row in pairs if estimate is not None]
-    return told[len(told) // 5 :]
+    estimated = [(estimate, row) for estimate, row in pairs if estimate is not None]
+    return estimated[len(estimated) // 5 :]
 
 
 def share_inside(
@@ -117,9 +117,11 @@ def test_a_frame_told_from_now_on_moves_as_before_through_its_impacts() -> None:
         moved += not np.array_equal(row, run.rows[step])
         pair = run.bank.advanced(step, np.array([run.rows[step], row]), 1.0)
         if row[columns["linkage.memory.mode_1"]] == run.rows[step, columns["linkage.memory.mode_1"]]:
-            assert pair.told[0] == pair.told[1]  # a series of impacts that is told anew lists its small ones anew
+            assert (
+                pair.event_counts[0] == pair.event_counts[1]
+            )  # a series of impacts that is told anew lists its small ones anew
         assert pair.rows[1, places] == pytest.approx(pair.rows[0, places], abs=1e-9 * sizes.max())
-        events += int(pair.told[0])
+        events += int(pair.event_counts[0])
     assert events > 30
     assert moved > 200
 
@@ -226,14 +228,14 @@ def test_after_a_jump_of_the_stamps_the_machine_is_located_anew() -> None:
 def test_one_stamp_that_jumps_costs_a_search_and_no_more(at: int, shift_s: float) -> None:
     observer = observer_of("vibration_crank", [CRANK])
     stream = [sample for sample, _ in samples(built("vibration_crank"), [CRANK], 100.0, 0)]
-    told = 0
+    estimates = 0
     for i, sample in enumerate(stream):
         if i == at:
             observer.take(sample._replace(time_s=sample.time_s + shift_s))
-        told += observer.take(sample) is not None
+        estimates += observer.take(sample) is not None
     searched = observer.options.lock_s * 100.0
     assert observer.state is ObserverState.LOCKED
-    assert told >= len(stream) - 2.0 * searched
+    assert estimates >= len(stream) - 2.0 * searched
 
 
 def test_another_motion_is_never_locked_on_to() -> None:

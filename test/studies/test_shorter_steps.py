@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers are told in the digits that do not depend on the coupling step."""
+"""Numbers are reported in the digits that do not depend on the coupling step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from mech_twin.parameters.load import machine as built
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies import search_runs, size
-from mech_twin.studies.shorter_steps import RunInShorterSteps, checked_numbers, in_shorter_steps, told
+from mech_twin.studies.shorter_steps import RunInShorterSteps, checked_numbers, common_digits, in_shorter_steps
 from mech_twin.studies.simulation import Simulation
 
 FINER = 3.7  # times shorter than the step of the run, so that samples of all three fall elsewhere
@@ -55,16 +55,16 @@ def bounds(shown: float | str, run: float) -> tuple[float, float]:
 @given(NUMBERS, st.floats(-1.0, 1.0), st.integers(0, 12))
 def test_both_numbers_are_the_one_told_but_for_a_unit_of_its_last_digit(value: float, apart: float, by: int) -> None:
     other = value * (1.0 + apart * 10.0**-by)
-    low, high = bounds(told("of_run", value, {"of_run": other}), value)
+    low, high = bounds(common_digits("of_run", value, {"of_run": other}), value)
     slack = 1e-5 * abs(value) + 5e-3 * (abs(value) + abs(other)) * (by < 3)  # of an interval three digits are told
     assert low - slack <= min(value, other)
     assert max(value, other) <= high + slack
 
 
 def test_a_count_that_differs_is_told_as_both() -> None:
-    assert told("unseated_blows", 20.0, {"unseated_blows": 21.0}) == "20 to 21"
-    assert told("stall_events", 2.0, {"stall_events": math.nan}) == "2 to none"
-    assert told("rest_force_n", 740.87, {}) == 740.87
+    assert common_digits("unseated_blows", 20.0, {"unseated_blows": 21.0}) == "20 to 21"
+    assert common_digits("stall_events", 2.0, {"stall_events": math.nan}) == "2 to none"
+    assert common_digits("rest_force_n", 740.87, {}) == 740.87
 
 
 def ending_frames(*run: Any) -> Iterator[Frame]:
@@ -106,7 +106,7 @@ def test_a_run_in_python_tells_the_digits_that_shorter_steps_have_too() -> None:
     document = json.loads(mech_twin("simulate", "compaction_press", "--duration", "0.05", "--json").out)
     confirmed = document["shorter_steps"]["summary"]
     assert dict(run.in_shorter_steps) == pytest.approx(confirmed, nan_ok=True)
-    assert run.digits == {name: told(name, value, run.in_shorter_steps) for name, value in run.summary.items()}
+    assert run.digits == {name: common_digits(name, value, run.in_shorter_steps) for name, value in run.summary.items()}
     assert any(isinstance(value, str) for value in run.digits.values())
 
 
@@ -131,9 +131,9 @@ def test_a_third_step_agrees_with_every_number_told(name: str) -> None:
     for key, value in numbers.items():
         if key.startswith("worst_") or not math.isfinite(value):
             continue
-        low, high = bounds(told(key, value, confirmed), value)
+        low, high = bounds(common_digits(key, value, confirmed), value)
         if not low <= third[key] <= high:
-            outside[key] = (value, confirmed[key], told(key, value, confirmed), third[key])
+            outside[key] = (value, confirmed[key], common_digits(key, value, confirmed), third[key])
     assert outside == {}
 
 
@@ -143,10 +143,10 @@ def test_figures_of_a_sizing_by_runs_are_told_in_digits_that_a_third_step_has_to
     assert shorter is not None and shorter.step_s < 0.5 * shorter.beside_s
     third = seating(varied(answer.parameters, {"coupling.step_s": shorter.beside_s / FINER}))
     for key in shorter.numbers:
-        low, high = bounds(told(key, answer.metrics[key], shorter.numbers), answer.metrics[key])
+        low, high = bounds(common_digits(key, answer.metrics[key], shorter.numbers), answer.metrics[key])
         assert low <= getattr(third, key) <= high, key
     flight = answer.metrics["flight_share"]
-    assert told("flight_share", flight, shorter.numbers) == flight, "all of its digits"
+    assert common_digits("flight_share", flight, shorter.numbers) == flight, "all of its digits"
     assert f"flight_share <= 0.95 (has {flight:.6g})" in {row[0] for row in constraint_rows(answer)}
 
 
@@ -160,7 +160,7 @@ def test_a_design_found_by_runs_is_told_in_digits_that_a_third_step_has_too() ->
     finer = varied(found.parameters, {"coupling.step_s": shorter.beside_s / FINER})
     third = checked_numbers(catalogue_entry("winding_drum").build(finer), 0.1, {"shaft_force_max_n"})
     value = found.objectives["shaft_force_max_n"]
-    low, high = bounds(told("shaft_force_max_n", value, shorter.numbers), value)
+    low, high = bounds(common_digits("shaft_force_max_n", value, shorter.numbers), value)
     assert low <= third.numbers["shaft_force_max_n"] <= high
 
 

@@ -16,7 +16,7 @@ from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.samples import Event
 from mech_twin.view.annotations import FLASH_S, Annotations, lost_energy
 from mech_twin.view.banner import Banner, sliding_joints
-from mech_twin.view.event_text import is_told
+from mech_twin.view.event_text import is_logged
 from mech_twin.view.extent import Bounds
 from mech_twin.view.labels import written_beside
 from mech_twin.view.scale import with_prefix
@@ -112,7 +112,7 @@ def test_joints_that_slide_are_known_by_name():
     ],
 )
 def test_changes_of_state_and_impacts_are_told_touches_are_not(event, told):
-    assert is_told(event) == told
+    assert is_logged(event) == told
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -192,6 +192,6 @@ class MassObserver:
         steady = self._steady.numbers()
         found = {**self._numbers, **steady, **self._energy.numbers()}
         if self._blow is not None and steady["steady_impact_periods"] > 0.0:
-            told = self._blow(steady["steady_impact_speed_m_per_s"])
-            found.update({f"steady_{name}": value for name, value in told.items()})
+            metrics = self._blow(steady["steady_impact_speed_m_per_s"])
+            found.update({f"steady_{name}": value for name, value in metrics.items()})
         return found

@@ -185,7 +185,7 @@ def breaker_forces(
     found = pin_forces(
         b, q, u, phi, p, torque, regime, memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm
     )
-    loads, told, sums, collar = fill_loads(b, log, count, found.moment, loads)
+    loads, load_count, sums, collar = fill_loads(b, log, count, found.moment, loads)
     opening, closing = gap(b, q, u, phi, p)
     out[BODY_MOMENT] = found.moment
     numbers = (
@@ -215,4 +215,4 @@ def breaker_forces(
     scale = max(abs(found.drive), b.crank.inertia_kg_m2 * u * u, 1.0, largest_moment(b, found))
     out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = abs(found.drive_error) / scale, abs(found.body_error) / scale
     out[RESIDUALS_AT + 2] = sums.miss / scale
-    return loads, told
+    return loads, load_count

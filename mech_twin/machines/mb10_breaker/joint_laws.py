@@ -197,7 +197,7 @@ def within(force: float, bound: float) -> float:
 
 
 @inline_kernel
-def told_torques(
+def reported_torques(
     b: Breaker, drive_nm: float, loss_nm: float, slope: float, regimes: Indices, forces: Array, low: Array
 ) -> Torques:
     """Return the torques of drive and friction and the tool force; ``drive_nm`` is without the gear's loss (N m)."""

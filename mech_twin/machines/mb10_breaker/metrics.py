@@ -42,10 +42,10 @@ from mech_twin.parts.rod_waves.struck_tool import (
     NO_CURVE,
     NO_FORCES,
     LedBlow,
+    blow_and_metrics,
     gauge_curve,
     gauge_numbers,
     rod_blow,
-    told_of_blow,
 )
 from mech_twin.samples import Event
 
@@ -247,7 +247,7 @@ def blow_of(b: Breaker, event: Event) -> tuple[LedBlow, ImpactDirection]:
 def blow_metrics(b: Breaker, event: Event, line: StressLine | None = None) -> dict[str, float]:
     """Return the metrics of one blow on the tool; of its life where an S-N line is given."""
     lead, along = blow_of(b, event)
-    found, told = told_of_blow(b.wave, line, lead)
+    found, metrics = blow_and_metrics(b.wave, line, lead)
     v, before = event.pre_velocity_m_per_s, EventSide(*event.pre)
     rebound = v - found.impulse_ns / along.effective_kg
     tool = found.tool_momentum_ns / b.tool_mass_kg
@@ -255,7 +255,7 @@ def blow_metrics(b: Breaker, event: Event, line: StressLine | None = None) -> di
     p = body.velocity - along.y * found.impulse_ns
     push = push_on_body(b, before.crank.position, body.position, p, thrown_back)
     return {
-        **told,
+        **metrics,
         "striker_rebound_m_per_s": -rebound,
         "restitution_effective": (tool - rebound) / v,
         "tool_thrown_back_m_per_s": thrown_back,

@@ -45,10 +45,10 @@ from mech_twin.machines.mb10_breaker.joint_laws import (
     on_collar,
     on_wall,
     project_contact,
+    reported_torques,
     reseat_tool,
     striking,
     to_dead_centre,
-    told_torques,
 )
 from mech_twin.machines.mb10_breaker.state import (
     ANGULAR_IMPULSE,
@@ -189,7 +189,7 @@ def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices
 def torques_of(motion: BreakerMotion, regimes: Indices, at: Equations) -> Torques:
     """Return the torques of drive and friction and the tool force at the instant evaluated last."""
     kept = motion.kept
-    return told_torques(motion.breaker, kept[BASE], kept[LOSS], kept[SLOPE], regimes, at.multiplier, at.low)
+    return reported_torques(motion.breaker, kept[BASE], kept[LOSS], kept[SLOPE], regimes, at.multiplier, at.low)
 
 
 @embedded_kernel

@@ -203,9 +203,9 @@ def _pressing(parameters: BreakerParameters) -> Picture:
     """Draw how many blows find a seated tool, and what a blow gives, over the pressing force at rest."""
     figure, panels = sheet(1, 2, 9.0, 3.6)
     for wall, colour, label in (("yielding", RED, "wall that yields"), ("loading", BLUE, "wall of $k_l$")):
-        told = [pressing(as_wave(parameters, {"tool.wave.wall.kind": wall}), force) for force in REST_FORCES_N]
-        panels[0].semilogx(REST_FORCES_N, [each.seated_share for each in told], "o-", color=colour, label=label)
-        panels[1].semilogx(REST_FORCES_N, [each.peak_tension_pa / 1e6 for each in told], "o-", color=colour)
+        results = [pressing(as_wave(parameters, {"tool.wave.wall.kind": wall}), force) for force in REST_FORCES_N]
+        panels[0].semilogx(REST_FORCES_N, [each.seated_share for each in results], "o-", color=colour, label=label)
+        panels[1].semilogx(REST_FORCES_N, [each.peak_tension_pa / 1e6 for each in results], "o-", color=colour)
     panels[0].set_ylabel("share of passes that strike a seated tool")
     panels[0].legend()
     panels[1].set_ylabel("largest tension in the tool, MPa")

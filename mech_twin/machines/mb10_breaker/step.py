@@ -176,7 +176,7 @@ def fill_regimes(regime: int, tool: int, regimes: Indices) -> None:
 
 
 @borrowing_kernel
-def told_tool(regimes: Indices) -> int:
+def reported_tool_regime(regimes: Indices) -> int:
     """Return the regime of the tool for the sample."""
     if regimes[TOOL_LAW] == HOLD:
         return BLOCKED if regimes[WALL_LAW] == HOLD else PUSHED
@@ -240,7 +240,7 @@ def advance_step(
     if count < 0:
         return regime, count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3), 0.0
     now = torques_at(motion, step_s, y, regimes, room.at)
-    memory.tool_regime = told_tool(regimes)
+    memory.tool_regime = reported_tool_regime(regimes)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
     close_balances(b, state, memory, before)

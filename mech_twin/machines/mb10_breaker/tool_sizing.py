@@ -176,5 +176,10 @@ def trade_off(blows: list[SizedBlow], limits: Mapping[str, float]) -> Iterator[d
         good = [blow for blow in own if blow.keeps(limits)]
         best = max(good or own, key=lambda blow: blow.transmitted_energy_j)
         names = ("rod_length_m", "tool_mass_kg", "striker_mass_kg", "transmitted_energy_j", "peak_stress_pa")
-        told = {name: getattr(best, name) for name in names}
-        yield {"rod_diameter_m": diameter, **told, "blow_power_w": best.blow_power_w, "kept": "yes" if good else "no"}
+        columns = {name: getattr(best, name) for name in names}
+        yield {
+            "rod_diameter_m": diameter,
+            **columns,
+            "blow_power_w": best.blow_power_w,
+            "kept": "yes" if good else "no",
+        }

@@ -200,12 +200,12 @@ class Assembly:
     @cached_property
     def _guess(self) -> tuple[Array, NDArray[np.bool_]]:
         """Start value of each coordinate of the tree, and whether the page gives it."""
-        guess, told = np.zeros(self.structure.size), np.zeros(self.structure.size, dtype=bool)
+        guess, given = np.zeros(self.structure.size), np.zeros(self.structure.size, dtype=bool)
         for number, part, value in self._wanted:
             place = self.structure.first_coordinate.get(number)
             if place is not None:
-                guess[place + part], told[place + part] = value, True
-        return guess, told
+                guess[place + part], given[place + part] = value, True
+        return guess, given
 
     @cached_property
     def near_start(self) -> Array:
@@ -218,22 +218,22 @@ class Assembly:
         """
         if self.firm:
             return self._loose.start
-        guess, told = self._guess
+        guess, given = self._guess
         rng = np.random.default_rng(1)
         best, miss = self._closed_near(guess)
         for trial in range(TRIALS):
             if miss <= CLOSED * self.size_m:
                 return best
-            spread = np.where(told, 0.02 if trial < TRIALS // 2 else 0.5, 1.0)
+            spread = np.where(given, 0.02 if trial < TRIALS // 2 else 0.5, 1.0)
             scale = np.where([name in self.slides for name in self.coordinates], self.size_m, math.pi)
             found, missed = self._closed_near(guess + spread * scale * rng.uniform(-1.0, 1.0, len(guess)))
             if missed < miss:
                 best, miss = found, missed
         if miss <= CLOSED * self.size_m:
             return best
-        raise ConfigurationError(self._miss_told(best))
+        raise ConfigurationError(self._closure_error_text(best))
 
-    def _miss_told(self, s: Array) -> str:
+    def _closure_error_text(self, s: Array) -> str:
         """Return the error text for the loop with the largest closure error."""
         place, misses = 0, []
         values = self._closures(s)[0]
@@ -332,10 +332,10 @@ class Assembly:
         """
         if self.firm:
             return self._loose.start
-        guess, told = self._guess
+        guess, given = self._guess
         s, split = self.near_start.copy(), self.split
         for j in split.led:
-            s[j] = guess[j] if told[j] else s[j]
+            s[j] = guess[j] if given[j] else s[j]
         return self.closed(s)
 
     def closed(self, s: Array) -> Array:
@@ -353,7 +353,7 @@ class Assembly:
             if reach <= 1e-15 * (1.0 + np.abs(s).max()):
                 break
         if miss > 1e3 * CLOSED * self.size_m:
-            raise ConfigurationError(self._miss_told(s))
+            raise ConfigurationError(self._closure_error_text(s))
         return s
 
     @cached_property

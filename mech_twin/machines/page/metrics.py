@@ -88,12 +88,12 @@ class PageRun:
             if span > 0.0:
                 out[f"{name}_impact_rate_hz"] = count / span
                 out[f"{name}_impact_force_mean_n"] = total / span
-        for name, told in self._rods.items():
-            if told:
-                out |= over_last(told, f"steady_{name}_")
+        for name, blows in self._rods.items():
+            if blows:
+                out |= over_last(blows, f"steady_{name}_")
                 masses = [
                     contact_mass(self._shared, name, self._struck[name], ahead)
-                    for ahead in (0.0, told[-1]["blow_window_s"])
+                    for ahead in (0.0, blows[-1]["blow_window_s"])
                 ]
                 out[f"last_{name}_striker_mass_change"] = masses[1] / masses[0] - 1.0
         for name, (least, most) in self._extremes.items():

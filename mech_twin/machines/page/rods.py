@@ -25,10 +25,10 @@ from mech_twin.parts.rod_waves.struck_tool import (
     NO_CURVE,
     NO_FORCES,
     LedBlow,
+    blow_and_metrics,
     gauge_curve,
     gauge_numbers,
     rod_blow,
-    told_of_blow,
     with_head_within,
 )
 from mech_twin.samples import Event
@@ -145,13 +145,13 @@ class PageRods:
         """Return the numbers of an event's blow."""
         rod = self.rods[event.contact]
         grid, mass, lead = self._led(event)
-        found, told = told_of_blow(grid, rod.life.line, lead)
+        found, metrics = blow_and_metrics(grid, rod.life.line, lead)
         if rod.wall.kind == "yielding":
-            told["overtravel_m"] = told["tool_energy_j"] / rod.wall.threshold_n
+            metrics["overtravel_m"] = metrics["tool_energy_j"] / rod.wall.threshold_n
         if rod.head.length_m > 0.0:
-            told["head_too_heavy"] = 1.0 if grid.head.cells == 0 else 0.0
+            metrics["head_too_heavy"] = 1.0 if grid.head.cells == 0 else 0.0
         return {
-            **told,
+            **metrics,
             "striker_mass_kg": mass,
             "striker_rebound_m_per_s": -event.post_velocity_m_per_s,
             "restitution_effective": -event.post_velocity_m_per_s / event.pre_velocity_m_per_s,

@@ -225,8 +225,8 @@ def pass_switch(system: PageSystem, which: int, t: float, y: Array, regimes: Ind
         y[len(y) - system.gases + gas] = system.values[gas_values(system) + system.gases + gas]
     if kind == RESET:
         reset_joint(system, which, t, y, regimes)
-    told = CONTACT if regimes[place] == 1 else RELEASE
-    fill_event(log, count, t, told if kind == TOUCH else SWITCH, place, 0.0, 0.0, 0.0, 0.0)
+    contact_event = CONTACT if regimes[place] == 1 else RELEASE
+    fill_event(log, count, t, contact_event if kind == TOUCH else SWITCH, place, 0.0, 0.0, 0.0, 0.0)
     return count + 1
 
 

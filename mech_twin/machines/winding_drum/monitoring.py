@@ -72,7 +72,7 @@ def _yarn_speed(cycle: SampledCycle) -> float:
     return fitted_slope(yarn.times_s, yarn.values)
 
 
-def _told_density(package: Package, cycle: SampledCycle) -> tuple[float, Array, Array]:
+def _density_fit(package: Package, cycle: SampledCycle) -> tuple[float, Array, Array]:
     """Return density relative to the configured one, and the model's torques M_0 and M_1 at each sample (N m)."""
     radius, measured = _yarn_per_radian(cycle), cycle.channels[TORQUE]
     least = max(LEAST_OF_CORE * package.core_m, package.eccentricity_m)
@@ -89,7 +89,7 @@ def _told_density(package: Package, cycle: SampledCycle) -> tuple[float, Array, 
 def _density(package: Package) -> CycleFeature:
     return CycleFeature(
         "density_share", "1", "density of the package over that configured", (YARN, TORQUE),
-        lambda cycle: _told_density(package, cycle)[0],
+        lambda cycle: _density_fit(package, cycle)[0],
     )  # fmt: skip
 
 
@@ -97,7 +97,7 @@ def _torque_left(name: str, package: Package, order: int, meaning: str) -> Cycle
     """Return a coefficient of measured minus modelled torque at the fitted density: order 0 the mean, 1 the cosine."""
 
     def of(cycle: SampledCycle) -> float:
-        measured, (k, bare, wound) = cycle.channels[TORQUE], _told_density(package, cycle)
+        measured, (k, bare, wound) = cycle.channels[TORQUE], _density_fit(package, cycle)
         left = measured.values - bare - k * wound
         if order == 0:
             return weighted_sum(measured.weights, left)

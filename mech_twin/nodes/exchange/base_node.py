@@ -257,12 +257,12 @@ class TwinNode(Node):
     def output(self, topic: Topic, peers: int = 0, *, recorded: bool = True) -> CountingPublisher:
         """Return a new counted publisher; ``peers`` subscribers and the recorder must match before the first step."""
         listeners = peers + (recorded and self.options.recorder)
-        return self._added(CountingPublisher(self, topic, listeners, self._told(topic)))
+        return self._added(CountingPublisher(self, topic, listeners, self._incompatibility_handler(topic)))
 
     def step_output(self, topic: Topic, peers: int) -> StepPublisher:
         """Return the publisher of a step message, to which viewer and observer subscribe as well."""
         listeners = peers + self.options.recorder + self.options.viewer + self.options.observer
-        made = StepPublisher(self, topic, listeners, self._told(topic))
+        made = StepPublisher(self, topic, listeners, self._incompatibility_handler(topic))
         self._added(made)
         return made
 
@@ -276,7 +276,9 @@ class TwinNode(Node):
     ) -> DecimatedPublisher:
         """Return a new publisher of the messages that a window passes."""
         listeners = int(self.options.recorder)
-        made = DecimatedPublisher(self, topic, listeners, window, message, self._told(topic), exclusive=exclusive)
+        made = DecimatedPublisher(
+            self, topic, listeners, window, message, self._incompatibility_handler(topic), exclusive=exclusive
+        )
         self._added(made)
         return made
 
@@ -286,7 +288,7 @@ class TwinNode(Node):
             made.join(self._hand_over.channel(self.resolve_topic_name(made.name)))
         return made
 
-    def _told(self, topic: Topic) -> Callable[[Any], None]:
+    def _incompatibility_handler(self, topic: Topic) -> Callable[[Any], None]:
         return partial(self._on_incompatible, topic.name, "subscriber")
 
     @property

@@ -67,9 +67,13 @@ def live_keys(parameters: Parameters) -> list[dict[str, Any]]:
         extra = key.field.json_schema_extra
         unit = extra.get("unit") if isinstance(extra, dict) else None
         low, high = _bounds(key.field)
-        told = {"name": key.name, "meaning": key.field.description or "", "unit": "" if unit in (None, "1") else unit}
+        described = {
+            "name": key.name,
+            "meaning": key.field.description or "",
+            "unit": "" if unit in (None, "1") else unit,
+        }
         bounds = {"low": low, "high": high, "choices": _choices(key.field.annotation)}
-        found.append({**told, **bounds, "value": key.value})
+        found.append({**described, **bounds, "value": key.value})
     return found
 
 
@@ -95,10 +99,10 @@ def declare_machine(node: Node, machine_name: str) -> None:
     ConfigurationError
         If an override names another machine.
     """
-    told = machine_override(node)
-    if told is not None and told != machine_name:
+    override = machine_override(node)
+    if override is not None and override != machine_name:
         where = f"parameters of node {node.get_name()}"
-        raise ConfigurationError(f"{where}: key '{MACHINE_KEY}', value {told!r}: expected '{machine_name}'")
+        raise ConfigurationError(f"{where}: key '{MACHINE_KEY}', value {override!r}: expected '{machine_name}'")
     described = ParameterDescriptor(name=MACHINE_KEY, description="machine of the catalogue", read_only=True)
     described.additional_constraints = f"one of {', '.join(CATALOGUE)}"
     node.declare_parameter(MACHINE_KEY, machine_name, described)

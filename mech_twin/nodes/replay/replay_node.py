@@ -129,7 +129,7 @@ class ReplayNode(Node):
         self._clock_out = self.create_publisher(Clock, CLOCK.name, CLOCK.qos) if options.clock else None
         self._diagnostics_out = self.create_publisher(DIAGNOSTICS.type, DIAGNOSTICS.name, DATA)
         self._begin_ns = source.first_ns
-        self._told_ns: dict[str, int] = {}
+        self._last_ns: dict[str, int] = {}
         self._messages: Iterator[BagMessage] = iter(())
         self._following: BagMessage | None = None
         self._declare()
@@ -234,7 +234,7 @@ class ReplayNode(Node):
         self._take_position(to_ns)
 
     def _take_position(self, log_time_ns: int) -> None:
-        self._told_ns.clear()
+        self._last_ns.clear()
         for name, held in self._source.latched_at(log_time_ns).items():
             if not held:
                 self.outputs[name].forget()
@@ -246,9 +246,9 @@ class ReplayNode(Node):
 
     def _tell_time(self) -> None:
         now_ns = self.position_ns
-        last = self._told_ns.get("", -CLOCK_EVERY_NS)
+        last = self._last_ns.get("", -CLOCK_EVERY_NS)
         if self._clock_out is not None and now_ns - last >= CLOCK_EVERY_NS:
-            self._told_ns[""] = now_ns
+            self._last_ns[""] = now_ns
             message = DIAGNOSTICS.type()
             set_stamp(message.header, now_ns * 1e-9)
             self._clock_out.publish(Clock(clock=message.header.stamp))
@@ -258,10 +258,10 @@ class ReplayNode(Node):
         stamp = stamp_ns(message.type_name, message.raw)
         if stamp is None:
             return
-        last = self._told_ns.get(message.topic, stamp)
+        last = self._last_ns.get(message.topic, stamp)
         if stamp < last:
             self._announce(f"the recorded clock jumps back from {last * 1e-9:.6f} s to {stamp * 1e-9:.6f} s", True)
-        self._told_ns[message.topic] = stamp
+        self._last_ns[message.topic] = stamp
 
     # -- control ----------------------------------------------------------------------------------------------------
 

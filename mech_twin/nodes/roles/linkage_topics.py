@@ -383,7 +383,7 @@ class LinkageOutputs:
             self._scene.send_made(lambda: self._drawn(sample, body))
 
     def _send_blows(self, events: tuple[Event, ...]) -> None:
-        for gauge, event in blow.told_blows(self._node.machine.gauge, events):
+        for gauge, event in blow.gauged_blows(self._node.machine.gauge, events):
             if self._gauge is not None:
                 self._gauge.send_made(partial(blow.numbers_bytes, gauge, event))
             if self._curve is not None and event.contact in gauge.sent:

@@ -19,9 +19,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-TOLD_FROM_S = 0.5  # smallest reported lag
+LOGGED_FROM_S = 0.5  # smallest reported lag
 GIVEN_UP_FROM_S = 10.0  # a larger lag is not caught up
-TOLD_EVERY_S = 10.0
+LOGGED_EVERY_S = 10.0
 BEGINNING_S = 1.0  # after the first step: work that is done once delays the run
 NOTICEABLE_S = 0.05
 
@@ -87,7 +87,7 @@ class LagNotice:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._told_s: float | None = None
+        self._logged_s: float | None = None
         self._given_up_s = 0.0
 
     def lines(self, pacer: StepPacer) -> tuple[str, str]:
@@ -95,16 +95,16 @@ class LagNotice:
         now = self._clock()
         if pacer.given_up_s > self._given_up_s:
             given_up, self._given_up_s = pacer.given_up_s - self._given_up_s, pacer.given_up_s
-            self._told_s = now
+            self._logged_s = now
             line = f"gave up {given_up:.1f} s it was behind; this machine is too slow for real time"
             return line, line
-        if pacer.lag_s < TOLD_FROM_S:
-            said, self._told_s = self._told_s is not None, None
+        if pacer.lag_s < LOGGED_FROM_S:
+            said, self._logged_s = self._logged_s is not None, None
             return "", "caught up with the wall clock" if said else ""
         behind = f"behind by {pacer.lag_s:.1f} s"
-        if self._told_s is not None and now - self._told_s < TOLD_EVERY_S:
+        if self._logged_s is not None and now - self._logged_s < LOGGED_EVERY_S:
             return behind, ""
-        self._told_s = now
+        self._logged_s = now
         return behind, behind
 
 
@@ -127,8 +127,8 @@ class Ration:
     def refusal(self) -> str:
         """Return why a further request is refused; empty if it is accepted."""
         wait_s = self._even_s - time.monotonic() - self._ahead_s
-        told_s = math.ceil(10.0 * wait_s) / 10.0  # rounded up: a request at that time is accepted
-        return f"asked too often: ask again in {told_s:.1f} s" if wait_s > 0.0 else ""
+        rounded_s = math.ceil(10.0 * wait_s) / 10.0  # rounded up: a request at that time is accepted
+        return f"asked too often: ask again in {rounded_s:.1f} s" if wait_s > 0.0 else ""
 
     @contextmanager
     def taking(self, least_s: float = 0.0) -> Iterator[None]:
@@ -241,16 +241,16 @@ class SteppingServices:
 
     def on_step(self, request: Trigger.Request, response: Trigger.Response) -> Any:
         """Take ``run.step_count`` steps of a paused run; the response is a future."""
-        return self._take(self._node.get_parameter("run.step_count").value, partial(_told, response))
+        return self._take(self._node.get_parameter("run.step_count").value, partial(_with_outcome, response))
 
     def on_get_state(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Return the state."""
-        return _told(response, self._run.stored())
+        return _with_outcome(response, self._run.stored())
 
     def on_get_features(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Return the supported features of simulation_interfaces."""
         lines = [*FEATURES, *([STATE_FEATURE] if self._run.stored().result != "RESULT_FEATURE_UNSUPPORTED" else [])]
-        return _told(response, RequestOutcome("RESULT_OK", "\n".join(lines)))
+        return _with_outcome(response, RequestOutcome("RESULT_OK", "\n".join(lines)))
 
     # -- simulation_interfaces --------------------------------------------------------------------------------------
 
@@ -316,6 +316,6 @@ def answer_later(service: Any) -> None:
     service.send_response = send_when_done
 
 
-def _told(response: Trigger.Response, outcome: RequestOutcome) -> Trigger.Response:
+def _with_outcome(response: Trigger.Response, outcome: RequestOutcome) -> Trigger.Response:
     response.success, response.message = outcome.done, outcome.line
     return response

@@ -178,7 +178,7 @@ class Hall:
         return rows
 
 
-def _told(reader: RecordingReader) -> tuple[str, list[list[str]]]:
+def _machine_and_settings(reader: RecordingReader) -> tuple[str, list[list[str]]]:
     """Return the machine of a recording, and its settings that differ from the installed ones."""
     machine = recorded_machine(reader)
     return machine, recorded_settings(BagSamples(reader).descriptions())
@@ -186,13 +186,13 @@ def _told(reader: RecordingReader) -> tuple[str, list[list[str]]]:
 
 def _described(path: Path) -> dict[str, Any]:
     """Return machine, length (s), settings and state of a recording, and whether it opens without recovery."""
-    told: dict[str, Any] = {"machine": "", "length_s": None, "opens": False, "settings": []}
+    unknown: dict[str, Any] = {"machine": "", "length_s": None, "opens": False, "settings": []}
     try:
-        info, (machine, settings) = about_bag(path, _told)
+        info, (machine, settings) = about_bag(path, _machine_and_settings)
     except NoSamplesError:
-        return told | {"state": NOT_FOR_IT}
+        return unknown | {"state": NOT_FOR_IT}
     except BagError as error:
-        return told | {"state": f"damaged: {error}"}
+        return unknown | {"state": f"damaged: {error}"}
     known = {"machine": machine, "length_s": round(info.duration_s, 3), "settings": settings}
     try:
         with open_bag(path):

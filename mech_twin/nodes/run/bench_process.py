@@ -78,11 +78,11 @@ class Trials:
                     stdout=asyncio.subprocess.PIPE,
                     limit=LARGEST_BYTES,
                 )
-            told, said = self._process.stdin, self._process.stdout
-            assert told is not None
-            assert said is not None
-            told.write(json.dumps(asked).encode() + b"\n")
-            answer = await said.readline()
+            stdin, stdout = self._process.stdin, self._process.stdout
+            assert stdin is not None
+            assert stdout is not None
+            stdin.write(json.dumps(asked).encode() + b"\n")
+            answer = await stdout.readline()
             if not answer:
                 self._process = None
                 raise OrderError("the trial was ended")
@@ -226,17 +226,17 @@ def _identified(teller: Any, values: Mapping[str, Any]) -> str:
 class BenchProcess:
     """Web server, thread of orders, trials and start page of a bench."""
 
-    def __init__(self, told: Mapping[str, Any]) -> None:
-        self._told = told
+    def __init__(self, settings: Mapping[str, Any]) -> None:
+        self._settings = settings
         self._orders: Orders | None = None
         self._trials: Trials | None = None
         self._loop = asyncio.get_running_loop()
-        self.bench = Bench(self._obey, others=told["others"], history_bytes=told["history_bytes"])
+        self.bench = Bench(self._obey, others=settings["others"], history_bytes=settings["history_bytes"])
         self.bench.on_machine(self._know)
         self._hall: Hall | None = None
-        if told.get("hall"):
-            place = f"{PREFIX}{Path(told['folder']) / FEED}"
-            shown = Path(told["hall"]["folder"]), told["hall"]["machines"], place
+        if settings.get("hall"):
+            place = f"{PREFIX}{Path(settings['folder']) / FEED}"
+            shown = Path(settings["hall"]["folder"]), settings["hall"]["machines"], place
             self._hall = Hall(*shown, self._clear, self.bench.tell, self.bench.offer)
 
     async def serve(self) -> None:
@@ -245,10 +245,10 @@ class BenchProcess:
         for number in (signal.SIGTERM, signal.SIGINT):
             self._loop.add_signal_handler(number, over.set)
         try:
-            await self.bench.start(self._told["port"], Path(self._told["folder"]) / FEED)
+            await self.bench.start(self._settings["port"], Path(self._settings["folder"]) / FEED)
         except OSError as error:
             why = "is busy" if error.errno == 98 else f"cannot be used ({os.strerror(error.errno or 0)})"
-            _say({"error": f"web port {self._told['port']} {why}; choose another one"})
+            _say({"error": f"web port {self._settings['port']} {why}; choose another one"})
             return
         _say({"port": self.bench.port, "token": self.bench.token})
         if self._hall is not None:
@@ -322,10 +322,10 @@ def _say(line: Mapping[str, Any]) -> None:
 
 def main() -> None:
     """Serve the machine given on standard input until a signal, or until the parent process ends."""
-    told = json.loads(sys.stdin.readline())
-    end_with_parent(told["parent"])
+    settings = json.loads(sys.stdin.readline())
+    end_with_parent(settings["parent"])
 
     async def serve() -> None:
-        await BenchProcess(told).serve()
+        await BenchProcess(settings).serve()
 
     asyncio.run(serve())

@@ -222,9 +222,9 @@ def machine_of(node_name: str) -> Iterator[str]:
                 node_name, namespace=namespace, enable_rosout=False, start_parameter_services=False
             )
             at_end.callback(destroy_nodes, [node])
-            told = machine_override(node)
-            if told is not None and namespace in ("", told):
-                yield catalogue_entry(told).name
+            override = machine_override(node)
+            if override is not None and namespace in ("", override):
+                yield catalogue_entry(override).name
                 return
     raise ConfigurationError(
         f"parameters of node {node_name}: key '{MACHINE_KEY}' is not set; expected one of {', '.join(CATALOGUE)} "
@@ -244,11 +244,11 @@ def _program(
     try:
         with StopSignal() as stop:
             end_with_launch()
-            _serve(lambda: _told(make, node_name, own), ros, stop)
+            _serve(lambda: _node_of_machine(make, node_name, own), ros, stop)
     except SystemExit as end:
         end_at_once(end.code if isinstance(end.code, int) else EXIT_CODE)
     except Exception as error:
-        line = _told_line(error)
+        line = _error_line(error)
         if line is None:
             raise
         sys.stderr.write(f"{Path(sys.argv[0]).name}: {printable(line)}\n")
@@ -256,12 +256,14 @@ def _program(
     end_at_once(0)
 
 
-def _told(make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, own: argparse.Namespace) -> TwinNode:
+def _node_of_machine(
+    make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, own: argparse.Namespace
+) -> TwinNode:
     with machine_of(node_name) as machine:
         return make(machine, own)
 
 
-def _told_line(error: Exception) -> str | None:
+def _error_line(error: Exception) -> str | None:
     """Return the message of a user error in the program's input; None for an internal error."""
     lack = lacking(error)
     if lack is not None:

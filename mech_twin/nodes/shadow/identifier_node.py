@@ -49,14 +49,14 @@ class _RunningFit:
 
     def heard(self) -> Iterator[str | Exception | RecentFit]:
         """Yield new messages of the fit: progress lines, finally the result or the reason of its failure."""
-        told: str | Exception | RecentFit = ""
-        while isinstance(told, str) and self._end.poll():
+        message: str | Exception | RecentFit = ""
+        while isinstance(message, str) and self._end.poll():
             try:
-                told = self._end.recv()
+                message = self._end.recv()
             except EOFError:
                 self._process.join()
-                told = StudyError(f"the fit ended with code {self._process.exitcode}")
-            yield told
+                message = StudyError(f"the fit ended with code {self._process.exitcode}")
+            yield message
 
     def end(self) -> None:
         """End the fit."""
@@ -108,7 +108,7 @@ class IdentifierNode(TwinNode):
         KeyedConfiguration(machine_name, self.model, tuple(keys)).check()
         self.keys, self._bounds = tuple(keys), dict(bounds)
         self.recent = RecentSamples(channels, LONGEST_SPAN_S)
-        self.phase, self.told = "idle", "nothing identified yet"
+        self.phase, self.status_line = "idle", "nothing identified yet"
         self.found: RecentFit | None = None
         self.on_taken: Callable[[Parameters], None] = lambda parameters: None
         self._fit: _RunningFit | None = None
@@ -124,14 +124,14 @@ class IdentifierNode(TwinNode):
     def check_peers(self, now_s: float) -> None:
         """Process the messages of the fit."""
         if self._fit is not None:
-            for told in self._fit.heard():
-                self._take(told)
+            for message in self._fit.heard():
+                self._take(message)
         self.diagnostics.state = self.phase
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the state of the identification, and estimate, 95 % interval and verdict of each key."""
         keys = () if self.found is None else self.found.keys
-        return {"identification": f"{self.phase}: {self.told}"} | {
+        return {"identification": f"{self.phase}: {self.status_line}"} | {
             each.key: f"{each.estimate:.6g} ({each.low_95:.6g} to {each.high_95:.6g}), {each.verdict}" for each in keys
         }
 
@@ -140,22 +140,22 @@ class IdentifierNode(TwinNode):
         if self._fit is not None:
             self._fit.end()
 
-    def _take(self, told: str | Exception | RecentFit) -> None:
-        if isinstance(told, str):
-            self.told = told
+    def _take(self, message: str | Exception | RecentFit) -> None:
+        if isinstance(message, str):
+            self.status_line = message
             return
         self._fit = None
-        if isinstance(told, Exception):
-            self.phase, self.told = "failed", str(told)
+        if isinstance(message, Exception):
+            self.phase, self.status_line = "failed", str(message)
             return
-        self.found = told
-        self.phase = "found" if told.better else "not better"
-        word = "" if told.better else "; what was held out is predicted no better than before"
-        self.told = f"fitted in {told.seconds:.0f} s{word}"
+        self.found = message
+        self.phase = "found" if message.better else "not better"
+        word = "" if message.better else "; what was held out is predicted no better than before"
+        self.status_line = f"fitted in {message.seconds:.0f} s{word}"
 
     def _identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._fit is not None:
-            response.success, response.message = False, f"a fit goes on: {self.told}"
+            response.success, response.message = False, f"a fit goes on: {self.status_line}"
             return response
         try:
             run = self.recent.run(float(self.get_parameter(SPAN_S).value))
@@ -165,7 +165,7 @@ class IdentifierNode(TwinNode):
         question = IdentificationQuestion(
             self.machine_name, self.model, self.keys, self._bounds, longest_begin_s=LATEST_BEGIN_S, cores=1
         )
-        self.phase, self.told, self.found = "running", f"fitting {run.path}", None
+        self.phase, self.status_line, self.found = "running", f"fitting {run.path}", None
         self._fit = _RunningFit(question, run)
         response.success, response.message = True, f"{len(self.keys)} keys, {run.path}"
         return response
@@ -175,9 +175,9 @@ class IdentifierNode(TwinNode):
             response.success, response.message = False, "nothing is found that foretells better than before"
             return response
         self.model, self.phase = self.found.parameters, "taken over"
-        self.told = "the model goes on with what was found"
+        self.status_line = "the model goes on with what was found"
         self.on_taken(self.model)
-        response.success, response.message = True, self.told
+        response.success, response.message = True, self.status_line
         return response
 
 

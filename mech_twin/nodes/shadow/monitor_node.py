@@ -315,9 +315,9 @@ class MonitorNode(TwinNode):
 
     def _named(self) -> list[str]:
         """Return the faults on which a service acts."""
-        told: Parameter = self.get_parameter(FAULT)
+        fault: Parameter = self.get_parameter(FAULT)
         lives = self.live.monitor.lives
-        return [name for name in lives if told.value in ("", name)]
+        return [name for name in lives if fault.value in ("", name)]
 
     def _acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         for name in self._named():
@@ -335,9 +335,9 @@ class MonitorNode(TwinNode):
         if names and self.live.newest is not None:
             self._send_faults(self.live.newest)
         response.success = bool(names)
-        told = self.get_parameter(FAULT).value
+        fault = self.get_parameter(FAULT).value
         response.message = (
-            f"{done}: {', '.join(names)}" if names else f"no fault{f' {told!r}' if told else ''} to act on"
+            f"{done}: {', '.join(names)}" if names else f"no fault{f' {fault!r}' if fault else ''} to act on"
         )
         return response
 

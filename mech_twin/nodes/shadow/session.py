@@ -63,7 +63,7 @@ class Company(NamedTuple):
 ALONE = Company()
 
 
-def followed_namespace(own_name: str, told: str) -> str:
+def followed_namespace(own_name: str, namespace: str) -> str:
     """Return the full namespace of the machine that is followed.
 
     Raises
@@ -72,12 +72,12 @@ def followed_namespace(own_name: str, told: str) -> str:
         It is not a valid ROS namespace, or is the shadow's own.
     """
     try:
-        full = run_namespace(own_name, told)
+        full = run_namespace(own_name, namespace)
     except ConfigurationError as error:
         raise ConfigurationError(str(error).replace("--namespace", "--from", 1)) from error
     own = f"/{own_name}/{TWIN}"
     if f"{full}/".startswith(f"{own}/"):
-        raise ConfigurationError(f"--from {told}: expected the machine's namespace, {own} is the shadow's own")
+        raise ConfigurationError(f"--from {namespace}: expected the machine's namespace, {own} is the shadow's own")
     return full
 
 

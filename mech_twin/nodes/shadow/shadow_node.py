@@ -91,8 +91,8 @@ def joint_table(columns: Mapping[str, int]) -> JointTable:
             parts = joint_column(column)
             if parts is not None and parts.role == role and parts.field == "position":
                 found.setdefault(parts.joint, role)
-    told = [tuple(columns[f"{role}.{joint}.{field}"] for joint, role in found.items()) for field in FIELDS]
-    return JointTable(tuple(found), *told)
+    places = [tuple(columns[f"{role}.{joint}.{field}"] for joint, role in found.items()) for field in FIELDS]
+    return JointTable(tuple(found), *places)
 
 
 class ShadowOutputs:

@@ -145,8 +145,10 @@ class ShadowViewerNode(TwinNode):
         shadow, monitor = self._shadow, self._monitor
         faults = None if monitor is None else tuple(monitor.live.monitor.lives.values())
         time_s = None if shadow.estimate is None else shadow.estimate.time_s
-        told, now = shadow.diagnostics.state, shadow.observer.state.value
-        observer = told if told.startswith("waiting") else now  # the diagnostics are as old as the last peer check
+        reported, now = shadow.diagnostics.state, shadow.observer.state.value
+        observer = (
+            reported if reported.startswith("waiting") else now
+        )  # the diagnostics are as old as the last peer check
         return ShadowState(observer, shadow.level, time_s, self._largest_sigma, faults)
 
 
@@ -176,7 +178,7 @@ def shown_fit(identifier: IdentifierNode) -> ShownFit:
     scores = tuple((channel, f"{before:.1f} %", f"{after:.1f} %") for channel, after, before in held)
     kept_s = int(identifier.recent.span_s)
     text = "" if found is None else found.text
-    return ShownFit(identifier.phase, identifier.told, identifier.keys, kept_s, rows, scores, text)
+    return ShownFit(identifier.phase, identifier.status_line, identifier.keys, kept_s, rows, scores, text)
 
 
 def _interval(key: KeyVerdict) -> str:

@@ -180,8 +180,8 @@ def gauge_curve(grid: WaveGrid, lead: LedBlow) -> tuple[float, Array, Array]:
     return grid.span_s, force, strain_per_n(grid) * force
 
 
-def told_of_blow(grid: WaveGrid, line: StressLine | None, lead: LedBlow) -> tuple[RodBlow, dict[str, float]]:
-    """Return a blow and what it tells of rods, contacts and wall; of its life where an S-N line is given."""
+def blow_and_metrics(grid: WaveGrid, line: StressLine | None, lead: LedBlow) -> tuple[RodBlow, dict[str, float]]:
+    """Return a blow and its metrics of rods, contacts and wall; of its life where an S-N line is given."""
     forces = NO_FORCES if line is None else force_room(grid)
     found = lead(NO_CURVE, forces)
     return found, {**rod_numbers(grid, found), **({} if line is None else life_numbers(grid, line, found, forces))}

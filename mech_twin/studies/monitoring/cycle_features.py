@@ -237,18 +237,18 @@ class FeatureFeed:
         if reference.kind == "turn":
             start = TURN * floor((values[0] - reference.begin + 0.5 * CROSSING_RAD) / TURN) + reference.begin
             angles = phase_of_turn(values, start)
-        channels, told = {}, {}
+        channels, quality = {}, {}
         for column, buffer in self._buffers.items():
             own_s, own = buffer.between(begin_s, end_s)
             if not is_event_channel(column):
-                told[column] = channel_quality(own_s, own)
+                quality[column] = channel_quality(own_s, own)
             if len(own_s) if is_event_channel(column) else is_whole(own_s, begin_s, end_s):
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
         cycle = SampledCycle(self._number, begin_s, end_s, channels)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             numbers = np.array([_number(feature, cycle) for feature in self.features])
-        return FeatureVector(self._number, begin_s, end_s, self._names, numbers, told)
+        return FeatureVector(self._number, begin_s, end_s, self._names, numbers, quality)
 
     def _forget(self, end_s: float) -> None:
         for column, buffer in self._buffers.items():

@@ -198,8 +198,8 @@ def _fit(change: Change, weight: float, signature: Signature) -> Fit:
     best = np.unravel_index(np.argmin(cost), cost.shape)
     inside = sizes[cost <= cost[best] + INTERVAL + min(MODEL_SHARE**2 * weight, left[best])]
     size, open_share = map(float, (sizes[best], left[best] / weight))
-    told = Candidate(signature.name, size, float(inside.min()), float(inside.max()), signature.unit, open_share)
-    return Fit(float(cost[best]), float(left[best]), told)
+    candidate = Candidate(signature.name, size, float(inside.min()), float(inside.max()), signature.unit, open_share)
+    return Fit(float(cost[best]), float(left[best]), candidate)
 
 
 def left_open(left: Array, inverse: Any) -> Array:

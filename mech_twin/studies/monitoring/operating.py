@@ -188,13 +188,13 @@ class OperatingSurface:
         if signature.name in self.beyond:
             found[np.abs(signature.sizes) <= self.ranges[self.beyond.index(signature.name)]] = 0.0
         maps = [self.annihilator(self.located(self.mean + response)) for response in signature.responses]
-        told: dict[str, Any] = {}
+        uncertainty: dict[str, Any] = {}
         if len(signature.scatter):
-            told["scatter"] = np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])
+            uncertainty["scatter"] = np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])
         if len(signature.doubt):
-            told["doubt"] = np.array([a @ doubt for doubt, a in zip(signature.doubt, maps, strict=True)])
+            uncertainty["doubt"] = np.array([a @ doubt for doubt, a in zip(signature.doubt, maps, strict=True)])
         return Signature(
-            signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key, **told
+            signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key, **uncertainty
         )
 
 
@@ -339,8 +339,8 @@ def with_transients(
         if len(lasting):
             hold = max(hold, int(lasting[-1]) + 2)
         spans = np.maximum.accumulate(np.maximum(u[:, k], 0.0)) - np.minimum.accumulate(np.minimum(u[:, k], 0.0))
-        told = over / np.maximum(spans, LEAST_MOVED)[:, None]
-        transient[k] = np.maximum(transient[k], MOVES * told.max(axis=0))
+        ratios = over / np.maximum(spans, LEAST_MOVED)[:, None]
+        transient[k] = np.maximum(transient[k], MOVES * ratios.max(axis=0))
     return replace(surface, transient=transient, hold=hold)
 
 

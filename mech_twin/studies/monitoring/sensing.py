@@ -152,11 +152,11 @@ def _seen_events(
     run: RollOut, channel: Channel, random: np.random.Generator | None, begin_s: float
 ) -> tuple[Array, Array]:
     _, kind, what = channel.quantity.split(".")
-    told = run.event_numbers
-    of_kind = told.kind == kind
+    events = run.event_numbers
+    of_kind = events.kind == kind
     gauged = what in GAUGE_UNITS
-    values = run.gauge_numbers(kind, what) if gauged else getattr(told, EVENT_FIELDS[what])[of_kind]
-    times_s = told.time_s[of_kind]
+    values = run.gauge_numbers(kind, what) if gauged else getattr(events, EVENT_FIELDS[what])[of_kind]
+    times_s = events.time_s[of_kind]
     chosen = (times_s >= begin_s) & np.isfinite(values)
     return times_s[chosen], _shown(values[chosen], channel, random)
 

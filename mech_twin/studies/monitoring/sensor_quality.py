@@ -69,8 +69,8 @@ class SensorFinding(NamedTuple):
 def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) -> dict[str, SensorLimits]:
     """Return the usual values from healthy cycles: duration (s) and the quality of each channel."""
     found = {}
-    for column in dict.fromkeys(name for _, told in cycles for name in told):
-        rows = np.array([[period_s, *told[column]] for period_s, told in cycles if column in told])
+    for column in dict.fromkeys(name for _, qualities in cycles for name in qualities):
+        rows = np.array([[period_s, *qualities[column]] for period_s, qualities in cycles if column in qualities])
         rows = rows[rows[:, 1] >= 3]
         if not len(rows):
             continue
@@ -87,12 +87,12 @@ def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) 
 
 
 def sensor_findings(
-    limits: Mapping[str, SensorLimits], period_s: float, told: Mapping[str, ChannelQuality]
+    limits: Mapping[str, SensorLimits], period_s: float, qualities: Mapping[str, ChannelQuality]
 ) -> tuple[SensorFinding, ...]:
     """Return the sensor faults in a cycle of this duration (s)."""
     found = []
     for column, usual in limits.items():
-        quality = told.get(column, ChannelQuality(0, float("nan"), 0.0, 0.0))
+        quality = qualities.get(column, ChannelQuality(0, float("nan"), 0.0, 0.0))
         lost = 1.0 - quality.samples / (usual.rate_hz * period_s)
         stretched = quality.spacing_s / usual.spacing_s
         is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many samples as fill the cycle at their spacing

@@ -90,9 +90,11 @@ def signature_of(cause: Cause, reference: SteadyCycles) -> Signature | None:
         }
     sizes, (doubt, bends) = sorted(known), bends_of(known, reference)
     scatter = np.array([_factors(known[size].covariance, covariance_of_cycles(reference)) for size in sizes])
-    told: dict[str, Array] = ({"scatter": scatter} if scatter.any() else {}) | ({"doubt": doubt} if bends.any() else {})
+    uncertainty: dict[str, Array] = ({"scatter": scatter} if scatter.any() else {}) | (
+        {"doubt": doubt} if bends.any() else {}
+    )
     responses = np.array([known[size].mean - reference.mean for size in sizes])
-    return Signature(cause.name, cause.meaning, cause.unit, np.array(sizes), responses, cause.key, **told)
+    return Signature(cause.name, cause.meaning, cause.unit, np.array(sizes), responses, cause.key, **uncertainty)
 
 
 def bends_of(known: Mapping[float, SteadyCycles], reference: SteadyCycles) -> tuple[Array, Array]:

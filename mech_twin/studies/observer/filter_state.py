@@ -112,9 +112,9 @@ class SaltedFilter:
             raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
         rows = self._with_offsets(later.rows, state.offsets, CHANGE)
         slopes = self._differences(rows) / CHANGE
-        beside = np.flatnonzero((later.told[1:] != later.told[0]) | (later.failed[1:] != DONE))
+        beside = np.flatnonzero((later.event_counts[1:] != later.event_counts[0]) | (later.failed[1:] != DONE))
         for i in beside.tolist():
-            slopes[:, i] = self._other_side(state, target, i, rows[0], int(later.told[0]))
+            slopes[:, i] = self._other_side(state, target, i, rows[0], int(later.event_counts[0]))
         return Prediction(rows[0], slopes, self._bank.events(later.events))
 
     def again(self, state: FilterState, target: float, slopes: Array) -> Prediction:
@@ -209,7 +209,7 @@ class SaltedFilter:
         difference[:, self._angles] = without_turns(difference[:, self._angles])
         return difference.transpose()
 
-    def _other_side(self, state: FilterState, target: float, i: int, row: Array, told: int) -> Array:
+    def _other_side(self, state: FilterState, target: float, i: int, row: Array, event_count: int) -> Array:
         """Return derivatives by a difference in the opposite direction; if that fails, those of a constant state."""
         bank = self._begun(state)[None, :]
         bank[0] -= CHANGE * self._space.scales[i] * self._space.directions[i]
@@ -217,7 +217,7 @@ class SaltedFilter:
         rows = self._with_offsets(later.rows, state.offsets, 0.0)
         if i >= self._space.states:
             rows[0, self._space.places[i]] -= CHANGE * self._space.scales[i]
-        if later.failed[0] == DONE and int(later.told[0]) == told:
+        if later.failed[0] == DONE and int(later.event_counts[0]) == event_count:
             beside: Array = self._differences(np.vstack([rows[0], row]))[:, 0] / CHANGE
             return beside
         slopes = np.zeros(len(row))

@@ -296,17 +296,24 @@ class PhaseLockedObserver:
             return None
         variance = output_variance(self._ahead, self._base, effect, by_parameters)
         variance[self.undetermined] = np.nan
-        return self._told(sample, now.innovations, now.used, np.sqrt(variance))
+        return self._frame_estimate(sample, now.innovations, now.used, np.sqrt(variance))
 
-    def _told(self, sample: SeenSample, innovations: Array, used: Array, sigma: Array) -> FrameEstimate:
+    def _frame_estimate(self, sample: SeenSample, innovations: Array, used: Array, sigma: Array) -> FrameEstimate:
         assert self._base is not None and self._ahead is not None
         row = self._ahead.row + self._rates * (sample.time_s - self._origin_s - (self._base.step + 1) * self.step_s)
         row[self.undetermined] = np.nan
         events, self._passed = tuple(self._passed), []
         shifted = tuple(event._replace(time_s=self._origin_s + event.time_s) for event in events)
-        told = tuple(float(value) for value in innovations)
+        innovation_values = tuple(float(value) for value in innovations)
         return FrameEstimate(
-            sample.time_s, self._base.step + 1, row, sigma, sample.channels, told, tuple(map(bool, used)), shifted
+            sample.time_s,
+            self._base.step + 1,
+            row,
+            sigma,
+            sample.channels,
+            innovation_values,
+            tuple(map(bool, used)),
+            shifted,
         )
 
     def frame(self, estimate: FrameEstimate) -> Frame:

@@ -109,7 +109,7 @@ def parameter_error(
     plain, plain_events = _stepped(run.bank, run, steps)
     count = BINS if angle is not None else 1
     bins = _bins(run.rows[steps + 1], angle, count)
-    total, told, effects = np.zeros_like(plain), [], []
+    total, kept_keys, effects = np.zeros_like(plain), [], []
     for key, deviation in deviations.items():
         changed = _changed(parameters, build, key, deviation)
         if changed is None:
@@ -120,9 +120,9 @@ def parameter_error(
         difference = np.nan_to_num(difference)
         total += difference**2
         effects.append(_mean_by_bin(difference, bins, count, (events == 0) & (plain_events == 0)))
-        told.append(key)
+        kept_keys.append(key)
     effect = np.stack(effects, axis=-1) if effects else np.zeros((count, plain.shape[1], 0))
-    return ParameterError(_largest_by_bin(total, bins, count), effect, angle, tuple(told))
+    return ParameterError(_largest_by_bin(total, bins, count), effect, angle, tuple(kept_keys))
 
 
 def _changed(
@@ -181,7 +181,7 @@ def _stepped(bank: StepBank, run: ModelRun, steps: Indices) -> tuple[Array, Indi
     found, events = np.full((len(steps), run.rows.shape[1]), np.nan), np.zeros(len(steps), dtype=np.int64)
     for i, step in enumerate(steps.tolist()):
         later = bank.advanced(step, run.rows[step : step + 1], float(run.rows[step + 1, command]))
-        events[i] = later.told[0]
+        events[i] = later.event_counts[0]
         if later.failed[0] == DONE:
             found[i] = later.rows[0]
     return found, events

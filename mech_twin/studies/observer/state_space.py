@@ -89,9 +89,9 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     """
     columns = run.bank.columns
     joints = [name for name in columns if name.endswith((".position", ".velocity"))]
-    told = [name for name in joints if not name.startswith("motor.")]
+    mechanism_joints = [name for name in joints if not name.startswith("motor.")]
     anchored = catalogue_entry(machine_name).capabilities.anchored_motion or NO_ANCHOR
-    states = _acting(run, [*told, *anchored.later])
+    states = _acting(run, [*mechanism_joints, *anchored.later])
     if not states:
         raise ConfigurationError(
             f"{machine_name}: no number of a frame acts on the next one; expected a running machine"
@@ -196,7 +196,7 @@ def _acting(run: ModelRun, names: list[str]) -> list[str]:
         later = run.bank.advanced(step, bank, float(run.rows[step + 1, columns["motor.command"]]))
         difference = later.rows[1:] - later.rows[0]
         difference[:, run.angles] = without_turns(difference[:, run.angles])
-        usable = (later.failed[1:] == DONE) & (later.told[1:] == later.told[0])
+        usable = (later.failed[1:] == DONE) & (later.event_counts[1:] == later.event_counts[0])
         size = np.abs(difference[:, moving] / sizes[moving]).max(axis=1, initial=0.0)
         effect = np.maximum(effect, np.where(usable, size, 0.0))
     return [name for name, size in zip(names, effect.tolist(), strict=True) if size > EFFECT * CHANGE]

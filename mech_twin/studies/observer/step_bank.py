@@ -20,7 +20,7 @@ class BankStep(NamedTuple):
     """Frames one step later: rows (m, w), number of events of each (m,), failure codes, events of the first."""
 
     rows: Array
-    told: Indices
+    event_counts: Indices
     failed: Indices
     events: Array
 
@@ -41,16 +41,16 @@ def step_rows(
         Frames at step ``first``.
     """
     count = len(rows)
-    told, failed = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    event_counts, failed = np.zeros(count, np.int64), np.zeros(count, np.int64)
     targets, picked, columns = np.full(1, target), np.zeros(0, np.int64), np.zeros((1, 0))
     events = np.zeros((0, widths.table))
     for i in range(count):
-        table, told[i], _, failed[i], _ = run_steps(
+        table, event_counts[i], _, failed[i], _ = run_steps(
             models, at, widths, first, step_s, targets, rows[i], picked, columns, picked, np.zeros(0)
         )
         if i == 0:
-            events = table[: told[i]].copy()
-    return told, failed, events
+            events = table[: event_counts[i]].copy()
+    return event_counts, failed, events
 
 
 class StepBank:
@@ -78,10 +78,10 @@ class StepBank:
     def advanced(self, step: int, rows: Array, target: float) -> BankStep:
         """Return rows (m, w) of frames advanced by one step."""
         compiled, later = self.compiled, np.array(rows, dtype=np.float64, order="C")
-        told, failed, events = step_rows(
+        event_counts, failed, events = step_rows(
             compiled.models, compiled.layout.places, compiled.widths, step, self.step_s, float(target), later
         )
-        return BankStep(later, told, failed, events)
+        return BankStep(later, event_counts, failed, events)
 
     def events(self, table: Array) -> tuple[Event, ...]:
         """Return the events in the event table of one step, in order of time."""

@@ -57,8 +57,8 @@ def is_own_host(host: str, port: int, *, others: bool) -> bool:
     others : bool
         Whether other hosts are allowed: then any address and the name of this machine are valid.
     """
-    name, _, told = host.rpartition(":")
-    if told != str(port):
+    name, _, named_port = host.rpartition(":")
+    if named_port != str(port):
         return False
     if not others:
         return name in ("127.0.0.1", "localhost")

@@ -51,12 +51,12 @@ class Lanes:
         begin_s = self._begin_s
         if begin_s is None:
             return []
-        told = [
+        rows = [
             [lane, round(begin_s, 9), self._first.get(lane, word), self._changes.get(lane, [])]
             for lane, word in self._now.items()
         ]
         self._first, self._changes, self._begin_s = dict(self._now), {}, None
-        return told
+        return rows
 
     def _words(
         self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None

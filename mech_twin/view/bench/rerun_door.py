@@ -54,11 +54,11 @@ class RerunDoor:
     def __init__(
         self,
         folder: Path,
-        told: Mapping[str, str],
+        states: Mapping[str, str],
         history: Pictures,
         has_token: Callable[[web.WebSocketResponse], Awaitable[bool]],
     ) -> None:
-        self._folder, self._told, self._history, self._has_token = folder, told, history, has_token
+        self._folder, self._states, self._history, self._has_token = folder, states, history, has_token
         self._viewers: list[_Viewer] = []
         self._fetching = asyncio.Lock()
 
@@ -114,10 +114,10 @@ class RerunDoor:
             while True:
                 await viewer.wake.wait()
                 viewer.wake.clear()
-                while len(viewer.pending) and "layout" in self._told:
+                while len(viewer.pending) and "layout" in self._states:
                     if convert is None or viewer.is_new:
                         viewer.is_new = False
-                        convert = await asyncio.to_thread(partial(_converter, dict(self._told)))
+                        convert = await asyncio.to_thread(partial(_converter, dict(self._states)))
                     pictures = viewer.pending.take()
                     body = await asyncio.to_thread(_converted, convert, pictures)
                     async with asyncio.timeout(SLOW_S):
@@ -131,11 +131,11 @@ def viewer_policy(host: str) -> str:
     return policy.replace("frame-ancestors 'none'", "frame-ancestors 'self'")
 
 
-def _converter(told: Mapping[str, str]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
+def _converter(states: Mapping[str, str]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
     from mech_twin.view.rerun_pictures import RerunPictures
 
-    machine = json.loads(told.get("machine", "{}"))
-    return RerunPictures(machine.get("name", "mech_twin"), json.loads(told["layout"])["panels"]).taken
+    machine = json.loads(states.get("machine", "{}"))
+    return RerunPictures(machine.get("name", "mech_twin"), json.loads(states["layout"])["panels"]).taken
 
 
 def _converted(convert: Callable[[Sequence[Mapping[str, Any]]], bytes], pictures: Sequence[bytes]) -> bytes:

@@ -41,7 +41,7 @@ from mech_twin.view.curve_groups import (
     same_names,
 )
 from mech_twin.view.decimation import extreme_rows
-from mech_twin.view.event_text import event_line, is_told
+from mech_twin.view.event_text import event_line, is_logged
 from mech_twin.view.extent import Bounds, DrawnExtent
 from mech_twin.view.labels import texts_of
 from mech_twin.view.sending import Sending
@@ -143,7 +143,7 @@ class BenchScene:
         self._bounds: Bounds | None = None
         self._names: dict[str, tuple[str, ...]] = {}
         self._events: deque[list[Any]] = deque(maxlen=MOST_EVENTS)
-        self._sent_at = self._told_at = -1.0
+        self._sent_at = self._state_at = -1.0
         self._time_s = 0.0
         self._lanes: Lanes | None = None
         self._invariants: RunInvariants | None = None
@@ -192,8 +192,8 @@ class BenchScene:
         """Send the whole state of the run from time to time; the bench can roll out from it."""
         now = time.monotonic()
         behind_s = self._behind_s(frame.linkage.time_s, now)
-        if now - self._told_at >= STATE_S:
-            self._told_at = now
+        if now - self._state_at >= STATE_S:
+            self._state_at = now
             self._link.tell("frame", listed(frame))
         if now - self._health_at >= HEALTH_S:
             self._health_at = now
@@ -235,7 +235,7 @@ class BenchScene:
         """Show an event: a log line, and a flash."""
         size_ns = abs(event.impulse_ns)
         self._hardest_ns = max(self._hardest_ns, size_ns)
-        if is_told(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
+        if is_logged(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
             self._events.append([event.time_s, event_line(event)])
         self._banner.strike(event)
         if self._annotations is not None:

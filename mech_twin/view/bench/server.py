@@ -80,7 +80,7 @@ class Bench:
         self._guard = Guard(others=others)
         self._history = Pictures(history_bytes)
         self._pending_bytes = max(PENDING_BYTES, history_bytes)
-        self._told = {"versions": json.dumps({"kind": "versions", "text": versions()})}
+        self._states = {"versions": json.dumps({"kind": "versions", "text": versions()})}
         self._pages: list[BenchPage] = []
         self._commander: BenchPage | None = None
         self._feeds: set[asyncio.StreamWriter] = set()
@@ -121,7 +121,7 @@ class Bench:
             The port is in use.
         """
         app = web.Application(middlewares=[self._guard.middleware], client_max_size=0)
-        self._rerun = RerunDoor(feed.parent / "rerun", self._told, self._history, self._has_token)
+        self._rerun = RerunDoor(feed.parent / "rerun", self._states, self._history, self._has_token)
         app.router.add_get("/feed", self._serve_page)
         app.router.add_get("/rerun", self._serve_rerun)
         app.router.add_get("/{name:re_viewer(?:[.]js|_bg[.]wasm)}", self._rerun.serve_file)
@@ -164,7 +164,7 @@ class Bench:
         """Send a message to all pages, and to those opened later if it is a state."""
         text = json.dumps({"kind": kind, **content})
         if kind in KEPT:
-            self._told[kind] = text
+            self._states[kind] = text
         for page in self._pages:
             page.tell(text)
 
@@ -175,7 +175,7 @@ class Bench:
                 while self._feeds:
                     await asyncio.sleep(LOOK_S)
         for kind in (*STATES, "comparison"):
-            self._told.pop(kind, None)
+            self._states.pop(kind, None)
         self._take("anew", {"all": True})
 
     def offer(self, file: Path) -> str:
@@ -285,12 +285,12 @@ class Bench:
                 message = await socket.receive()
         except TimeoutError:
             return False
-        told = message.data if message.type is WSMsgType.TEXT else ""
-        return hmac.compare_digest(told.encode(), self.token.encode())
+        given = message.data if message.type is WSMsgType.TEXT else ""
+        return hmac.compare_digest(given.encode(), self.token.encode())
 
     async def _attend(self, socket: web.WebSocketResponse, abort: Callable[[], None]) -> None:
         page = BenchPage(socket, self._pending_bytes, abort)
-        for text in self._told.values():
+        for text in self._states.values():
             page.tell(text)
         for picture in self._history:
             page.pending.add(picture)

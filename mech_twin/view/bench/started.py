@@ -62,7 +62,7 @@ class StartedBench:
         announce: Callable[[str], None] = _to_stderr,
     ) -> None:
         self._folder = Path(tempfile.mkdtemp(prefix="mech_twin_bench_"))  # accessible to this user only
-        told = {
+        settings = {
             "port": port or 0,
             "folder": str(self._folder),
             "others": open_to_other_hosts,
@@ -79,15 +79,15 @@ class StartedBench:
             start_new_session=True,
         )
         try:
-            said = self._told_back(json.dumps(told))
-            if "error" in said:
+            answer = self._answer_to(json.dumps(settings))
+            if "error" in answer:
                 self._process.wait(STOP_LIMIT_S)  # it ends by itself
-                raise ViewerError(f"view: {said['error']}")
+                raise ViewerError(f"view: {answer['error']}")
         except BaseException:
             self.close()
             raise
-        self.port = int(said["port"])
-        self._token = said["token"]
+        self.port = int(answer["port"])
+        self._token = answer["token"]
         if open_to_other_hosts:
             announce(
                 f"view: OPEN TO OTHER HOSTS, in plain text: page on port {self.port}, all interfaces of "
@@ -131,17 +131,17 @@ class StartedBench:
     ) -> None:
         self.close()
 
-    def _told_back(self, line: str) -> dict[str, str]:
+    def _answer_to(self, line: str) -> dict[str, str]:
         """Send the process its configuration; return its answer."""
-        told, said = self._process.stdin, self._process.stdout
-        if told is None or said is None:
+        stdin, stdout = self._process.stdin, self._process.stdout
+        if stdin is None or stdout is None:
             raise ViewerError("view: the page's process cannot be talked to")
         try:
-            told.write(line + "\n")
-            told.close()
+            stdin.write(line + "\n")
+            stdin.close()
         except BrokenPipeError:
             pass
-        answer = said.readline()
+        answer = stdout.readline()
         if not answer:
             raise ViewerError(f"view: the page's process ended at once with code {self._process.wait()}")
         found: dict[str, str] = json.loads(answer)
