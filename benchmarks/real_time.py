@@ -44,8 +44,8 @@ def ran(pace: str, duration_s: float) -> Run:
         process, wall = time.process_time(), time.monotonic()
         outcome = run_in_process(MACHINE, machine_parameters(MACHINE), options, bag, picture)
         process, wall = time.process_time() - process, time.monotonic() - wall
-        lost = sum(n - outcome.heard[name] for name, n in outcome.sent.items() if name in outcome.heard)
-        return Run(wall, process, sum(outcome.heard.values()), lost, worst_lag_s(bag))
+        lost = sum(n - outcome.received[name] for name, n in outcome.sent.items() if name in outcome.received)
+        return Run(wall, process, sum(outcome.received.values()), lost, worst_lag_s(bag))
 
 
 def worst_lag_s(bag: Path) -> float:

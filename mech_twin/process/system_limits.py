@@ -55,8 +55,8 @@ def lacking(error: BaseException) -> str | None:
             limit = resource.getrlimit(resource.RLIMIT_AS)[0]
             return f"not enough memory (limit of address space {_limit(limit, MIB)}): raise it, ulimit -v unlimited"
         if isinstance(cause, RuntimeError) and _SECURITY in str(cause).lower():
-            said = str(cause).partition("\n")[0].partition(", at /")[0]
-            return f"ROS_SECURITY_ENABLE is set, and DDS security cannot be had: {said}"
+            reason = str(cause).partition("\n")[0].partition(", at /")[0]
+            return f"ROS_SECURITY_ENABLE is set, and DDS security cannot be had: {reason}"
         cause = cause.__cause__ or cause.__context__
     return None
 

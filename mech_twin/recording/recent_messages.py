@@ -29,13 +29,13 @@ class RecentMessages:
     def __init__(self, seconds: float) -> None:
         self._keep_ns = round(seconds * NS_PER_S)
         self._kept: deque[RecentMessage] = deque()
-        self.heard: Counter[str] = Counter()
+        self.received: Counter[str] = Counter()
 
     def take(self, message: RecentMessage) -> None:
         """Add a message and drop those that are too old; if log time jumps back, drop all earlier ones."""
         if self._kept and message.at_ns < self._kept[0].at_ns:
             self._kept.clear()
-        self.heard[message.topic] += 1
+        self.received[message.topic] += 1
         self._kept.append(message)
         while message.at_ns - self._kept[0].at_ns > self._keep_ns:
             self._kept.popleft()

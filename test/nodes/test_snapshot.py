@@ -39,7 +39,7 @@ def test_what_is_kept_is_of_the_last_seconds_and_in_the_order_it_came(times: lis
     expected = [message for message in came if came[-1].at_ns - message.at_ns <= 1_000_000_000]
     assert list(recent.released()) == expected
     assert recent.released() == ()
-    assert recent.heard["/t"] == len(times)
+    assert recent.received["/t"] == len(times)
 
 
 @pytest.fixture

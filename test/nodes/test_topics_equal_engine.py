@@ -33,7 +33,7 @@ def test_topics_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Pa
 
 
 def assert_every_message_heard(outcome: Outcome) -> None:
-    for topic, number in outcome.heard.items():
+    for topic, number in outcome.received.items():
         assert outcome.sent.get(topic, 0) == number, topic
 
 

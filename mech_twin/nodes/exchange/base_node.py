@@ -203,14 +203,14 @@ class TwinNode(Node):
             Called with each sample and its step message.
         """
 
-        def receive(heard: HeardBytes) -> None:
+        def receive(received: HeardBytes) -> None:
             try:
-                message = received_message(heard.raw)
+                message = received_message(received.raw)
                 sample = decode(message)
             except (CdrError, MessageError) as error:
                 self.statistics.count(topic.name, "malformed", str(error))
             else:
-                take(sample, ReceivedStep(message, listener.believed(marked(message, SOURCE), heard)))
+                take(sample, ReceivedStep(message, listener.believed(marked(message, SOURCE), received)))
 
         listener = self.listen(topic, lambda step: take(step.sample, step), receive, **changes)
 
@@ -318,8 +318,8 @@ def _with_info(hear: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[...
     """Return a callback with message and info arguments, for rclpy's events executor, which passes them as one."""
 
     @wraps(hear)
-    def call(*heard: Any) -> None:
-        raw, info = heard if len(heard) > 1 else heard[0]
+    def call(*arguments: Any) -> None:
+        raw, info = arguments if len(arguments) > 1 else arguments[0]
         hear(raw, info)
 
     return call

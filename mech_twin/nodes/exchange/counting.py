@@ -208,7 +208,7 @@ class CountingPublisher:
         return self._count() >= self.listeners
 
     @property
-    def heard(self) -> bool:
+    def has_receivers(self) -> bool:
         """Whether there are subscribers, or messages are latched for late ones."""
         return self._kept or self._count() > 0
 
@@ -220,7 +220,7 @@ class CountingPublisher:
     def send_made(self, make: Callable[[], Any]) -> None:
         """Publish the result of a call, which is made only if there are subscribers."""
         self.sent += 1
-        if self.heard:
+        if self.has_receivers:
             self._pass_on(make())
 
     def _pass_on(self, message: Any) -> None:
@@ -228,7 +228,7 @@ class CountingPublisher:
             self._publisher.publish(message)
         elif isinstance(message, bytes):
             self._channel.send(HandedBytes(message), self._count, self._publisher.publish)
-        elif self.heard:
+        elif self.has_receivers:
             self._channel.send(HandedBytes(serialize_message(message)), self._count, self._publisher.publish)
 
     def join(self, channel: StepChannel) -> None:

@@ -213,24 +213,24 @@ class Listener:
         self._channel: StepChannel | None = None
         self._numbers = PublisherNumbers(silence_s)
 
-    def believed(self, source: float, heard: HeardBytes) -> float:
+    def believed(self, source: float, received: HeardBytes) -> float:
         """Return the source number of received bytes, 0 if it belongs to a sender that did not send them."""
         if source == ANONYMOUS:
             return source
         if self._channel is not None and self._channel.signs(source):
-            return source if self._channel.published(heard.raw) else ANONYMOUS
-        return source if self._numbers.is_own(source, heard.number, lambda: self.publishers() <= 1) else ANONYMOUS
+            return source if self._channel.published(received.raw) else ANONYMOUS
+        return source if self._numbers.is_own(source, received.number, lambda: self.publishers() <= 1) else ANONYMOUS
 
     def hear(self, raw: bytes, info: Mapping[str, Any]) -> None:
         """Process bytes received by the subscription with rclpy's message info, unless the step came directly."""
         if self._was_handed(raw):
             return
-        heard = HeardBytes(raw, info["publication_sequence_number"])
+        received = HeardBytes(raw, info["publication_sequence_number"])
         if self._queued and self._waiting is not None:
             self._queued += 1
-            self._waiting.append((self, self._receive, heard))
+            self._waiting.append((self, self._receive, received))
         else:
-            self._receive(heard)
+            self._receive(received)
 
     def queue(self, step: Handed, senders: int) -> bool:
         """Queue a step for direct delivery if only these senders publish and none of their bytes are expected."""

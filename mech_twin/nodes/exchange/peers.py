@@ -80,7 +80,7 @@ class HeardSource:
         self._silence_s = silence_s
         self._clock = clock
         self._lock = SourceLock()
-        self._heard_s = clock()
+        self._received_s = clock()
 
     def admit(self, source: float, alone: Callable[[], bool]) -> Admission:
         """Return whether a message of this source counts.
@@ -90,16 +90,16 @@ class HeardSource:
         """
         now_s = self._clock()
         if source == self._lock.source:
-            self._heard_s = now_s
+            self._received_s = now_s
             return Admission.FOLLOWED
         if self._lock.locked:
             unsigned = self._lock.source == ANONYMOUS and source != ANONYMOUS
-            vacant = unsigned or now_s - self._heard_s > self._silence_s
+            vacant = unsigned or now_s - self._received_s > self._silence_s
         else:
             vacant = source != ANONYMOUS or alone()
         admission = self._lock.admit(source, vacant)
         if admission is not Admission.REFUSED:
-            self._heard_s = now_s
+            self._received_s = now_s
         return admission
 
 

@@ -131,7 +131,7 @@ class FollowerNode(RoleNode):
         self._questions, self._asker = questions, asker
         self._lock = SourceLock()
         self._descriptions = DescriptionStore()
-        self._born_s = self._heard_s = time.monotonic()
+        self._born_s = self._received_s = time.monotonic()
         self._listening = False
         self._unanswered: tuple[Any, Step] | None = None
         # keeps all: with a depth of 1, another publisher's latched description would displace the linkage's
@@ -170,13 +170,13 @@ class FollowerNode(RoleNode):
 
     def _retry(self) -> None:
         if not self._listening:
-            self._listen_when_heard()
+            self._listen_when_matched()
         elif self._unanswered is not None:
             self._answer(*self._unanswered)
         else:
             self._retry_timer.cancel()
 
-    def _listen_when_heard(self) -> None:
+    def _listen_when_matched(self) -> None:
         """Subscribe once the answers' subscribers are matched: the linkage relies on receiving the answers."""
         if self.matched or time.monotonic() - self._born_s > self.options.discovery_limit_s:
             self._listening = True
@@ -193,14 +193,16 @@ class FollowerNode(RoleNode):
         """Return whether this publisher is followed; a new one is once the one before has fallen silent."""
         now = time.monotonic()
         if who == self._lock.source:
-            self._heard_s = now
+            self._received_s = now
             return True
-        admission = self._lock.admit(who, vacant=not self._lock.locked or now - self._heard_s > self._silence_limit_s)
+        admission = self._lock.admit(
+            who, vacant=not self._lock.locked or now - self._received_s > self._silence_limit_s
+        )
         if admission is Admission.REFUSED:
             return False
         if admission is Admission.NEWLY_FOLLOWED:
             self.exchanges.return_to(step)
-        self._heard_s = now
+        self._received_s = now
         return True
 
     @property
@@ -256,7 +258,7 @@ class FollowerNode(RoleNode):
 
     def check_peers(self, now_s: float) -> None:
         """Warn when there was no question for longer than a peer may be silent."""
-        silent_s = now_s - self._heard_s
+        silent_s = now_s - self._received_s
         if not self._lock.locked or silent_s <= self._silence_limit_s or self.diagnostics.state.startswith("waiting"):
             return
         self.diagnostics.state = f"waiting for {self._asker}"
@@ -266,7 +268,7 @@ class FollowerNode(RoleNode):
 
     def resumed(self) -> None:
         """Restart the measurement of silence."""
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
 
     def _on_rejoin(self, message: String) -> None:
         self.tell_peer(message.data)

@@ -77,9 +77,9 @@ class FramesNode(TwinNode):
         self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
         self.listen(JOINT_STATES, self._on_joints, self._on_joints, qos=NEWEST)
 
-    def _on_joints(self, heard: Handed | HeardBytes) -> None:
+    def _on_joints(self, received: Handed | HeardBytes) -> None:
         """Publish the frames at the stream's rate; time going back means another run, or a jump of a replay."""
-        raw = heard.raw
+        raw = received.raw
         now_ns = stamp_ns(type_name(JOINT_STATES), raw)
         if now_ns is None:
             return
@@ -87,7 +87,7 @@ class FramesNode(TwinNode):
         if last_ns is not None and last_ns <= now_ns < last_ns + EARLY * self._period_ns:
             return
         self.diagnostics.state = "running"
-        if not self._heard:
+        if not self._has_receivers:
             self.time_s, self._last_ns = now_ns * 1e-9, now_ns
             return
         try:
@@ -104,9 +104,9 @@ class FramesNode(TwinNode):
             self._send(found)
 
     @property
-    def _heard(self) -> bool:
+    def _has_receivers(self) -> bool:
         """Whether the frames or ``/tf`` have subscribers."""
-        return self._frames.heard or (self._tf is not None and self._tf[0].heard)
+        return self._frames.has_receivers or (self._tf is not None and self._tf[0].has_receivers)
 
     def _send(self, found: list[bytes]) -> None:
         for transform in found:

@@ -330,8 +330,8 @@ class SharedClock:
         named = sorted(name for name in others if not name.endswith(UNKNOWN))
         found = f"{self._node.resolve_topic_name(CLOCK.name)} is published by {', '.join(named) or 'another node'}"
         self.close()
-        said = found if named or not holder else holder
-        self._node.get_logger().info(f"{said}; the time of this run is on {self.topics}")
+        reason = found if named or not holder else holder
+        self._node.get_logger().info(f"{reason}; the time of this run is on {self.topics}")
 
 
 PEERS_THAT_STEP = 2  # motor and force analysis subscribe to every step

@@ -126,7 +126,7 @@ class RecorderNode(TwinNode):
     ) -> None:
         super().__init__("recorder", machine_name, parameters, options)
         self._closed = False
-        self._last_heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         self._repaired_s = self._looked_s = -math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
@@ -158,7 +158,7 @@ class RecorderNode(TwinNode):
     @property
     def received(self) -> dict[str, int]:
         """Number of messages received, by full topic name."""
-        kept = Counter() if self._recent is None else self._recent.heard
+        kept = Counter() if self._recent is None else self._recent.received
         return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
 
     def quiet_s(self) -> float:
@@ -169,9 +169,9 @@ class RecorderNode(TwinNode):
         if time.monotonic() < self._repaired_s:
             return 0.0
         newest = max((each.sequence.last or 0 for each in self._steps.values()), default=0)
-        heard = [each for each in self._steps.values() if each.listener is not None and each.listener.publishers()]
-        lags = any(each.sequence.last is None or newest - each.sequence.last > UNDER_WAY for each in heard)
-        return 0.0 if lags else time.monotonic() - self._last_heard_s
+        connected = [each for each in self._steps.values() if each.listener is not None and each.listener.publishers()]
+        lags = any(each.sequence.last is None or newest - each.sequence.last > UNDER_WAY for each in connected)
+        return 0.0 if lags else time.monotonic() - self._last_received_s
 
     def flush(self) -> None:
         """Publish held messages, and restart the measurement of silence to receive those sent before the end.
@@ -179,7 +179,7 @@ class RecorderNode(TwinNode):
         After a suspension of this process, time is allowed for messages that found no room and are sent again.
         """
         super().flush()
-        now = self._last_heard_s = time.monotonic()
+        now = self._last_received_s = time.monotonic()
         if self._pulse_at is not None and now - self._pulse_at > SUSPENDED_S:
             self._repaired_s = now + REPAIR_S
 
@@ -223,7 +223,7 @@ class RecorderNode(TwinNode):
         latched = topic.qos is LATCHED
         durability = "transient_local" if latched else "volatile"
         self.writer.add_topic(name, type_name(topic), offered_qos(durability=durability, depth=topic.qos.depth))
-        heard = OWN_CLOCK if topic is CLOCK else topic  # ``/clock`` may be of another machine
+        source = OWN_CLOCK if topic is CLOCK else topic  # ``/clock`` may be of another machine
         if latched:
             call = partial(self._on_message, topic, name, True)
             self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED, raw=True)
@@ -233,7 +233,7 @@ class RecorderNode(TwinNode):
             of_topic.listener = self.listen(topic, handed, received, patient=True, qos=EVERY)
         else:
             received = partial(self._on_bytes, topic, name)
-            self.listen(heard, received, received, patient=True, qos=EVERY)
+            self.listen(source, received, received, patient=True, qos=EVERY)
 
     def _record_found(self) -> None:
         """Record new topics of pins, and those of a frames node."""
@@ -246,11 +246,11 @@ class RecorderNode(TwinNode):
 
     # -- messages ---------------------------------------------------------------------------------------------------
 
-    def _on_bytes(self, topic: Topic, name: str, heard: Handed | HeardBytes) -> None:
-        self._on_message(topic, name, False, heard.raw)
+    def _on_bytes(self, topic: Topic, name: str, received: Handed | HeardBytes) -> None:
+        self._on_message(topic, name, False, received.raw)
 
     def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
-        self._last_heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         stamp = stamp_ns(type_name(topic), raw)
         if stamp is not None and not self._time.belongs(stamp):
             self._count_stamp(topic, stamp)
@@ -259,13 +259,13 @@ class RecorderNode(TwinNode):
             self._heed_alarms(raw)
 
     def _on_handed(self, topic: Topic, name: str, of_topic: StepInput, step: HandedStep) -> None:
-        self._last_heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         stamp, number = stamp_of(step.sample.time_s), step.sample.step
         self._record_step(topic, name, of_topic, stamp, number, step.source, step.raw)
 
-    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, heard: HeardBytes) -> None:
-        self._last_heard_s = time.monotonic()
-        raw = heard.raw
+    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, received: HeardBytes) -> None:
+        self._last_received_s = time.monotonic()
+        raw = received.raw
         try:
             message = received_message(raw)
             number, who = step_index(message), marked(message, SOURCE)
@@ -273,7 +273,7 @@ class RecorderNode(TwinNode):
             self.statistics.count(topic.name, "malformed", str(error))
             self._write(name, raw, self._time.now_ns)
             return
-        if of_topic.listener is None or of_topic.listener.believed(who, heard) == who:
+        if of_topic.listener is None or of_topic.listener.believed(who, received) == who:
             self._record_step(topic, name, of_topic, message.header.stamp, number, who, raw)
         else:
             self._record_copy(topic, f"{name}/{COPIED}", raw)

@@ -99,8 +99,8 @@ class LagNotice:
             line = f"gave up {given_up:.1f} s it was behind; this machine is too slow for real time"
             return line, line
         if pacer.lag_s < LOGGED_FROM_S:
-            said, self._logged_s = self._logged_s is not None, None
-            return "", "caught up with the wall clock" if said else ""
+            was_behind, self._logged_s = self._logged_s is not None, None
+            return "", "caught up with the wall clock" if was_behind else ""
         behind = f"behind by {pacer.lag_s:.1f} s"
         if self._logged_s is not None and now - self._logged_s < LOGGED_EVERY_S:
             return behind, ""

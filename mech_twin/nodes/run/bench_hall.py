@@ -26,7 +26,7 @@ from mech_twin.view.bench.server import OrderError
 
 OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST = "open", "overlay", "run", "salvage", "download", "list"
 END_S = 10.0  # time limit for a command to end
-SAID_LINES = 3  # last lines of stderr that are shown of a failed command
+SHOWN_LINES = 3  # last lines of stderr that are shown of a failed command
 NOT_FOR_IT = "it holds no samples of a machine"
 
 
@@ -129,12 +129,12 @@ class Hall:
     async def _watched(self, process: asyncio.subprocess.Process, verb: str) -> None:
         """Notify the pages when a command is over, with its output if it failed."""
         assert process.stderr is not None
-        said: list[str] = []
+        last_lines: list[str] = []
         async for line in process.stderr:
-            said = [*said, line.decode(errors="replace").strip()][-SAID_LINES:]
+            last_lines = [*last_lines, line.decode(errors="replace").strip()][-SHOWN_LINES:]
         code = await process.wait()
         failed = code not in (0, 1) if verb == "compare" else code != 0
-        text = f"{verb}: {'; '.join(said)}" if failed else f"{verb} is over"
+        text = f"{verb}: {'; '.join(last_lines)}" if failed else f"{verb} is over"
         if failed:
             self._tell("status", {"text": text})
         self._tell("end", {"text": text})

@@ -51,7 +51,7 @@ class Outcome(NamedTuple):
 
     metrics: RunMetrics
     sent: dict[str, int]
-    heard: dict[str, int]
+    received: dict[str, int]
 
 
 def role_nodes(machine_name: str, parameters: Parameters | None, options: RunOptions) -> Iterator[RoleNode]:
@@ -131,7 +131,7 @@ def run_in_process(
             with attended(machine_name, metrics, directory, spinner) as quits:
                 spinner.serve(lambda: signal.asked or linkage.done or quits())
             drain(nodes, spinner)
-        return Outcome(metrics, _sent(nodes), _heard(nodes))
+        return Outcome(metrics, _sent(nodes), _received(nodes))
 
 
 def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> tuple[RunMetrics, Callable[[], None]]:
@@ -175,8 +175,8 @@ def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
     end = time.monotonic() + DRAIN_LIMIT_S
 
     def settled() -> bool:
-        heard, sent = _heard(nodes), _sent(nodes)
-        late = any(heard.get(name, number) < number for name, number in sent.items())
+        received, sent = _received(nodes), _sent(nodes)
+        late = any(received.get(name, number) < number for name, number in sent.items())
         return not late or time.monotonic() > end
 
     for node in nodes:
@@ -184,7 +184,7 @@ def drain(nodes: Sequence[TwinNode], spinner: Spinner) -> None:
     spinner.until(settled)
 
 
-def _heard(nodes: Sequence[TwinNode]) -> dict[str, int]:
+def _received(nodes: Sequence[TwinNode]) -> dict[str, int]:
     total: dict[str, int] = {}
     for node in nodes:
         total |= node.received

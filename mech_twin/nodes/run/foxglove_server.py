@@ -75,9 +75,9 @@ class _Listener(ServerListener):
         self, client: Any, parameters: list[Parameter], request_id: str | None = None
     ) -> list[Parameter]:
         changes = {each.name: each.get_value() for each in parameters if each.get_value() is not None}
-        said, is_done = self._server.ask({"name": "change", "values": changes})
+        answer, is_done = self._server.ask({"name": "change", "values": changes})
         if not is_done:
-            self._server.complain(str(said))
+            self._server.complain(str(answer))
         return self.on_get_parameters(client, list(changes))
 
 
@@ -163,15 +163,15 @@ class FoxgloveServer:
             if name not in self._channels and (name.startswith(f"{self.namespace}/") or name in GLOBAL):
                 self._offer(name, kinds[0])
         for name, channel in self._channels.items():
-            looked_at, heard = self.wanted.get(name, 0) > 0, self._subscriptions.get(name)
-            if looked_at and heard is None:
+            looked_at, subscription = self.wanted.get(name, 0) > 0, self._subscriptions.get(name)
+            if looked_at and subscription is None:
                 publishers = node.get_publishers_info_by_topic(name)
                 if publishers:
                     offered = publishers[0].qos_profile
                     qos = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
                     kind = _message(channel.schema_name() or "")
                     self._subscriptions[name] = node.create_subscription(kind, name, channel.log, qos, raw=True)
-            elif not looked_at and heard is not None:
+            elif not looked_at and subscription is not None:
                 node.destroy_subscription(self._subscriptions.pop(name))
 
     def _offer(self, name: str, kind: str) -> None:

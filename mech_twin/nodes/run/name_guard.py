@@ -59,7 +59,7 @@ class NameGuard:
         self._topics = tuple(topics)
         self._born_s = time.monotonic()
         self._on_host = HostClaims(self._topics) if sys.platform == "linux" else None
-        self._heard: str | None = (self._on_host.holder if self._on_host else "") or None
+        self._conflict: str | None = (self._on_host.holder if self._on_host else "") or None
         # all processes of a host share the steady clock; between two hosts the order of claims is arbitrary
         self._claim = f"{time.monotonic_ns():020d}-{secrets.token_hex(8)}"
         # a fixed name, unaffected by the remapping rules of the process
@@ -96,8 +96,8 @@ class NameGuard:
         self._serve_until(self._born_s + discovery_s())
         if any(self._node.count_publishers(name) > own_publishers for name in self._topics):
             self._serve_until(time.monotonic() + PROOF_S)
-        if self._heard is not None:
-            raise NameInUseError(f"{self._heard}; use another ROS_DOMAIN_ID or --namespace")
+        if self._conflict is not None:
+            raise NameInUseError(f"{self._conflict}; use another ROS_DOMAIN_ID or --namespace")
         self._listen_no_more()
 
     def _listen_no_more(self) -> None:
@@ -110,24 +110,24 @@ class NameGuard:
         self._executor.shutdown()
 
     def _serve_until(self, end_s: float) -> None:
-        while self._heard is None and rclpy.ok() and time.monotonic() < end_s:
+        while self._conflict is None and rclpy.ok() and time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=TURN_S)
 
     def _on_step(self, name: str, raw: bytes) -> None:
-        self._heard = self._heard or _published(name)
+        self._conflict = self._conflict or _published(name)
 
     def _on_claim(self, message: String) -> None:
         claim, *topics = message.data[:LONGEST_CLAIM].split(" ")
         taken = next((name for name in self._topics if name in topics), None)
         if taken is not None and claim < self._claim:
-            self._heard = self._heard or f"{taken} is claimed by an earlier start, {self._claimants()}"
+            self._conflict = self._conflict or f"{taken} is claimed by an earlier start, {self._claimants()}"
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         alive = {status.name for status in message.status}
         for name in self._topics:
             for endpoint in self._node.get_publishers_info_by_topic(name):
                 if f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" in alive:
-                    self._heard = self._heard or _published(name)
+                    self._conflict = self._conflict or _published(name)
 
     def _claimants(self) -> str:
         """Return the other nodes that publish claims; the middleware does not reveal which one sent a message."""

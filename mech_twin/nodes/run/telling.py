@@ -159,12 +159,12 @@ class Teller:
         """Call ``changed`` with name and value at each parameter change of a node, from ``/parameter_events``."""
         name = f"{self._line.namespace}/{node}"
 
-        def heard(event: ParameterEvent) -> None:
+        def on_event(event: ParameterEvent) -> None:
             if event.node == name:
                 for each in event.changed_parameters:
                     changed(each.name, parameter_value_to_python(each.value))
 
-        self.node.create_subscription(ParameterEvent, "/parameter_events", heard, qos_profile_parameter_events)
+        self.node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
 
     def serve_until(self, holds: Callable[[], bool]) -> None:
         """Serve the node until a condition holds."""

@@ -120,7 +120,7 @@ class AdvisorNode(TwinNode):
         self._feed = FeatureFeed(self.model.declared, list(dict.fromkeys(columns)))
         self._value = wish.output.value
         self._figures: deque[float] = deque(maxlen=wish.cycles)
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         self._decided_s = float("-inf")
         self._thinking: Future[Recommendation | None] | None = None
         self._thread = ThreadPoolExecutor(1)
@@ -155,7 +155,7 @@ class AdvisorNode(TwinNode):
             if found is not None:
                 self._take(offered(self.state, found, self._now_s))
         if self.state.phase == "trial":
-            silent_s = now_s - self._heard_s
+            silent_s = now_s - self._received_s
             self._take(watched(self.state, self.state.newest_s + silent_s, self.wish.rules))
         self.diagnostics.state = self.state.phase
 
@@ -176,7 +176,7 @@ class AdvisorNode(TwinNode):
     # -- the machine's cycles ---------------------------------------------------------------------------------------
 
     def _on_cycle(self, vector: FeatureVector) -> None:
-        self._now_s, self._heard_s = vector.end_s, time.monotonic()
+        self._now_s, self._received_s = vector.end_s, time.monotonic()
         figure = float(vector.values[vector.names.index(self.wish.figure)])
         if not np.isfinite(figure):
             return

@@ -47,7 +47,7 @@ class _RunningFit:
         self._process.start()
         sender.close()
 
-    def heard(self) -> Iterator[str | Exception | RecentFit]:
+    def messages(self) -> Iterator[str | Exception | RecentFit]:
         """Yield new messages of the fit: progress lines, finally the result or the reason of its failure."""
         message: str | Exception | RecentFit = ""
         while isinstance(message, str) and self._end.poll():
@@ -64,14 +64,14 @@ class _RunningFit:
         self._process.join()
 
 
-def _fit(parent: int, question: IdentificationQuestion, run: FitRun, said: Connection) -> None:
+def _fit(parent: int, question: IdentificationQuestion, run: FitRun, connection: Connection) -> None:
     """Fit in a process of lowest priority, which ends with its parent."""
     end_with_parent(parent)
     os.nice(NICE)
     try:
-        said.send(fitted_recent(question, run, said.send))
+        connection.send(fitted_recent(question, run, connection.send))
     except FAILURES as error:
-        said.send(StudyError(str(error)))
+        connection.send(StudyError(str(error)))
 
 
 class IdentifierNode(TwinNode):
@@ -124,7 +124,7 @@ class IdentifierNode(TwinNode):
     def check_peers(self, now_s: float) -> None:
         """Process the messages of the fit."""
         if self._fit is not None:
-            for message in self._fit.heard():
+            for message in self._fit.messages():
                 self._take(message)
         self.diagnostics.state = self.phase
 

@@ -82,17 +82,17 @@ class FollowedClock:
 
     def admit(self, stamp_ns: int, at_s: float) -> bool:
         """Return whether a stamp that arrived at an instant of the steady clock (s) is accepted."""
-        heard = Heard(stamp_ns, at_s)
+        arrival = Heard(stamp_ns, at_s)
         if stamp_ns < 0:
             return False
-        if self._newest is not None and heard.goes_on_from(self._newest):
+        if self._newest is not None and arrival.goes_on_from(self._newest):
             self._newest = Heard(max(self._newest.stamp_ns, stamp_ns), at_s)
             self._others.clear()
             return True
-        row = next((row for row in self._others if heard.goes_on_from(row[-1])), None)
+        row = next((row for row in self._others if arrival.goes_on_from(row[-1])), None)
         if row is None:
             self._others.append(row := [])
-        row.append(heard)
+        row.append(arrival)
         if len(row) < CONFIRMING:
             return False
         self.jumps += self._newest is not None

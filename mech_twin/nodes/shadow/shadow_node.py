@@ -210,7 +210,7 @@ class HeardMessage(NamedTuple):
     """Contents of a message of the machine, its topic, and time of arrival (s of the steady clock)."""
 
     followed: FollowedTopic
-    heard: HeardValues
+    contents: HeardValues
     arrived_s: float
 
 
@@ -249,7 +249,7 @@ class ShadowNode(TwinNode):
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
-        self._heard_s: float | None = None
+        self._received_s: float | None = None
         self._stale = False
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
@@ -279,23 +279,23 @@ class ShadowNode(TwinNode):
     def _on_message(self, followed: FollowedTopic, raw: bytes) -> None:
         arrived_s = time.monotonic()
         try:
-            heard = followed.values(raw)
+            contents = followed.values(raw)
         except (CdrError, ValueError) as error:
             self.statistics.count(followed.topic.name, "malformed", str(error))
             return
-        if heard is None:
+        if contents is None:
             return
-        stamp_ns = heard.led_ns
+        stamp_ns = contents.led_ns
         if stamp_ns is None and not self._has_stamps:  # a machine without stamps runs on the steady clock
             stamp_ns = round(arrived_s * SECOND_NS)
-        for found in self.admission.take(HeardMessage(followed, heard, arrived_s), stamp_ns, arrived_s):
-            if found.believed or (found.item.heard.stamp is None and self.admission.clock.now_ns is not None):
+        for found in self.admission.take(HeardMessage(followed, contents, arrived_s), stamp_ns, arrived_s):
+            if found.believed or (found.item.contents.stamp is None and self.admission.clock.now_ns is not None):
                 self._take(found.item)
             else:
                 self._count_stamp(found.item)
 
     def _count_stamp(self, message: HeardMessage) -> None:
-        shown_s = (message.heard.led_ns or 0) / SECOND_NS
+        shown_s = (message.contents.led_ns or 0) / SECOND_NS
         reason = f"stamp {shown_s:g} s does not go on from {(self.admission.clock.now_ns or 0) / SECOND_NS:g} s"
         self.statistics.count(message.followed.topic.name, "unknown_source", reason)
 
@@ -307,8 +307,8 @@ class ShadowNode(TwinNode):
             self._jumps = self.admission.clock.jumps
             for call in self.at_other_time:
                 call()
-        sample = message.heard.sample(self.origin, at_ns or 0)
-        self._heard_s, self._stale = arrived_s, False
+        sample = message.contents.sample(self.origin, at_ns or 0)
+        self._received_s, self._stale = arrived_s, False
         if self._command in sample.channels:
             self.observer.command(sample.values[sample.channels.index(self._command)])
         self.on_sample(sample)
@@ -348,7 +348,7 @@ class ShadowNode(TwinNode):
 
     def check_peers(self, now_s: float) -> None:
         """Publish the last estimate with growing sigma while no messages arrive."""
-        silent_s = 0.0 if self._heard_s is None else now_s - self._heard_s
+        silent_s = 0.0 if self._received_s is None else now_s - self._received_s
         if silent_s <= self.options.peer_timeout_s:
             self.diagnostics.state = self.observer.state.value
             locked = self.observer.state is ObserverState.LOCKED

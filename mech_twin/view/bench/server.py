@@ -352,12 +352,12 @@ class Bench:
     async def _obeyed(self, page: BenchPage, message: Mapping[str, Any], answer: dict[str, Any]) -> None:
         try:
             check_order(message)
-            said = {"is_done": True, "text": await self._obey(message)}
+            outcome = {"is_done": True, "text": await self._obey(message)}
         except OrderError as error:
-            said = {"text": str(error)}
+            outcome = {"text": str(error)}
         finally:
             page.orders -= 1
-        page.tell(answer | said)
+        page.tell(answer | outcome)
 
     async def _tried(self, page: BenchPage, message: Mapping[str, Any], tried: Obey) -> None:
         """Send the result of a trial of values to the requesting page only; nothing is sent to the machine."""
