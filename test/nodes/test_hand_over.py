@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mech_twin.messages.step_message import ANONYMOUS, SOURCE, Row
-from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, HeardBytes, Listener, StepChannel
+from mech_twin.nodes.exchange.hand_over import HandedStep, HandOver, Listener, ReceivedBytes, StepChannel
 from mech_twin.samples import MotorSample
 
 SIGNED = Row(SOURCE, 17.0)
@@ -142,19 +142,19 @@ def test_bytes_that_bear_the_number_of_a_sender_here_are_believed_only_if_it_sen
     bench.wire.stranger = True
     bench.send(step(1))
     for listener in bench.listeners:
-        assert listener.believed(number, HeardBytes(step(1).raw, None)) == number
-        assert listener.believed(number, HeardBytes(step(0).raw, None)) == ANONYMOUS, (
+        assert listener.believed(number, ReceivedBytes(step(1).raw, None)) == number
+        assert listener.believed(number, ReceivedBytes(step(0).raw, None)) == ANONYMOUS, (
             "it was handed over and never published"
         )
-        assert listener.believed(number, HeardBytes(step(1, 2.0).raw, None)) == ANONYMOUS
-        assert listener.believed(number + 1.0, HeardBytes(step(1, 2.0).raw, None)) == number + 1.0
+        assert listener.believed(number, ReceivedBytes(step(1, 2.0).raw, None)) == ANONYMOUS
+        assert listener.believed(number + 1.0, ReceivedBytes(step(1, 2.0).raw, None)) == number + 1.0
 
 
 def test_what_a_sender_publishes_after_it_has_left_is_believed() -> None:
     bench, number = Bench(), SIGNED.position
     bench.send(step(0))
     bench.channel.left()
-    assert [each.believed(number, HeardBytes(step(1).raw, None)) for each in bench.listeners] == [number] * 2
+    assert [each.believed(number, ReceivedBytes(step(1).raw, None)) for each in bench.listeners] == [number] * 2
 
 
 def test_who_leaves_is_handed_nothing_more() -> None:

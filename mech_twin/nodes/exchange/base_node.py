@@ -34,7 +34,7 @@ from mech_twin.nodes.exchange.counting import (
     TopicStatistics,
     array_message,
 )
-from mech_twin.nodes.exchange.hand_over import HandOver, HeardBytes, Listener, ReceivedStep, Step
+from mech_twin.nodes.exchange.hand_over import HandOver, Listener, ReceivedBytes, ReceivedStep, Step
 from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree
 from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal
@@ -203,7 +203,7 @@ class TwinNode(Node):
             Called with each sample and its step message.
         """
 
-        def receive(received: HeardBytes) -> None:
+        def receive(received: ReceivedBytes) -> None:
             try:
                 message = received_message(received.raw)
                 sample = decode(message)
@@ -218,7 +218,7 @@ class TwinNode(Node):
         self,
         topic: Topic,
         take: Callable[[Any], None],
-        receive: Callable[[HeardBytes], None],
+        receive: Callable[[ReceivedBytes], None],
         patient: bool = False,
         **changes: Any,
     ) -> Listener:

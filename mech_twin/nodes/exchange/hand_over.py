@@ -126,7 +126,7 @@ class HandedBytes:
 Handed = HandedStep | HandedBytes
 
 
-class HeardBytes(NamedTuple):
+class ReceivedBytes(NamedTuple):
     """A message as received, and its publisher's sequence number (None: unknown)."""
 
     raw: bytes
@@ -183,7 +183,7 @@ class Listener:
     take : callable
         Called with a step passed directly.
     receive : callable
-        Called with the `HeardBytes` of a step.
+        Called with the `ReceivedBytes` of a step.
     patient : bool
         Whether its steps may be delivered in batches, later than those of others.
     silence_s : float
@@ -199,7 +199,7 @@ class Listener:
         self,
         topic: str,
         take: Callable[[Any], None],
-        receive: Callable[[HeardBytes], None],
+        receive: Callable[[ReceivedBytes], None],
         patient: bool = False,
         silence_s: float = 0.5,
     ) -> None:
@@ -213,7 +213,7 @@ class Listener:
         self._channel: StepChannel | None = None
         self._numbers = PublisherNumbers(silence_s)
 
-    def believed(self, source: float, received: HeardBytes) -> float:
+    def believed(self, source: float, received: ReceivedBytes) -> float:
         """Return the source number of received bytes, 0 if it belongs to a sender that did not send them."""
         if source == ANONYMOUS:
             return source
@@ -225,7 +225,7 @@ class Listener:
         """Process bytes received by the subscription with rclpy's message info, unless the step came directly."""
         if self._was_handed(raw):
             return
-        received = HeardBytes(raw, info["publication_sequence_number"])
+        received = ReceivedBytes(raw, info["publication_sequence_number"])
         if self._queued and self._waiting is not None:
             self._queued += 1
             self._waiting.append((self, self._receive, received))

@@ -31,7 +31,7 @@ from mech_twin.messages.topics import (
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.hand_over import Handed, HeardBytes
+from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
 from mech_twin.parameters.load import catalogue_entry, description
 from mech_twin.recording.stamps import stamp_ns
 from mech_twin.roles import Machine
@@ -77,7 +77,7 @@ class FramesNode(TwinNode):
         self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
         self.listen(JOINT_STATES, self._on_joints, self._on_joints, qos=NEWEST)
 
-    def _on_joints(self, received: Handed | HeardBytes) -> None:
+    def _on_joints(self, received: Handed | ReceivedBytes) -> None:
         """Publish the frames at the stream's rate; time going back means another run, or a jump of a replay."""
         raw = received.raw
         now_ns = stamp_ns(type_name(JOINT_STATES), raw)

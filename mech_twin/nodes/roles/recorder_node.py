@@ -40,7 +40,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.counting import StepSequence
-from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, HeardBytes, Listener
+from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, Listener, ReceivedBytes
 from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.stop_signal import closed_first
@@ -246,7 +246,7 @@ class RecorderNode(TwinNode):
 
     # -- messages ---------------------------------------------------------------------------------------------------
 
-    def _on_bytes(self, topic: Topic, name: str, received: Handed | HeardBytes) -> None:
+    def _on_bytes(self, topic: Topic, name: str, received: Handed | ReceivedBytes) -> None:
         self._on_message(topic, name, False, received.raw)
 
     def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
@@ -263,7 +263,7 @@ class RecorderNode(TwinNode):
         stamp, number = stamp_of(step.sample.time_s), step.sample.step
         self._record_step(topic, name, of_topic, stamp, number, step.source, step.raw)
 
-    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, received: HeardBytes) -> None:
+    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, received: ReceivedBytes) -> None:
         self._last_received_s = time.monotonic()
         raw = received.raw
         try:

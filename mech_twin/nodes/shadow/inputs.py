@@ -36,13 +36,13 @@ MOST_HELD = 1000
 Item = TypeVar("Item")
 
 
-class Heard(NamedTuple):
+class ReceivedStamp(NamedTuple):
     """A stamp (ns), and its time of arrival (s of the steady clock)."""
 
     stamp_ns: int
     at_s: float
 
-    def goes_on_from(self, before: Heard) -> bool:
+    def goes_on_from(self, before: ReceivedStamp) -> bool:
         """Return whether it is at most as far ahead as the time passed, and hardly behind."""
         passed_ns = PACE * max(self.at_s - before.at_s, 0.0) * SECOND_NS
         return -BEHIND_NS <= self.stamp_ns - before.stamp_ns <= AHEAD_NS + passed_ns
@@ -67,8 +67,8 @@ class FollowedClock:
     def __init__(self) -> None:
         self.jumps = 0
         self.led_by: frozenset[int] = frozenset()
-        self._newest: Heard | None = None
-        self._others: deque[list[Heard]] = deque(maxlen=MOST_TIMES)
+        self._newest: ReceivedStamp | None = None
+        self._others: deque[list[ReceivedStamp]] = deque(maxlen=MOST_TIMES)
 
     @property
     def now_ns(self) -> int | None:
@@ -82,11 +82,11 @@ class FollowedClock:
 
     def admit(self, stamp_ns: int, at_s: float) -> bool:
         """Return whether a stamp that arrived at an instant of the steady clock (s) is accepted."""
-        arrival = Heard(stamp_ns, at_s)
+        arrival = ReceivedStamp(stamp_ns, at_s)
         if stamp_ns < 0:
             return False
         if self._newest is not None and arrival.goes_on_from(self._newest):
-            self._newest = Heard(max(self._newest.stamp_ns, stamp_ns), at_s)
+            self._newest = ReceivedStamp(max(self._newest.stamp_ns, stamp_ns), at_s)
             self._others.clear()
             return True
         row = next((row for row in self._others if arrival.goes_on_from(row[-1])), None)
@@ -173,7 +173,7 @@ class StampOrigin:
         return Stamp(found.sec + (self.second or 0), found.nanosec)
 
 
-class HeardValues(NamedTuple):
+class ReceivedValues(NamedTuple):
     """Channels of a message: their indices, values in SI units, stamp (None if the type has none), and delay (s)."""
 
     channels: tuple[int, ...]
@@ -250,7 +250,7 @@ class FollowedTopic:
         """Delay of its values (s)."""
         return float(self.fields[0].channel.lag_s)
 
-    def values(self, raw: bytes) -> HeardValues | None:
+    def values(self, raw: bytes) -> ReceivedValues | None:
         """Return the channels of a message; None if it contains none of them.
 
         Raises
@@ -267,7 +267,7 @@ class FollowedTopic:
         if not all(map(isfinite, values)):
             raise CdrError("a value is not finite")
         stamp = message.header.stamp if self.has_stamps else None
-        return HeardValues(tuple(found), values, stamp, self.lag_s)
+        return ReceivedValues(tuple(found), values, stamp, self.lag_s)
 
 
 def events_last(given: MeasurementMap) -> MeasurementMap:

@@ -41,7 +41,7 @@ from mech_twin.nodes.exchange.counting import CountingPublisher
 from mech_twin.nodes.shadow.inputs import (
     COMMAND,
     FollowedTopic,
-    HeardValues,
+    ReceivedValues,
     StampGate,
     StampOrigin,
     events_last,
@@ -206,11 +206,11 @@ class ShadowSetup(NamedTuple):
     deviations: Mapping[str, float] | None = None
 
 
-class HeardMessage(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """Contents of a message of the machine, its topic, and time of arrival (s of the steady clock)."""
 
     followed: FollowedTopic
-    contents: HeardValues
+    contents: ReceivedValues
     arrived_s: float
 
 
@@ -254,7 +254,7 @@ class ShadowNode(TwinNode):
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
         self.origin = StampOrigin()
-        self.admission = StampGate[HeardMessage]()
+        self.admission = StampGate[ReceivedMessage]()
         self._jumps = 0
         output = partial(self.output, recorded=False)
         self._outputs = ShadowOutputs(output, machine, columns, self.get_namespace(), self.origin.stamp)
@@ -288,18 +288,18 @@ class ShadowNode(TwinNode):
         stamp_ns = contents.led_ns
         if stamp_ns is None and not self._has_stamps:  # a machine without stamps runs on the steady clock
             stamp_ns = round(arrived_s * SECOND_NS)
-        for found in self.admission.take(HeardMessage(followed, contents, arrived_s), stamp_ns, arrived_s):
+        for found in self.admission.take(ReceivedMessage(followed, contents, arrived_s), stamp_ns, arrived_s):
             if found.believed or (found.item.contents.stamp is None and self.admission.clock.now_ns is not None):
                 self._take(found.item)
             else:
                 self._count_stamp(found.item)
 
-    def _count_stamp(self, message: HeardMessage) -> None:
+    def _count_stamp(self, message: ReceivedMessage) -> None:
         shown_s = (message.contents.led_ns or 0) / SECOND_NS
         reason = f"stamp {shown_s:g} s does not go on from {(self.admission.clock.now_ns or 0) / SECOND_NS:g} s"
         self.statistics.count(message.followed.topic.name, "unknown_source", reason)
 
-    def _take(self, message: HeardMessage) -> None:
+    def _take(self, message: ReceivedMessage) -> None:
         """Process an accepted message."""
         followed, arrived_s = message.followed, message.arrived_s
         at_ns = self.admission.clock.at(arrived_s)
