@@ -49,7 +49,7 @@ def outlive_terminal() -> None:
     """Replace both streams: messages no longer raise errors; standard output that was closed cannot be written."""
     _fill_closed()
     sys.stdout = _outliving(sys.stdout, STANDARD_OUTPUT, _Results)
-    sys.stderr = _outliving(sys.stderr, STANDARD_ERROR, _Said)
+    sys.stderr = _outliving(sys.stderr, STANDARD_ERROR, _Messages)
 
 
 def give_up_output() -> None:
@@ -96,7 +96,7 @@ class _Results(io.FileIO):
             return memoryview(data).nbytes
 
 
-class _Said(io.FileIO):
+class _Messages(io.FileIO):
     def write(self, data: Any, /) -> int:
         """Return the number of bytes written, or discarded after an error."""
         try:

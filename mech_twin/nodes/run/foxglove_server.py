@@ -42,7 +42,7 @@ GLOBAL = ("/tf", "/tf_static")
 SERVICES = ("start", "stop", "reset", "pause", GO_ON, "step")
 VALUES = "values"
 NOTHING = {"type": "object", "properties": {}}
-SAID = {"type": "object", "properties": {"success": {"type": "boolean"}, "message": {"type": "string"}}}
+OUTCOME = {"type": "object", "properties": {"success": {"type": "boolean"}, "message": {"type": "string"}}}
 
 
 class _Task(NamedTuple):
@@ -184,7 +184,7 @@ class FoxgloveServer:
 
     def _service(self, order: str) -> Service:
         schema = ServiceSchema(
-            order, request=_schema(f"{order}_request", NOTHING), response=_schema(f"{order}_response", SAID)
+            order, request=_schema(f"{order}_request", NOTHING), response=_schema(f"{order}_response", OUTCOME)
         )
         return Service(f"{self.namespace}/{order}", schema=schema, handler=partial(self._called, order))
 
