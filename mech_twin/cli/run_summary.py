@@ -17,7 +17,7 @@ from mech_twin.declarations.captions import caption, unit_of
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import Event
-from mech_twin.studies.shorter_steps import common_digits as told
+from mech_twin.studies.shorter_steps import common_digits
 
 SHOWN_EVENTS = 12
 NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
@@ -43,7 +43,9 @@ def show_numbers(
         group: values if everything else headlines(values, group) for group, values in grouped(numbers, design).items()
     }
     shown = {
-        group: values if group == CHECKS else {name: told(name, value, shorter) for name, value in values.items()}
+        group: values
+        if group == CHECKS
+        else {name: common_digits(name, value, shorter) for name, value in values.items()}
         for group, values in groups.items()
     }
     show_groups(title, shown)
@@ -55,7 +57,7 @@ def show_numbers(
 def in_common_digits(numbers: Mapping[str, Any], shorter: InShorterSteps | None) -> dict[str, Any]:
     """Return numbers in the digits that they have in shorter steps too, where they come from a run."""
     beside = NO_NUMBERS if shorter is None else shorter.numbers
-    return {name: told(name, value, beside) for name, value in numbers.items()}
+    return {name: common_digits(name, value, beside) for name, value in numbers.items()}
 
 
 def how_told(step_s: float, shorter_s: float | None = None, failure: str = "") -> str:
