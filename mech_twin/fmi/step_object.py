@@ -90,7 +90,7 @@ class ObjectFile(NamedTuple):
     variables: tuple[str, ...]
 
 
-class _Compiled(NamedTuple):
+class _StepText(NamedTuple):
     """The step as LLVM IR: its name, its text, and the code of each generated function by symbol."""
 
     name: str
@@ -145,7 +145,7 @@ class StepCode:
         return made
 
     @cached_property
-    def _compiled(self) -> _Compiled:
+    def _compiled(self) -> _StepText:
         """The step, compiled for this processor."""
         packed = self._packed
         named: dict[str, Any] = {
@@ -165,7 +165,7 @@ class StepCode:
         # unused exception texts contain file names of the exporting computer: blank them
         text = _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str())
         generated = {symbol: function.code() for symbol, function in packed.generated.items()}
-        return _Compiled(found.fndesc.llvm_func_name, text, generated)
+        return _StepText(found.fndesc.llvm_func_name, text, generated)
 
     def _made(self, triple: str) -> ObjectFile:
         llvm.initialize_all_targets()

@@ -71,7 +71,7 @@ class PageForces(NamedTuple):
 
     machine: PageMachine
     reactions: int
-    values: Array  # room
+    found: Array  # work array of the reactions
     pins: int
     quantities: int
 
@@ -377,17 +377,15 @@ def fill_forces(model: PageForces, t: float, linkage: Array, y: Array, regimes: 
     fill_state(machine, linkage, y, regimes)
     tell_regimes(s, regimes)
     fill_found(machine, linkage)
-    call_straight_line(model.reactions, s.numbers, s.controls, t, y, model.values)
+    call_straight_line(model.reactions, s.numbers, s.controls, t, y, model.found)
     out[0] = 0.0
     for i in range(3 * model.pins + model.quantities):
-        out[PINS + i] = model.values[i]
+        out[PINS + i] = model.found[i]
     place, size, worst, greatest = 3 * model.pins + model.quantities, s.free + s.dependent + s.driven, 0.0, 0.0
     for i in range(size):
-        greatest = max(greatest, model.values[place + size + i])
+        greatest = max(greatest, model.found[place + size + i])
     for i in range(size):
-        worst = max(
-            worst, abs(model.values[place + i]) / max(model.values[place + size + i], UNLOADED * greatest, 1e-9)
-        )
+        worst = max(worst, abs(model.found[place + i]) / max(model.found[place + size + i], UNLOADED * greatest, 1e-9))
     out[PINS + place] = worst
 
 
