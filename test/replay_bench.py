@@ -41,6 +41,7 @@ class ReplayBench:
         topics: tuple[str, ...] = (),
         start_s: float = 0.0,
         duration_s: float | None = None,
+        listeners: int = 1,
         **options: Any,
     ) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -57,7 +58,7 @@ class ReplayBench:
         for name, topic in self.source.topics.items():
             self.listen(name, topic.kind, latched=topic.latched)
         self.client.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, self._on_diagnostics, EVERY)
-        self.node = ReplayNode(self.source, ReplayOptions(listeners=1, **options))
+        self.node = ReplayNode(self.source, ReplayOptions(listeners=listeners, **options))
         self._spinner.add(self.node)
 
     def listen(self, name: str, kind: Any, *, latched: bool = False) -> Any:

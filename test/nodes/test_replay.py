@@ -282,15 +282,12 @@ def test_an_empty_part_is_refused(drum_bag: Path, tmp_path: Path) -> None:
 
 def test_the_force_analysis_alone_answers_a_replay_with_the_recorded_forces(tmp_path: Path) -> None:
     frames = simulated_bag(DRUM, 0.1, tmp_path / "bag")
-    with ReplayBench(tmp_path / "bag", topics=("step/linkage", "description"), rate=0.5) as bench:
+    with ReplayBench(tmp_path / "bag", topics=("step/linkage", "description"), rate=0.5, listeners=2) as bench:
         options = RunOptions(discovery_limit_s=0.2)
         node = ForceNode(DRUM, built(DRUM).parameters, options)
         answers: list[object] = []
         node.on_sample = answers.append
         bench.add(node)
-        bench.ask("pause")
-        bench.until(lambda: bench.node.count_subscribers(STATES) == 2)
-        bench.ask("resume")
         bench.to_the_end()
         bench.until(lambda: len(answers) == len(frames))
         assert answers == [frame.forces for frame in frames]
