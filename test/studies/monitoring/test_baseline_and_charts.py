@@ -116,7 +116,7 @@ def test_false_alarms_come_as_often_as_stated_where_many_features_are_known_from
         return np.asarray(settled[60:])
 
     watched = remembering(300_000)
-    for _ in range(8):
+    for _ in range(12):
         known = [vector for first in range(0, 61_000, 1000) for vector in vectors(remembering(short), first)]
         baseline, innovations = fitted_baseline(known)
         limits, left = chart_limits(baseline, innovations, run_length), baseline.innovations(watched)

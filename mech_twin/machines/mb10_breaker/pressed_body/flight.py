@@ -292,7 +292,7 @@ def touchdown(body: PressedBody, stretch: SwingStretch, room: float) -> tuple[fl
         s = (math.atan2(b, a) + math.atan2(reach, body.rest_angle)) / body.k
         return (s, body.k * reach) if s <= room else (math.inf, 0.0)
     start = _clear_of_collar(body, stretch, room) if stretch.angle == 0.0 and stretch.rate == 0.0 else 0.0
-    if start >= room:
+    if start > room:
         return math.inf, 0.0
     s = first_root(body, stretch, 0, start, room)
     if s == math.inf:
