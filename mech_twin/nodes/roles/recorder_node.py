@@ -82,7 +82,7 @@ class RecordingClock:
 
 
 TICK_S = 0.1
-SUSPENDED_S, REPAIR_S = 0.3, 3.2  # time without a pulse at the end; the middleware resends lost messages within 3 s
+SUSPENDED_S, REPAIR_S = 0.3, 3.2  # time without a pulse; the middleware resends lost messages within 3 s
 LOOK_S = 1.0  # period of graph queries once the run has begun; querying all topics and publishers is slow
 TICKS_PER_LOSS = 0.2
 MIB = 1024.0 * 1024.0
@@ -128,6 +128,7 @@ class RecorderNode(TwinNode):
         self._closed = False
         self._last_received_s = time.monotonic()
         self._repaired_s = self._looked_s = -math.inf
+        self._awake_s = math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
         self._alarms: set[str] = set()
@@ -174,14 +175,16 @@ class RecorderNode(TwinNode):
         return 0.0 if lags else time.monotonic() - self._last_received_s
 
     def flush(self) -> None:
-        """Publish held messages, and restart the measurement of silence to receive those sent before the end.
-
-        After a suspension of this process, time is allowed for messages that found no room and are sent again.
-        """
+        """Publish held messages, and restart the measurement of silence to receive those sent before the end."""
         super().flush()
-        now = self._last_received_s = time.monotonic()
-        if self._pulse_at is not None and now - self._pulse_at > SUSPENDED_S:
-            self._repaired_s = now + REPAIR_S
+        self._last_received_s = time.monotonic()
+        self.check_peers(self._last_received_s)
+
+    def check_peers(self, now_s: float) -> None:
+        """After a suspension of this process, allow time for messages that found no room and are sent again."""
+        if now_s - self._awake_s > SUSPENDED_S:
+            self._repaired_s = now_s + REPAIR_S
+        self._awake_s = now_s
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the state of the writer, its first step, and the dropped messages."""
