@@ -6,15 +6,20 @@ An address is valid while the kernel that took it runs; references to arrays of 
 
 from __future__ import annotations
 
+from math import prod
 from typing import Any
 
 import numba
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 types: Any = numba.types  # numba has type hints for its front only
 build: Any = cgutils
+fill: Any = populate_array
+borrowed: Any = impl_ret_borrowed
 interpreted = bool(numba.core.config.DISABLE_JIT)  # type: ignore[attr-defined]
 
 
@@ -47,6 +52,31 @@ def _load(typing_context: Any, place: Any) -> Any:
     return place.dtype(place), generate
 
 
+def _view(typing_context: Any, array: Any, *lengths: Any) -> Any:
+    """Return the start of a contiguous array as an array of the given lengths (numba intrinsic)."""
+    kind = types.Array(array.dtype, len(lengths), "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        given = context.make_array(array)(context, builder, arguments[0])
+        size = context.get_abi_sizeof(context.get_data_type(array.dtype))
+        view, stride = context.make_array(kind)(context, builder), context.get_constant(types.intp, size)
+        shape = [builder.extract_value(arguments[1], i) for i in range(len(lengths))]
+        strides = [stride]
+        for length in shape[:0:-1]:
+            strides.insert(0, builder.mul(strides[0], length))
+        item = context.get_constant(types.intp, size)
+        parts = {"data": given.data, "meminfo": given.meminfo, "parent": given.parent, "itemsize": item}
+        fill(view, shape=shape, strides=strides, **parts)
+        return borrowed(context, builder, kind, view._getvalue())
+
+    return kind(array, types.StarArgTuple(lengths)), generate
+
+
+def _seen_as(array: Any, *lengths: int) -> Any:
+    """Return the start of a contiguous array as an array of the given lengths."""
+    return array.reshape(-1)[: prod(lengths)].reshape(lengths)
+
+
 def _same(value: Any) -> Any:
     """Return the value itself: interpreted code has no pointers."""
     return value
@@ -54,4 +84,6 @@ def _same(value: Any) -> Any:
 
 place_of: Any = _same if interpreted else intrinsic(_keep)
 number_of: Any = _same if interpreted else intrinsic(_number)
+# in compiled code loops over constant lengths are unrolled
+view_as: Any = _seen_as if interpreted else intrinsic(_view)
 value_at: Any = _same if interpreted else intrinsic(_load)

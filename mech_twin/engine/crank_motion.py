@@ -45,6 +45,7 @@ from mech_twin.engine.hybrid.laws import (
     evaluate,
     fill_signals,
     note_impact,
+    of_size,
     pass_signal,
 )
 from mech_twin.engine.hybrid.loop import (
@@ -71,6 +72,7 @@ BEGIN_ROOM = STATE_SIZE + 6  # of the numbers a step computes in
 CRANK_LAW, MECHANISM_REGIME = 0, 1
 
 
+@of_size(1, 1)
 class TurningCrank(NamedTuple):
     """A crank within a coupling step: its drive, or prescribed acceleration ``e`` (rad/s2); command; stored values."""
 

@@ -118,8 +118,9 @@ def position(bar: FourBar, f: float) -> Position:
     d_x = bar.pivot_x_m - a_x
     d_y = bar.pivot_y_m - a_y
     dd = d_x * d_x + d_y * d_y
-    p = (bar.coupler_m * bar.coupler_m - bar.rocker_m * bar.rocker_m + dd) / (2.0 * dd)
-    whole = bar.coupler_m * bar.coupler_m / dd
+    coupler, share = bar.coupler_m * bar.coupler_m, 1.0 / dd
+    p = 0.5 * (coupler - bar.rocker_m * bar.rocker_m + dd) * share
+    whole = coupler * share
     square = whole - p * p
     if -1e-13 * whole < square < 0.0:  # stretched or folded, but for rounding
         square = 0.0
@@ -166,7 +167,8 @@ def dyad_rates(at: Position, t_x: float, t_y: float) -> tuple[float, float]:
 
     With t = V_A these are the rates, with t = a_A - w2^2 u + w3^2 v the angular accelerations.
     """
-    return -(t_x * at.v_x + t_y * at.v_y) / at.det, -(t_x * at.u_x + t_y * at.u_y) / at.det
+    share = -1.0 / at.det
+    return (t_x * at.v_x + t_y * at.v_y) * share, (t_x * at.u_x + t_y * at.u_y) * share
 
 
 @inline_kernel
@@ -190,7 +192,8 @@ def coefficients(at: Position) -> Coefficients:
 @inline_kernel
 def offset(link: Link, x: float, y: float, length: float) -> tuple[float, float]:
     """Return the centroid of a link seen from its first pin (m); (x, y) is the link as a vector of that length."""
-    return (link.along_m * x - link.across_m * y) / length, (link.along_m * y + link.across_m * x) / length
+    share = 1.0 / length
+    return (link.along_m * x - link.across_m * y) * share, (link.along_m * y + link.across_m * x) * share
 
 
 @inline_kernel

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel
 
 SOLVED, CONTRADICTION = 0, -1
 DEPENDENT = 1e-11  # relative pivot below which a law counts as linearly dependent on earlier holding ones
@@ -25,11 +25,17 @@ NEAR = 1e-11  # relative to the terms summed: a smaller acceleration or force is
 def factorise(matrix: Array, factor: Array) -> None:
     """Fill the LDL' factorisation of a symmetric positive definite matrix (n, n), with 1 / D on the diagonal."""
     for i in range(len(matrix)):
-        for j in range(i + 1):
+        for j in range(i):  # of this row the products L D
             total = matrix[i, j]
             for k in range(j):
-                total -= factor[i, k] * factor[j, k] / factor[k, k]
-            factor[i, j] = 1.0 / total if i == j else total * factor[j, j]
+                total -= factor[i, k] * factor[j, k]
+            factor[i, j] = total
+        total = matrix[i, i]
+        for k in range(i):
+            share = factor[i, k] * factor[k, k]
+            total -= factor[i, k] * share
+            factor[i, k] = share
+        factor[i, i] = 1.0 / total
 
 
 @inline_kernel
@@ -37,15 +43,18 @@ def back_substitute(factor: Array, vector: Array) -> None:
     """Solve a linear system in place with a factor of `factorise`."""
     n = len(vector)
     for i in range(n):
+        total = vector[i]
         for k in range(i):
-            vector[i] -= factor[i, k] * vector[k]
+            total -= factor[i, k] * vector[k]
+        vector[i] = total
     for i in range(n - 1, -1, -1):
-        vector[i] *= factor[i, i]
+        total = vector[i] * factor[i, i]
         for k in range(i + 1, n):
-            vector[i] -= factor[k, i] * vector[k]
+            total -= factor[k, i] * vector[k]
+        vector[i] = total
 
 
-@borrowing_kernel
+@embedded_kernel
 def fill_mobilities(at: Equations, all_laws: bool) -> None:
     """Fill M^-1 w and W M^-1 W' (``at.matrix``) of the laws that are not `OPEN` in ``at.status``, or of all."""
     m, n = at.directions.shape
@@ -75,7 +84,7 @@ def holds_by_itself(at: Equations, law: int) -> bool:
     return bool(at.status[law] == HOLD and at.hold_factor[law, law] != 0.0)
 
 
-@borrowing_kernel
+@embedded_kernel
 def factor_holding(at: Equations, force: Array) -> None:
     """Fill the Cholesky factor of ``at.matrix`` over the holding laws, and the force of dependent ones (zero pivot)."""
     factor = at.hold_factor
@@ -99,7 +108,7 @@ def factor_holding(at: Equations, force: Array) -> None:
             force[i] = nearest_to_zero(at.least[i], at.most[i])
 
 
-@borrowing_kernel
+@embedded_kernel
 def solve_holding(at: Equations, force: Array) -> None:
     """Fill the forces for zero acceleration of the holding laws (``at.status``), given the forces at bounds.
 

@@ -20,7 +20,6 @@ from mech_twin.engine.hybrid.laws import (
     Array,
     Equations,
     Indices,
-    accumulate,
     begin_impact,
     begin_piece,
     change_regimes,
@@ -32,9 +31,10 @@ from mech_twin.engine.hybrid.laws import (
     pass_signal,
 )
 from mech_twin.engine.hybrid.loop import room_for
+from mech_twin.engine.hybrid.motion import fill_rates, motion_rates
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
-EVALUATE, ACCUMULATE, SIGNALS, BEGIN, END, PASS, CHANGE, STRIKE, IMPACT = range(9)
+EVALUATE, RATES, SIGNALS, BEGIN, END, PASS, CHANGE, STRIKE, IMPACT = range(9)
 _numba: Any = numba
 NUMBERS, MARKS, TABLE = types.float64[::1], types.int64[::1], types.float64[:, ::1]
 
@@ -83,8 +83,8 @@ def enter(
     """Call the function of `laws` that the phase names; arrays and constants are passed by address."""
     if phase == EVALUATE:
         evaluate(value_at(system), t, value_at(y), value_at(regimes), value_at(equations))
-    elif phase == ACCUMULATE:
-        accumulate(value_at(system), t, value_at(y), value_at(regimes), value_at(equations), value_at(first))
+    elif phase == RATES:
+        motion_rates(value_at(system), t, value_at(y), value_at(regimes), value_at(equations), value_at(first))
     elif phase == SIGNALS:
         fill_signals(
             value_at(system), t, value_at(y), value_at(regimes), value_at(equations), value_at(first), value_at(second)
@@ -161,10 +161,10 @@ def _evaluate(system: Declared, t: float, y: Array, regimes: Indices, at: Equati
     )
 
 
-@declares(accumulate, Declared)
-def _accumulate(system: Declared, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+@declares(fill_rates, Declared)
+def _fill_rates(system: Declared, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     call(
-        system.entry, ACCUMULATE, 0, t, system.system, system.equations, address_of(y), address_of(regimes),
+        system.entry, RATES, 0, t, system.system, system.equations, address_of(y), address_of(regimes),
         address_of(out), 0, 0, 0, 0,
     )  # fmt: skip
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Event location: the first zero crossing of the event functions (signals) within an integration step.
 
-Roots are bracketed on the dense output of the step, and the first is refined by integrating from the start of the
-step.  A signal with two roots within the step is found through its minimum.  The known root of a signal that starts
-at zero (a body that has just left its stop) is divided out (deflation).
+Roots are bracketed on the dense output of the step.  The step is integrated again up to the first of them.  A signal
+with two roots within the step is found through its minimum.  The known root of a signal that starts at zero (a body
+that has just left its stop) is divided out (deflation).
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993, II.6.
 """
@@ -29,6 +29,8 @@ from mech_twin.engine.integration import (
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 NOTHING = -1
+NEXT = 1e-13  # of a step: a root is no better known
+UNIFORM = 1e-7  # of a step: over so short a time the second derivative moves nothing above rounding
 
 
 class Signals(NamedTuple):
@@ -142,35 +144,34 @@ def dip_share(piece: PieceAt, t: float, y: Array, h: float, which: int, work: Wo
 def root_share(
     piece: PieceAt, t: float, y: Array, h: float, which: int, high: float, work: Workspace, search: Signals
 ) -> float:
-    """Return the root of a signal before ``high`` as share of the step: Illinois method on the dense output."""
+    """Return the root of a signal before ``high`` as share of the step: Newton's method on the dense output.
+
+    A bracket holds it; a signal without a rate has the slope of the last secant.
+    """
     at_root, shift = search.at_root[which] == 1.0, search.start[which]
-    rate = search.start_rate[which]
-    low, side = 0.0, 0
-    low_value = search.start[which]
-    if at_root:
-        low_value = rate if rate > 0.0 else 1e-300
+    low, before = 0.0, 0.0
+    last = search.start_rate[which] if at_root else shift
     value = search.end[which] if high == 1.0 else dense_signal(piece, t, y, h, high, which, work, search)[0]
-    high_value = divided(value, shift, high * h, at_root)
+    value = divided(value, shift, high * h, at_root)
+    here = high - value * high / (value - last) if value < last else 0.5 * high
     for turn in range(80):
-        width = high - low
-        if width <= 1e-13 or high_value == 0.0:
-            break
-        middle = high - high_value * width / (high_value - low_value)
-        if turn % 4 == 3 or not low < middle < high:
-            middle = 0.5 * (low + high)
-        value, _ = dense_signal(piece, t, y, h, middle, which, work, search)
-        value = divided(value, shift, middle * h, at_root)
+        if not low < here < high:
+            here = 0.5 * (low + high)
+        value, rate = dense_signal(piece, t, y, h, here, which, work, search)
+        value = divided(value, shift, here * h, at_root)
+        slope = (rate - value) / here if at_root else rate * h
+        if math.isnan(rate):
+            slope = (value - last) / (here - before)
         if value <= 0.0:
-            high, high_value = middle, value
-            if side == 1:
-                low_value *= 0.5
-            side = 1
+            high = here
         else:
-            low, low_value = middle, value
-            if side == -1:
-                high_value *= 0.5
-            side = -1
-    return high
+            low = here
+        step = -value / slope if slope < 0.0 else math.inf
+        if value == 0.0 or abs(step) <= NEXT or high - low <= NEXT:
+            break
+        before, last = here, value
+        here += step if turn % 8 != 7 else math.inf
+    return here
 
 
 @inline_kernel
@@ -233,8 +234,11 @@ def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, 
 @borrowing_kernel
 def land_on(
     piece: PieceAt, t: float, y: Array, h: float, share: float, which: int, work: Workspace, search: Signals
-) -> float:
-    """Return the step length (s) to the root of a signal, refined by Newton steps; the state is in ``work.end``."""
+) -> tuple[float, float]:
+    """Integrate to the root of a signal; return the length of the step taken (s), and the rest up to the root (s).
+
+    Over that rest, if it is not zero, the motion is uniform but for less than rounding: ``work.end`` is after it.
+    """
     span, slope = share * h, UNKNOWN
     if math.isnan(search.start_rate[which]):
         step = 1e-3
@@ -250,22 +254,27 @@ def land_on(
         read_signals(piece, t + span, work.end, search.now, search.now_rate)
         value, rate = search.now[which], search.now_rate[which]
         rate = slope if math.isnan(rate) else rate
-        better = span - value / rate if rate < 0.0 else span
-        if not 0.0 < better <= h or better == span:
+        rest = -value / rate if rate < 0.0 else 0.0
+        if not 0.0 < span + rest <= h or rest == 0.0:
             break
-        span = better
-    return span
+        if abs(rest) <= UNIFORM * h:
+            last = work.rates[len(method_of(piece).weights)]
+            for i in range(len(y)):
+                work.end[i] += rest * last[i]
+            return span, rest
+        span += rest
+    return span, 0.0
 
 
 @borrowing_kernel
-def carry_on(piece: PieceAt, h: float, y: Array, work: Workspace, search: Signals) -> None:
+def carry_on(piece: PieceAt, h: float, rest: float, y: Array, work: Workspace, search: Signals) -> None:
     """Update ``y`` to the end of the step, with compensated (Kahan) summation of coordinates and velocities."""
     weights = method_of(piece).weights
     for i in range(len(search.lost)):
         change = 0.0
         for stage in range(len(weights)):
             change += weights[stage] * work.rates[stage, i]
-        change = h * change + search.lost[i]
+        change = h * change + (rest * work.rates[len(weights), i] + search.lost[i])
         after = y[i] + change
         search.lost[i] = change - (after - y[i])
         y[i] = after
@@ -309,13 +318,14 @@ def advance_piece(
                 return done, wanted, NOTHING, -1
         read_signals(piece, t + done + h, work.end, search.end, search.end_rate)
         which, share = first_signal(piece, t + done, y, h, work, search)
+        rest = 0.0
         if which != NOTHING:
             if share == 0.0:
                 piece_rates(piece, t + done, y, search.rate)
                 return done, wanted, which, steps
-            h = land_on(piece, t + done, y, h, share, which, work, search)
-        carry_on(piece, h, y, work, search)
-        done += h
+            h, rest = land_on(piece, t + done, y, h, share, which, work, search)
+        carry_on(piece, h, rest, y, work, search)
+        done += h + rest
         if which != NOTHING:
             return min(done, left), wanted, which, steps
         for i in range(len(search.at_root)):

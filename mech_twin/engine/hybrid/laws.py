@@ -35,12 +35,14 @@ import numpy as np
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from mech_twin.engine.addresses import view_as
 from mech_twin.engine.compiled_steps import chosen, is_declared, step_of
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Function = TypeVar("Function", bound=Callable[..., Any])
+System = TypeVar("System")
 
 # regime of a law: open; sliding with v > 0 (force at its low bound), v < 0 (at its high bound); holding (sticking)
 OPEN, LOW, HIGH, HOLD = 0, 1, 2, 3
@@ -93,6 +95,47 @@ def only_freedom(at: Equations, law: int) -> int:
 def declares(generic: Callable[..., Any], system_type: type) -> Callable[[Function], Function]:
     """Declare a kernel as one of the functions below for a type of system; compiled without reference counting."""
     return step_of(generic, system_type, embedded_kernel)
+
+
+_sizes: dict[type, tuple[int, int]] = {}
+
+
+def of_size(freedoms: int, laws: int) -> Callable[[type[System]], type[System]]:
+    """Declare the numbers of freedoms and laws of a type of system, so that loops over them are unrolled."""
+
+    def declare(system_type: type[System]) -> type[System]:
+        _sizes[system_type] = freedoms, laws
+        return system_type
+
+    return declare
+
+
+def sized(system: Any, at: Equations) -> Equations:
+    """Return the equations with their sizes as constants, if the type of system declares them (`of_size`)."""
+    return at
+
+
+@overload(sized, jit_options={"forceinline": True})
+def _sized(system: Any, at: Any) -> Any:
+    def same(system: Any, at: Any) -> Any:
+        return at
+
+    sizes = _sizes.get(getattr(system, "instance_class", type(None)))
+    if sizes is None:
+        return same
+    n, m = sizes
+
+    def fixed(system: Any, at: Any) -> Any:
+        return Equations(
+            view_as(at.mass, n, n), view_as(at.force, n), view_as(at.directions, m, n), view_as(at.drift, m),
+            view_as(at.bias, m), view_as(at.gap, m), view_as(at.low, m), view_as(at.high, m),
+            view_as(at.restitution, m), view_as(at.acceleration, n), view_as(at.multiplier, m),
+            view_as(at.velocity, m), view_as(at.law_acceleration, m), view_as(at.factor, n, n),
+            view_as(at.mobility, m, n), view_as(at.matrix, m, m), view_as(at.free, m), view_as(at.least, m),
+            view_as(at.most, m), view_as(at.hold_factor, m, m), view_as(at.status, m),
+        )  # fmt: skip
+
+    return fixed
 
 
 def evaluate(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.addresses import place_of
+from mech_twin.engine.addresses import place_of, view_as
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
 from mech_twin.engine.hybrid.impacts import CLOSED, STRUCK, halt, strike
@@ -77,20 +77,20 @@ def room_sizes(n: int, m: int, signals: int, size: int) -> tuple[int, int]:
 def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: int, method: Tableau) -> Room:
     """Return work arrays as views of two arrays, for n freedoms, m laws, own signals and state size."""
     s, free = 2 * m + signals, 0
-    mass, free = numbers[free : free + n * n].reshape(n, n), free + n * n
-    factor, free = numbers[free : free + n * n].reshape(n, n), free + n * n
-    directions, free = numbers[free : free + m * n].reshape(m, n), free + m * n
-    mobility, free = numbers[free : free + m * n].reshape(m, n), free + m * n
-    matrix, free = numbers[free : free + m * m].reshape(m, m), free + m * m
-    hold_factor, free = numbers[free : free + m * m].reshape(m, m), free + m * m
-    by_freedom, free = numbers[free : free + 2 * n].reshape(2, n), free + 2 * n
-    stage, free = numbers[free : free + 2 * n], free + 2 * n
-    lost, free = numbers[free : free + 2 * n], free + 2 * n
-    by_law, free = numbers[free : free + 13 * m].reshape(13, m), free + 13 * m
-    series, free = numbers[free : free + 3 * m].reshape(3, m), free + 3 * m
-    stages, free = numbers[free : free + ROWS * size].reshape(ROWS, size), free + ROWS * size
-    by_state, free = numbers[free : free + 5 * size].reshape(5, size), free + 5 * size
-    by_signal = numbers[free : free + 8 * s].reshape(8, s)
+    mass, free = view_as(numbers[free:], n, n), free + n * n
+    factor, free = view_as(numbers[free:], n, n), free + n * n
+    directions, free = view_as(numbers[free:], m, n), free + m * n
+    mobility, free = view_as(numbers[free:], m, n), free + m * n
+    matrix, free = view_as(numbers[free:], m, m), free + m * m
+    hold_factor, free = view_as(numbers[free:], m, m), free + m * m
+    by_freedom, free = view_as(numbers[free:], 2, n), free + 2 * n
+    stage, free = view_as(numbers[free:], 2 * n), free + 2 * n
+    lost, free = view_as(numbers[free:], 2 * n), free + 2 * n
+    by_law, free = view_as(numbers[free:], 13, m), free + 13 * m
+    series, free = view_as(numbers[free:], 3, m), free + 3 * m
+    stages, free = view_as(numbers[free:], ROWS, size), free + ROWS * size
+    by_state, free = view_as(numbers[free:], 5, size), free + 5 * size
+    by_signal = view_as(numbers[free:], 8, s)
     for i in range(m):
         by_law[4, i], by_law[5, i] = math.inf, -1.0
     at = Equations(

@@ -10,7 +10,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from numba.extending import overload
+
 from mech_twin.engine.addresses import value_at
+from mech_twin.engine.compiled_steps import chosen, is_declared
 from mech_twin.engine.hybrid.complementarity import (
     back_substitute,
     factorise,
@@ -30,6 +33,7 @@ from mech_twin.engine.hybrid.laws import (
     evaluate,
     fill_signals,
     only_freedom,
+    sized,
 )
 from mech_twin.engine.integration import rates_of
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
@@ -70,10 +74,11 @@ def accelerate(at: Equations) -> None:
     """Fill accelerations of coordinates and laws under ``at.multiplier``; the mass matrix is factorised."""
     n, m = len(at.force), len(at.gap)
     for k in range(n):
-        at.acceleration[k] = at.force[k]
+        total = at.force[k]
         for i in range(m):
             if at.multiplier[i] != 0.0:
-                at.acceleration[k] += at.directions[i, k] * at.multiplier[i]
+                total += at.directions[i, k] * at.multiplier[i]
+        at.acceleration[k] = total
     back_substitute(at.factor, at.acceleration)
     for i in range(m):
         total = at.bias[i]
@@ -93,8 +98,9 @@ def fill_free_accelerations(at: Equations) -> None:
 
 
 @embedded_kernel
-def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, equations: Equations) -> None:
     """Fill accelerations and multipliers for given regimes: sliding laws are at a bound, holding ones are unknown."""
+    at = sized(system, equations)
     prepare_instant(system, t, y, regimes, at)
     m, holding = len(at.gap), False
     for i in range(m):
@@ -116,6 +122,32 @@ def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, at: Eq
             k = only_freedom(at, i) if regimes[i] == HOLD else -1
             if k >= 0:
                 at.acceleration[k] = -at.bias[i] / at.directions[i, k]
+
+
+@embedded_kernel
+def motion_rates(system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill ``out`` with dy/dt: velocities, accelerations and the rates of the quadratures."""
+    find_accelerations(system, t, y, regimes, at)
+    n = len(at.force)
+    for k in range(n):
+        out[k], out[n + k] = y[n + k], at.acceleration[k]
+    accumulate(system, t, y, regimes, at, out)
+
+
+def fill_rates(system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
+    """Fill ``out`` with `motion_rates`, unless the type of system declares another way to them."""
+    fill = chosen(fill_rates, system) if is_declared(fill_rates, type(system)) else motion_rates
+    fill(system, t, y, regimes, at, out)
+
+
+@overload(fill_rates, jit_options={"forceinline": True})
+def _rates_of_motion(system: Any, t: Any, y: Any, regimes: Any, at: Any, out: Any) -> Any:
+    kind = getattr(system, "instance_class", None)
+
+    def fill(system: Any, t: Any, y: Any, regimes: Any, at: Any, out: Any) -> None:
+        motion_rates(system, t, y, regimes, at, out)
+
+    return fill if kind is not None and not is_declared(fill_rates, kind) else None
 
 
 @borrowing_kernel
@@ -157,13 +189,9 @@ def method_at(system: Any) -> Any:
 
 @rates_of(PieceAt, method_at)
 def piece_rates(piece: PieceAt, t: float, y: Array, out: Array) -> None:
-    """Fill ``out`` with dy/dt: velocities, accelerations and the rates of the quadratures."""
+    """Fill ``out`` with dy/dt."""
     system, regimes, at = value_at(piece.place)
-    find_accelerations(system, t, y, regimes, at)
-    n = len(at.force)
-    for k in range(n):
-        out[k], out[n + k] = y[n + k], at.acceleration[k]
-    accumulate(system, t, y, regimes, at, out)
+    fill_rates(system, t, y, regimes, at, out)
 
 
 @borrowing_kernel

@@ -24,7 +24,7 @@ from mech_twin.machines.drives import KlossMotor, fill_motor
 from mech_twin.machines.mb10_breaker.dynamics import HELD, REST, Breaker, energies, spring_moment
 from mech_twin.machines.mb10_breaker.motion import rotor_speed
 from mech_twin.machines.mb10_breaker.state import LAWS, MEMORY, STATES, BreakerMemory, named
-from mech_twin.machines.mb10_breaker.step import advance_step, take_body, total_of
+from mech_twin.machines.mb10_breaker.step import advance_step, breaker_room, take_body, total_of
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import MotorConstants, motor_in_step
 
@@ -141,10 +141,12 @@ def breaker_step(
     rotor = rotor_speed(b, state.crank_rad_per_s, state.body_rad_per_s)
     turning = motor_in_step(model.curve, linkage[COMMAND], rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
     start, begun, first, count, torque = y.copy(), kept.copy(), regime, LOG_FULL, 0.0
+    size, places = breaker_room()
+    numbers, marks = np.zeros(size), np.zeros(places, dtype=np.int64)
     while count == LOG_FULL:
-        y[:], kept[:] = start, begun
+        y[:], kept[:], numbers[:], marks[:] = start, begun, 0.0, 0
         regime, count, torque = advance_step(
-            model.entry, b, turning, y, kept, first, step * model.step_s, model.step_s, log
+            model.entry, b, turning, y, kept, first, step * model.step_s, model.step_s, log, numbers, marks
         )
         if count == LOG_FULL:
             log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))

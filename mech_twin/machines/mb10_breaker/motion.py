@@ -29,6 +29,7 @@ from mech_twin.engine.hybrid.laws import (
     evaluate,
     fill_signals,
     note_impact,
+    of_size,
     pass_signal,
 )
 from mech_twin.engine.hybrid.motion import find_accelerations
@@ -68,6 +69,7 @@ from mech_twin.machines.mb10_breaker.state import (
     CYCLE,
     DAMPING_LOSS,
     DRIVE_WORK,
+    FREEDOMS,
     GEAR_LAW,
     IMPACT_IMPULSE,
     LAWS,
@@ -114,6 +116,7 @@ TOUCH_M_PER_S = 1e-12
 SETTLED_IN_STEP = 1e-6  # of a step: with friction, bounces that last no longer are not resolved
 
 
+@of_size(FREEDOMS, LAWS)
 class BreakerMotion(NamedTuple):
     """The system: constants, and the motor in this step.
 

@@ -22,7 +22,7 @@ from mech_twin.engine.hybrid.loop import (
     room_sizes,
 )
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernels.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,
     FLIGHT,
@@ -200,10 +200,17 @@ def fill_tolerance(b: Breaker, y: Array, tolerance: Array) -> None:
         tolerance[i] = ERROR * (1.0 + abs(y[i]))
 
 
-@kernel
+@inline_kernel
+def breaker_room() -> tuple[int, int]:
+    """Return the lengths of the float and integer arrays that `advance_step` needs."""
+    size, places = room_sizes(FREEDOMS, LAWS, OWN_SIGNALS, STATES)
+    return KEPT + size, LAWS + places
+
+
+@borrowing_kernel
 def advance_step(
     entry: int | None, b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, begin_s: float, step_s: float,
-    log: Array,
+    log: Array, numbers: Array, marks: Indices,
 ) -> tuple[int, int, float]:  # fmt: skip
     """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
@@ -221,10 +228,10 @@ def advance_step(
         Time at the start of the step (s).
     log : array
         Receives one row per event; the number is `LOG_FULL` if it may become too short.
+    numbers, marks : array
+        Work arrays of the lengths of `breaker_room`, zeros.
     """
     memory, state, tool = row.view(MEMORY)[0], named(y), int(row[TOOL_REGIME])
-    size, places = room_sizes(FREEDOMS, LAWS, OWN_SIGNALS, STATES)
-    numbers, marks = np.zeros(KEPT + size), np.zeros(LAWS + places, dtype=np.int64)
     room = room_in(numbers[KEPT:], marks[LAWS:], FREEDOMS, LAWS, OWN_SIGNALS, STATES, DORMAND_PRINCE_8)
     kept, regimes = numbers[:KEPT], marks[:LAWS]
     fill_regimes(regime, tool, regimes)

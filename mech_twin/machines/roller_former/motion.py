@@ -29,6 +29,7 @@ from mech_twin.engine.hybrid.laws import (
     evaluate,
     fill_signals,
     note_impact,
+    of_size,
     pass_signal,
 )
 from mech_twin.engine.hybrid.loop import (
@@ -64,6 +65,7 @@ OWN_SIGNALS, KEPT = 7, 6
 LAWS = 2
 
 
+@of_size(2, LAWS)
 class FormerMotion(NamedTuple):
     """The system: constants, motor torque, crank angle to stop at (rad); stored values; half turns of the carts."""
 

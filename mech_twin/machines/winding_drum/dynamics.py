@@ -28,6 +28,7 @@ from mech_twin.engine.hybrid.laws import (
     evaluate,
     fill_signals,
     note_impact,
+    of_size,
     pass_signal,
 )
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
@@ -57,6 +58,7 @@ END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
 PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
 
 
+@of_size(1, LAWS)
 class DrumSystem(NamedTuple):
     """The system: constants, the package at the start of the step; yarn speed theta + a t, remaining yarn ``left_m``.
 

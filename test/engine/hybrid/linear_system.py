@@ -113,6 +113,25 @@ def log_impact(system, t, before, y, at, log, count):
     return count
 
 
+@laws.of_size(2, 2)
+class TwoByTwo(Linear):
+    """A linear system of two freedoms and two laws, known as such to the compiler."""
+
+
+FUNCTIONS = {
+    laws.evaluate: evaluate_linear,
+    laws.accumulate: accumulate_loss,
+    laws.fill_signals: signal_mark,
+    laws.begin_piece: begin_nothing,
+    laws.end_piece: end_nothing,
+    laws.pass_signal: pass_mark,
+    laws.change_regimes: log_change,
+    laws.note_impact: log_impact,
+}
+for generic, compiled in FUNCTIONS.items():
+    laws.declares(generic, TwoByTwo)(getattr(compiled, "py_func", compiled))
+
+
 def linear(mass, directions, **more):
     """Return a system of point masses (kg) with the laws of these directions; the rest is nothing unless told."""
     n, m = len(mass), len(directions)
@@ -147,4 +166,4 @@ def run(system, q, u, regimes, span, steps=1, most_events=4000):
     return y, state[:m], np.concatenate(rows)
 
 
-__all__ = ["CHANGED", "HOLD", "NO_GAP", "OPEN", "PASSED", "STRUCK", "linear", "run"]
+__all__ = ["CHANGED", "HOLD", "NO_GAP", "OPEN", "PASSED", "STRUCK", "TwoByTwo", "linear", "run"]

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 import pytest
-from engine.hybrid.linear_system import AFTER, BEFORE, IMPULSE, KIND, LAW, TIME, linear, run
+from engine.hybrid.linear_system import AFTER, BEFORE, IMPULSE, KIND, LAW, TIME, TwoByTwo, linear, run
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -225,6 +225,21 @@ def test_an_impact_oscillator_agrees_with_an_integration_by_another_hand(seed):
         state = np.array([0.0, -e * flight.sol(t)[1]])
     assert len(blows) >= 2
     np.testing.assert_allclose(of_kind(rows, STRUCK)[: len(blows), TIME], blows, atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sizes_known_to_the_compiler_change_no_bit_of_the_motion(seed):
+    """A block on a block on a belt: both masses strike, slide and stick."""
+    rng = np.random.default_rng(seed)
+    coupled = [[rng.uniform(1.0, 2.0), 0.3], [0.3, rng.uniform(0.5, 1.0)]]
+    system = linear(
+        coupled, [[1.0, 0.0], [-1.0, 1.0]], stiffness=[[60.0, -20.0], [-20.0, 40.0]], load=rng.uniform(-8.0, -4.0, 2),
+        drift=[0.0, 0.2], low=[0.0, -2.0], high=[math.inf, 2.0], e=[0.6, -1.0],
+    )  # fmt: skip
+    ways = [run(kind, [0.3, 0.1], [0.0, 0.4], [OPEN, LOW], 1.5, 7) for kind in (system, TwoByTwo(*system))]
+    assert len(of_kind(ways[0][2], STRUCK)) > 1 and len(of_kind(ways[0][2], CHANGED)) > 1
+    for one, other in zip(*ways, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_dip_through_a_stop_within_one_long_step_is_seen():
