@@ -145,17 +145,32 @@ def acceleration_of(at: Equations, force: Array, law: int) -> tuple[float, float
     return total, size
 
 
+@borrowing_kernel
+def largest_terms(at: Equations, force: Array) -> float:
+    """Return the largest sum of magnitudes in the acceleration of a law: a force is found from all of them."""
+    largest = 0.0
+    for i in range(len(force)):
+        if at.status[i] != OPEN:
+            largest = max(largest, acceleration_of(at, force, i)[1])
+    return largest
+
+
 @inline_kernel
-def better_status(at: Equations, force: Array, law: int) -> int:
-    """Return the status a law changes to if it violates complementarity, else its present one."""
+def better_status(at: Equations, force: Array, law: int, terms: float) -> int:
+    """Return the status a law changes to if it violates complementarity, else its present one.
+
+    An acceleration is rounding, too, below `NEAR` times ``terms``.
+    """
     better = int(at.status[law])
     if holds_by_itself(at, law):
-        if force[law] < at.least[law] - NEAR * (abs(force[law]) + abs(at.least[law])):
+        rounding = NEAR * terms / at.matrix[law, law]
+        if force[law] < at.least[law] - NEAR * (abs(force[law]) + abs(at.least[law])) - rounding:
             better = LOW
-        elif force[law] > at.most[law] + NEAR * (abs(force[law]) + abs(at.most[law])):
+        elif force[law] > at.most[law] + NEAR * (abs(force[law]) + abs(at.most[law])) + rounding:
             better = HIGH
         return better
     a, size = acceleration_of(at, force, law)
+    size = max(size, terms)
     if better == HOLD and abs(a) > NEAR * size:
         better = LOW if a > 0.0 else HIGH
     elif (better == LOW and a < -NEAR * size) or (better == HIGH and a > NEAR * size):
@@ -184,8 +199,8 @@ def solve_laws(at: Equations, force: Array) -> int:
     force : (m,) array
         Filled with the forces of the laws.
     """
-    m = len(force)
-    for _ in range(50 + 50 * m):
+    m, turns = len(force), 50 + 50 * len(force)
+    for turn in range(2 * turns):
         for i in range(m):
             if at.status[i] == LOW:
                 force[i] = at.least[i]
@@ -194,11 +209,12 @@ def solve_laws(at: Equations, force: Array) -> int:
             else:
                 force[i] = 0.0
         solve_holding(at, force)
+        terms = 0.0 if turn < turns else largest_terms(at, force)  # pivoting ends but for rounding
         wrong = -1
         for i in range(m):
             if at.status[i] == OPEN:
                 continue
-            better = better_status(at, force, i)
+            better = better_status(at, force, i, terms)
             if better != at.status[i]:
                 bound = at.least[i] if better == LOW else at.most[i]
                 wrong = i

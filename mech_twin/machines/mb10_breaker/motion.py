@@ -106,8 +106,7 @@ OWN_SIGNALS = 4
 # that before it the body was at rest, or the striker on the tool; torques before it; whether the striker stays on the
 # tool, and goes forward as the crank does
 MOMENT, BASE, LOSS, SLOPE, DEAD_RAD, TORQUE_SENSE, STRUCK, RESTED, REBOUNDS = range(9)
-DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE, TOGETHER, OWN_IMPACT, SIDE = range(9, 16)
-KEPT = 16
+DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE, TOGETHER, OWN_IMPACT, SIDE, KEPT = range(9, 17)
 NOTHING, COLLAR_STRUCK, TOOL_STRUCK = range(3)
 SLOWEST_REBOUND_M_PER_S = 1e-6  # a slower rebound of striker and tool, or of a pushing body, is taken as plastic
 GAP_M = 2e-15  # twice a gap of the size of rounding: a rebound that stays within it is plastic, too

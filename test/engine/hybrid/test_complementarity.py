@@ -87,3 +87,17 @@ def test_two_drives_that_prescribe_different_motions_of_one_joint_contradict_eac
     everything = np.full(2, math.inf)
     answer, *_ = solve(np.ones((2, 2)), np.array([-7.0, -9.0]), -everything, everything, [HOLD, HOLD])
     assert answer == CONTRADICTION
+
+
+@given(st.floats(40.0, 60.0), st.floats(1e-17, 1e-14))
+def test_bounds_below_the_rounding_of_other_forces_do_not_keep_pivoting_from_its_end(fall, friction):
+    """A tool between a wall and a striker whose crank a weight takes away: friction of the crank is next to nothing."""
+    tool, arm, crank = 0.1, 0.0823, 3.322
+    matrix = np.array([[tool, tool, 0.0], [tool, tool + arm**2 / crank, arm], [0.0, arm, crank]])
+    free = np.array([0.0, fall * arm / crank, fall])
+    low, high = np.array([-1e6, -friction, -friction]), np.array([friction, math.inf, friction])
+    answer, force, a, status = solve(matrix, free, low, high, [HOLD, HOLD, HOLD])
+    assert answer == SOLVED
+    assert list(status[1:]) == [LOW, LOW]
+    np.testing.assert_allclose(a, free, atol=1e-9)
+    assert abs(force[0]) <= 2.0 * friction
