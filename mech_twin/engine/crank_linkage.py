@@ -28,7 +28,7 @@ from mech_twin.engine.crank_state import (
     crank_drive,
     mechanism_state,
 )
-from mech_twin.engine.crank_step import NO_TORQUE, TurnedCrank, failures_at, start_row, turned_crank
+from mech_twin.engine.crank_step import NO_TORQUE, TurnedCrank, failures_at, start_row
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
@@ -97,7 +97,7 @@ class CrankLinkage(CompiledLinkage):
             np.array(resisting, dtype=float).reshape(len(resisting), 3),
             float(self.energy_scale_j),
         )
-        return turned_crank(crank, self.mechanism)
+        return TurnedCrank(crank, self.mechanism)
 
     @cached_property
     def layout(self) -> LinkageLayout:

@@ -45,7 +45,7 @@ from mech_twin.engine.crank_state import (
     under_load_share,
     within_a_turn,
 )
-from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import (
     Array,
     Indices,
@@ -92,19 +92,10 @@ def failures_at(step_s: float) -> tuple[str, ...]:
 
 
 class TurnedCrank(NamedTuple):
-    """A crank linkage: its constants, those of its mechanism, and the address of its compiled functions."""
+    """A crank linkage: its constants, and those of its mechanism."""
 
     crank: Crank
     mechanism: Any
-    entry: int | None  # of `TurningCrank` in this process
-
-
-def turned_crank(crank: Crank, mechanism: Any) -> TurnedCrank:
-    """Return the model of a crank linkage, its functions compiled."""
-    model = TurnedCrank(crank, mechanism, 0)
-    drive = shaft_drive(crank, 0.0, 0.0, 0.0, 0.0, 0.0)
-    motion = TurningCrank(model, drive, 0.0, 0.0, np.empty(6))
-    return model._replace(entry=entry_of(motion))
 
 
 @kernel
@@ -176,7 +167,7 @@ def try_step(
     regimes[CRANK_LAW], regimes[MECHANISM_REGIME] = law_of(sense), regime
     motion = TurningCrank(model, drive, e, command, kept)
     room = room_in(numbers[BEGIN_ROOM:], marks[2:], 1, 1, 1, STATE_SIZE, DORMAND_PRINCE_5)
-    system = declared(model.entry, motion, room.at)
+    system = declared(motion, room.at)
     fill_tolerance(model, y, past.crank_acceleration_rad_per_s2, regime, past.load_work_j, room.tolerance)
     count = note_stall(motion, system, y, regimes, room, log)
     count = advance(system, 0.0, crank.step_s, y, regimes, room, log, count)

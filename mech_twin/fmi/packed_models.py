@@ -58,9 +58,7 @@ def _expression(packed: PackedModels, value: Any) -> str:
     if isinstance(value, tuple):
         if type(value) is tuple:
             return f"({', '.join(_expression(packed, item) for item in value)},)"
-        # an entry is an address in this process; if None, the functions of the system are compiled in
-        fields = zip(value._fields, value, strict=True)  # type: ignore[attr-defined]
-        inner = ", ".join("None" if name == "entry" else _expression(packed, item) for name, item in fields)
+        inner = ", ".join(_expression(packed, item) for item in value)
         name = f"{type(value).__module__}.{type(value).__name__}".replace(".", "_")
         packed.names[name] = type(value)
         return f"{name}({inner})"

@@ -24,7 +24,7 @@ from mech_twin.engine.crank_motion import (
     law_of,
 )
 from mech_twin.engine.crank_state import NO_MOTOR, Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
-from mech_twin.engine.crank_step import turned_crank
+from mech_twin.engine.crank_step import TurnedCrank
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance, room_for
 from mech_twin.engine.sample_vectors import KIND, TIME
@@ -83,7 +83,7 @@ def advanced(model, drive, y, regimes, span, tolerance, log):
     kept[0] = y[0]
     motion, room = TurningCrank(model, drive, 0.0, 0.0, kept), room_for(1, 1, 1, STATE_SIZE)
     room.tolerance[:] = tolerance
-    return advance(declared(model.entry, motion, room.at), 0.0, span, y, regimes, room, log, 0)
+    return advance(declared(motion, room.at), 0.0, span, y, regimes, room, log, 0)
 
 
 def turned(disc, drive, speed, span, tolerance=1e-12, boundaries=()):
@@ -93,7 +93,7 @@ def turned(disc, drive, speed, span, tolerance=1e-12, boundaries=()):
     crank = Crank(span, 0.0, rows, crank_drive(Transmission(1.0, 1.0, 0.0)), friction, np.zeros((0, 3)), 0.0)
     y, log = np.array([0.0, speed, 0.0, 0.0, 0.0]), np.zeros((40, 20))
     regimes = np.array([law_of(float(np.sign(speed))), 0], dtype=np.int64)
-    count = advanced(turned_crank(crank, Disc(*map(float, disc))), drive, y, regimes, span, tolerance, log)
+    count = advanced(TurnedCrank(crank, Disc(*map(float, disc))), drive, y, regimes, span, tolerance, log)
     return y, count, [(row[TIME], int(row[KIND])) for row in log[: max(count, 0)]]
 
 

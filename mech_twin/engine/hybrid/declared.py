@@ -8,12 +8,10 @@ not inlined.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any, NamedTuple
 
-import numba
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba.extending import intrinsic, overload
+from numba.extending import intrinsic
 
 from mech_twin.engine.addresses import build, interpreted, number_of, place_of, types, value_at
 from mech_twin.engine.hybrid.laws import (
@@ -30,12 +28,10 @@ from mech_twin.engine.hybrid.laws import (
     note_impact,
     pass_signal,
 )
-from mech_twin.engine.hybrid.loop import room_for
 from mech_twin.engine.hybrid.motion import fill_rates, motion_rates
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 EVALUATE, RATES, SIGNALS, BEGIN, END, PASS, CHANGE, STRIKE, IMPACT = range(9)
-_numba: Any = numba
 NUMBERS, MARKS, TABLE = types.float64[::1], types.int64[::1], types.float64[:, ::1]
 
 
@@ -76,7 +72,7 @@ def address_of(value: Any) -> int:
 
 
 @borrowing_kernel
-def enter(
+def _enter(
     phase: int, which: int, t: float, system: Any, equations: Any, y: Any, regimes: Any, first: Any, second: Any,
     past: Any, log: Any, count: int,
 ) -> int:  # fmt: skip
@@ -107,18 +103,23 @@ def enter(
     return count
 
 
-def entry_of(system: Any) -> int | None:
-    """Return the address of `enter` compiled for a system's type in this process; None in interpreted code."""
-    return None if interpreted else _entry_for(_numba.typeof(system))
+enter: Any = _enter
 
 
-@cache
-def _entry_for(kind: Any) -> int:
-    signature = entry_types(kind, _numba.typeof(room_for(1, 1, 0, 2).at))
-    compiler: Any = enter
-    compiler.compile(signature)
-    compiled = compiler.overloads[signature]
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name))
+def _entry(typing_context: Any, system: Any, equations: Any) -> Any:
+    """Return the address of `enter` compiled for a system and linked into the calling code (numba intrinsic)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds = entry_types(system, equations)
+        enter.compile(kinds)
+        compiled = enter.overloads[kinds]
+        context.active_code_library.add_linking_library(compiled.library)
+        return builder.ptrtoint(context.declare_function(builder.module, compiled.fndesc), ir.IntType(64))
+
+    return types.int64(system, equations), generate
+
+
+entry_of: Any = intrinsic(_entry)
 
 
 class Declared(NamedTuple):
@@ -129,29 +130,18 @@ class Declared(NamedTuple):
     equations: int
 
 
-def by_address(entry: int | None, system: Any, place: Any, equations: Any) -> Any:
-    """Return a system as `Declared`, or unchanged without an entry address."""
+@inline_kernel
+def _by_address(system: Any, at: Equations) -> Declared:
+    """Return a system as `Declared`, valid while the calling kernel runs."""
+    return Declared(entry_of(system, at), number_of(place_of(system)), number_of(place_of(at)))
+
+
+def _itself(system: Any, at: Equations) -> Any:
+    """Return the system: interpreted code has no addresses."""
     return system
 
 
-@overload(by_address)
-def _by_address(entry: Any, system: Any, place: Any, equations: Any) -> Any:
-    def itself(entry: Any, system: Any, place: Any, equations: Any) -> Any:
-        return system
-
-    def as_declared(entry: Any, system: Any, place: Any, equations: Any) -> Any:
-        return Declared(entry, number_of(place), number_of(equations))
-
-    return itself if isinstance(entry, types.NoneType) else as_declared
-
-
-@inline_kernel
-def declared(entry: int | None, system: Any, at: Equations) -> Any:
-    """Return a system as `Declared`, valid while the calling kernel runs, or unchanged without an entry address.
-
-    Code compiled ahead of time, and interpreted code, have no entry address.
-    """
-    return by_address(entry, system, place_of(system), place_of(at))
+declared: Any = _itself if interpreted else _by_address
 
 
 @declares(evaluate, Declared)

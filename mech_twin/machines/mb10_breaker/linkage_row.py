@@ -44,12 +44,11 @@ class GearedMotor(NamedTuple):
 
 
 class LedBreaker(NamedTuple):
-    """Constants of the linkage role: breaker, the motor's curve, coupling step (s), the functions of its motion."""
+    """Constants of the linkage role: breaker, the motor's curve, and coupling step (s)."""
 
     breaker: Breaker
     curve: MotorConstants
     step_s: float
-    entry: int | None  # in this process
 
 
 @step_of(motor_step, GearedMotor)
@@ -146,7 +145,7 @@ def breaker_step(
     while count == LOG_FULL:
         y[:], kept[:], numbers[:], marks[:] = start, begun, 0.0, 0
         regime, count, torque = advance_step(
-            model.entry, b, turning, y, kept, first, step * model.step_s, model.step_s, log, numbers, marks
+            b, turning, y, kept, first, step * model.step_s, model.step_s, log, numbers, marks
         )
         if count == LOG_FULL:
             log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))

@@ -27,7 +27,7 @@ from mech_twin.machines.mb10_breaker.linkage_row import (
     start_row,
 )
 from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide
-from mech_twin.machines.mb10_breaker.step import FAILURES, breaker_entry
+from mech_twin.machines.mb10_breaker.step import FAILURES
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
@@ -107,7 +107,7 @@ class BreakerLinkage(CompiledLinkage):
     @cached_property
     def model(self) -> LedBreaker:
         """Constants of the kernel."""
-        return LedBreaker(self._b, self._curve, float(self.step_s), breaker_entry(self._b, self._curve))
+        return LedBreaker(self._b, self._curve, float(self.step_s))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""

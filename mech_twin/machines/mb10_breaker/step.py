@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Indices
 from mech_twin.engine.hybrid.loop import (
     LOG_FULL,
@@ -17,7 +17,6 @@ from mech_twin.engine.hybrid.loop import (
     TOO_LONG,
     TOO_MANY,
     advance,
-    room_for,
     room_in,
     room_sizes,
 )
@@ -56,10 +55,9 @@ from mech_twin.machines.mb10_breaker.state import (
     TOOL_LAW,
     TOOL_REGIME,
     WALL_LAW,
-    BreakerMemory,
     named,
 )
-from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, supplied_motor
+from mech_twin.parts.induction_motor import MotorInStep
 
 Array = NDArray[np.float64]
 ERROR = 1e-13  # of a step, over the size of what it integrates
@@ -183,13 +181,6 @@ def reported_tool_regime(regimes: Indices) -> int:
     return MOVING if regimes[WALL_LAW] == LOW else STANDING
 
 
-def breaker_entry(b: Breaker, curve: MotorConstants) -> int | None:
-    """Return the address of the compiled functions of a breaker."""
-    memory, kept = np.zeros(len(BreakerMemory._fields)), np.zeros(KEPT)
-    at = room_for(FREEDOMS, LAWS, OWN_SIGNALS, STATES).at
-    return entry_of(BreakerMotion(b, supplied_motor(curve, 0.0), 0.0, 0.0, memory, kept, at))
-
-
 @borrowing_kernel
 def fill_tolerance(b: Breaker, y: Array, tolerance: Array) -> None:
     """Fill the error tolerances of an integration step."""
@@ -209,15 +200,13 @@ def breaker_room() -> tuple[int, int]:
 
 @borrowing_kernel
 def advance_step(
-    entry: int | None, b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, begin_s: float, step_s: float,
+    b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, begin_s: float, step_s: float,
     log: Array, numbers: Array, marks: Indices,
 ) -> tuple[int, int, float]:  # fmt: skip
     """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
 
     Parameters
     ----------
-    entry : int
-        Of `breaker_entry`.
     motor : MotorInStep
         The motor in this step.
     y : (10,) array
@@ -242,7 +231,7 @@ def advance_step(
     motion = BreakerMotion(b, motor, begin_s, step_s, row, kept, room.at)
     kept[TORQUE_SENSE] = 1.0 if motor_at(motion, 0.0, state.crank_rad_per_s, state.body_rad_per_s) >= 0.0 else -1.0
     before = begin_step(b, state, memory)
-    system = declared(entry, motion, room.at)
+    system = declared(motion, room.at)
     count = advance(system, 0.0, step_s, y, regimes, room, log, 0)
     if count < 0:
         return regime, count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3), 0.0

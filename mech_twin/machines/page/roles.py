@@ -15,7 +15,6 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage, CompiledMotor
 from mech_twin.engine.errors import MotionError
 from mech_twin.engine.hybrid.complementarity import SOLVED
-from mech_twin.engine.hybrid.declared import entry_of
 from mech_twin.engine.sample_vectors import COMMAND, EventLayout, ForceLayout, LinkageLayout, MotorLayout
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DriveElement
@@ -226,7 +225,7 @@ class PageModel:
         columns = [self.assembly.columns.index(self.assembly.coordinates[j]) for j in order]
         joints = len(self.assembly.columns)
         return PageMachine(
-            self.system, entry_of(self.system), self.functions.report.address(), self.drives,
+            self.system, self.functions.report.address(), self.drives,
             np.array(columns, dtype=np.int64),
             self.tolerance, np.zeros(self.functions.report.size), joints, len(p.books),
             len(p.books) + len(p.gases), len(p.tabled), len(p.motors),

@@ -52,7 +52,6 @@ class PageMachine(NamedTuple):
     """Constants of the linkage role; places are of a linkage row and its memory."""
 
     system: PageSystem
-    entry: int | None  # of the system in this process
     report: int
     drives: Array
     columns: Indices  # of the joints of free, dependent and driven coordinates
@@ -294,7 +293,7 @@ def try_step(
     for i in range(s.law_count):  # friction follows the force of its contact
         s.controls[s.switch_controls + 2 * s.switches + s.free + i] = linkage[forces + i]
     begun = linkage[len(out) - 5] + energy_held(model, t, y) - linkage[len(out) - 3]
-    system = declared(model.entry, s, room.at)
+    system = declared(s, room.at)
     count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
     if count < 0:
         return count
@@ -348,7 +347,7 @@ def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Ar
     s = model.system
     length, places = room_sizes(s.free, s.law_count, s.switches, len(y))
     room = page_room(s, len(y), np.zeros(len(y) + length), np.zeros(places, dtype=np.int64))
-    system = declared(model.entry, s, room.at)
+    system = declared(s, room.at)
     candidates = np.zeros(s.law_count, dtype=np.int64)
     put_back(s, y)
     tell_regimes(s, regimes)

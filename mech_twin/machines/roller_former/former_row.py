@@ -30,7 +30,6 @@ from mech_twin.machines.roller_former.integration import (
     NO_STEP,
     TIGHT,
     advance_motion,
-    entry_for,
 )
 from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
 from mech_twin.parts.induction_motor import motor_in_step
@@ -51,12 +50,6 @@ class CoupledFormer(NamedTuple):
 
     former: Former
     step_s: float
-    entry: int | None  # of its motion in this process
-
-
-def coupled_former(former: Former, step_s: float) -> CoupledFormer:
-    """Return the constants of the linkage role, its functions compiled."""
-    return CoupledFormer(former, step_s, entry_for(former))
 
 
 class CartJoints(NamedTuple):
@@ -204,7 +197,7 @@ def former_step(
     torque = motor_in_step(former.motor, before.command, rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
     sides, end_s = np.ones(former.bank.offset_rad.size), (step + 1) * model.step_s
     begun = stored_energy(former, state_of(y), sides)
-    done, log = advance_motion(model.entry, former, torque, begin_s, end_s, y, modes_of(past), log, np.inf)
+    done, log = advance_motion(former, torque, begin_s, end_s, y, modes_of(past), log, np.inf)
     if done.status < 0:
         return log, -1 if done.status == UNSTEADY else -2
     stored = stored_energy(former, state_of(y), sides)

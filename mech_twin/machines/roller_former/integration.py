@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import (
     Array,
     Indices,
@@ -61,7 +61,7 @@ from mech_twin.machines.roller_former.motion import (
     law_of,
     sense_of,
 )
-from mech_twin.parts.induction_motor import MotorInStep, supplied_motor
+from mech_twin.parts.induction_motor import MotorInStep
 
 OF_A_STEP = 0.002  # of the tolerance of the motion: what one step may miss
 CREEPING, LEAST_SPEED = 1e-3, 1e-14  # of the speed that the twist gives a creeping crank; rad/s
@@ -89,12 +89,6 @@ def ending(advance: Advance) -> str:
     )
 
 
-def entry_for(former: Former) -> int | None:
-    """Return the address of the compiled functions of a former."""
-    torque = supplied_motor(former.motor, 0.0)
-    return entry_of(FormerMotion(former, torque, 0.0, 0.0, np.empty(KEPT), np.empty(former.bank.offset_rad.size)))
-
-
 @inline_kernel
 def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kept: Array, regimes: Indices) -> None:
     """Fill regimes and stored values from the modes, consistent with the present parameters and command."""
@@ -113,7 +107,7 @@ def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kep
 
 @borrowing_kernel
 def advance_in(
-    entry: int | None, former: Former, torque: MotorInStep, times: tuple[float, float], stop_rad: float, state: Array,
+    former: Former, torque: MotorInStep, times: tuple[float, float], stop_rad: float, state: Array,
     modes: Modes, log: Array, numbers: Array, marks: Indices,
 ) -> Advance:  # fmt: skip
     """Integrate as `advance_motion` does, with given work arrays."""
@@ -129,7 +123,7 @@ def advance_in(
     room.steps[0] = 0
     begin_modes(former, torque, y, modes, kept, regimes)
     motion = FormerMotion(former, torque, times[0], stop_rad, kept, sides)
-    system = declared(entry, motion, room.at)
+    system = declared(motion, room.at)
     count = advance(system, 0.0, times[1] - times[0], y, regimes, room, log, 0)
     for i in range(SIZE):
         state[i] = y[i]
@@ -143,15 +137,13 @@ def advance_in(
 
 @kernel
 def advance_motion(
-    entry: int | None, former: Former, torque: MotorInStep, t: float, end_s: float, y: Array, modes: Modes, log: Array,
+    former: Former, torque: MotorInStep, t: float, end_s: float, y: Array, modes: Modes, log: Array,
     stop_rad: float,
 ) -> tuple[Advance, Array]:  # fmt: skip
     """Integrate the state up to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
 
     Parameters
     ----------
-    entry : int
-        Of `entry_for`.
     former, torque
         Constants, and the motor's torque during the interval.
     t, end_s : float
@@ -168,10 +160,10 @@ def advance_motion(
     size, places = room_sizes(2, LAWS, OWN_SIGNALS, SIZE)
     numbers = np.zeros(SIZE + KEPT + former.bank.offset_rad.size + size)
     marks, start = np.zeros(5 + places, dtype=np.int64), y.copy()
-    done = advance_in(entry, former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
+    done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
     while done.status == LOG_FULL:
         log, y[:] = np.empty((2 * len(log) + 8, log.shape[1])), start
-        done = advance_in(entry, former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
+        done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
     return done, log
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
 from mech_twin.machines.roller_former.dynamics import Former, Modes, may_stick, state_array
-from mech_twin.machines.roller_former.former_row import FAILURES, CoupledFormer, coupled_former, start_row
+from mech_twin.machines.roller_former.former_row import FAILURES, CoupledFormer, start_row
 from mech_twin.machines.roller_former.memory import FormerMemory, FormerResiduals
 from mech_twin.machines.roller_former.motion import EVENT_KINDS
 from mech_twin.samples import LinkageSample
@@ -65,7 +65,7 @@ class FormerLinkage(CompiledLinkage):
     @cached_property
     def model(self) -> CoupledFormer:
         """Constants of the kernel."""
-        return coupled_former(self.former, float(self.step_s))
+        return CoupledFormer(self.former, float(self.step_s))
 
     @cached_property
     def layout(self) -> LinkageLayout:

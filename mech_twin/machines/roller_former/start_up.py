@@ -12,7 +12,7 @@ from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import CRANK, SPEED, Array, Former, Modes, state_array
-from mech_twin.machines.roller_former.integration import Advance, advance_motion, ending, entry_for
+from mech_twin.machines.roller_former.integration import Advance, advance_motion, ending
 from mech_twin.machines.roller_former.parameters import RollerFormer
 from mech_twin.machines.roller_former.roles import start_modes
 from mech_twin.machines.roller_former.steady import TURN
@@ -46,7 +46,6 @@ class StartUp:
 
 @kernel
 def start_motion(
-    entry: int | None,
     former: Former,
     supply: tuple[float, float],
     goal_rad_per_s: float,
@@ -69,7 +68,7 @@ def start_motion(
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
         torque = supplied_motor(former.motor, command)
-        done, log = advance_motion(entry, former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
+        done, log = advance_motion(former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
         steps += done.steps
         if done.status < 0 or done.modes.stalled or steps > MOST_START_STEPS:
             return done, reached, False
@@ -100,9 +99,7 @@ def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) ->
     y, modes = state_array(p.start.crank_deg * TURN / 360.0, at), start_modes(former, at)
     ramp_s = min((1.0 - p.supply.initial_fraction) / p.supply.rate_per_s, LONGEST_RAMP_S)
     supply = (p.supply.initial_fraction, p.supply.rate_per_s)
-    done, reached, steady = start_motion(
-        entry_for(former), former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes
-    )
+    done, reached, steady = start_motion(former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes)
     if done.status < 0:
         raise MotionError(f"roller_former: {ending(done)}")
     stalled = bool(done.modes.stalled)

@@ -31,7 +31,6 @@ from mech_twin.machines.roller_former.integration import (
     Advance,
     advance_motion,
     ending,
-    entry_for,
     twist_acceleration,
 )
 from mech_twin.parts.induction_motor import supplied_motor
@@ -106,13 +105,11 @@ def failed(done: Advance) -> bool:
 
 
 @kernel
-def next_section(
-    entry: int | None, former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float
-) -> Advance:
+def next_section(former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float) -> Advance:
     """Integrate the state over one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
     torque = supplied_motor(former.motor, command)
-    done, _ = advance_motion(entry, former, torque, t, t + longest_s, y, modes, np.empty((8, EVENT_WIDTH)), stop)
+    done, _ = advance_motion(former, torque, t, t + longest_s, y, modes, np.empty((8, EVENT_WIDTH)), stop)
     if y[CRANK] < stop:
         return Advance(np.nan, done.status, done.modes, done.steps)
     y[CRANK] = stop - TURN
@@ -125,12 +122,12 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
     The step is on y - P(y) over twist, crank speed and twist rate, with P the map over a turn.  It is taken in full or
     in part.  Returned unchanged where a turn nearby does not end, the matrix is singular, or no step reduces y - P(y).
     """
-    steps, entry = 0, entry_for(former)
+    steps = 0
 
     def turned(start: Array) -> Array:
         nonlocal steps
         end = start.copy()
-        done = next_section(entry, former, 1.0, 0.0, end, modes, longest_s)
+        done = next_section(former, 1.0, 0.0, end, modes, longest_s)
         steps += done.steps
         return end if not failed(done) and not done.modes.stalled and isfinite(done.time_s) else end * np.nan
 
@@ -158,9 +155,7 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
 
 
 @kernel
-def turn_columns(
-    entry: int | None, former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes
-) -> TurnColumns:
+def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes) -> TurnColumns:
     """Integrate the state over one turn, and return its values at the nodes."""
     found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
     torque = supplied_motor(former.motor, command)
@@ -173,7 +168,7 @@ def turn_columns(
         found[6, node] = coupling_moment(former, now)
         found[7, node], found[8, node] = geared(former, shaft, modes.drive_direction), shaft
         until = turn_time_s * (node + 1) / nodes
-        done, log = advance_motion(entry, former, torque, t, until, y, modes, log, np.inf)
+        done, log = advance_motion(former, torque, t, until, y, modes, log, np.inf)
         modes = done.modes
     return TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
 
@@ -198,10 +193,10 @@ def steady_turn(
     y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False), 0.0
     longest_s = LONGEST_TURN * TURN / speed
     criterion = max(CRITERION, float(np.max(former.tolerances / np.array(former.scales))) / 100.0)
-    steps, entry = 0, entry_for(former)
+    steps = 0
     for turns in range(1, most_turns + 1):
         before = FormerState(*y.tolist())
-        done = next_section(entry, former, 1.0, t, y, modes, longest_s)
+        done = next_section(former, 1.0, t, y, modes, longest_s)
         steps += done.steps
         if (failed(done) and done.status != UNSTEADY) or steps > MOST_STEADY_STEPS:
             return None
@@ -213,7 +208,7 @@ def steady_turn(
         works, y = y, state_array(0.0, 0.0) + y * KEPT
         modes = done.modes
         if change < criterion:
-            columns = turn_columns(entry, former, 1.0, done.time_s - t, nodes, y, modes)
+            columns = turn_columns(former, 1.0, done.time_s - t, nodes, y, modes)
             return SteadyTurn(
                 done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
             )

@@ -59,7 +59,6 @@ class Drum(NamedTuple):
     start_radius_m: float
     end_radius_m: float
     step_s: float
-    entry: int | None  # of its motion in this process
 
 
 class LoadedDrum(NamedTuple):
@@ -137,7 +136,7 @@ def try_step(
     y[ANGLE], y[SPEED] = now.drum_rad, now.drum_rad_per_s
     y[DRIVE_WORK], y[GRAVITY_WORK], y[FRICTION_LOSS] = 0.0, 0.0, 0.0
     motion = DrumSystem(p, first, last, theta, a, left, step * h)
-    count = advance_drum(model.entry, motion, h, y, regimes, log, numbers[STATE_SIZE:], marks[2:])
+    count = advance_drum(motion, h, y, regimes, log, numbers[STATE_SIZE:], marks[2:])
     if count < 0:
         return count
     now.drum_rad, now.drum_rad_per_s = y[ANGLE], y[SPEED]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import fill_event
-from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import (
     HIGH,
     HOLD,
@@ -199,11 +199,6 @@ def no_impact(motion: DrumSystem, t: float, before: Array, y: Array, at: Equatio
     return count
 
 
-def drum_entry(package: Package) -> int | None:
-    """Return the address of the compiled functions of a drum."""
-    return entry_of(DrumSystem(package, Wound(1.0, 1.0), Wound(1.0, 1.0), 0.0, 0.0, 0.0, 0.0))
-
-
 @inline_kernel
 def drum_room() -> tuple[int, int]:
     """Return the lengths of the float and integer arrays that `advance_drum` needs."""
@@ -212,7 +207,7 @@ def drum_room() -> tuple[int, int]:
 
 @borrowing_kernel
 def advance_drum(
-    entry: int | None, motion: DrumSystem, span: float, y: Array, regimes: Indices, log: Array, numbers: Array,
+    motion: DrumSystem, span: float, y: Array, regimes: Indices, log: Array, numbers: Array,
     marks: Indices,
 ) -> int:  # fmt: skip
     """Integrate the drum over ``span`` (s); return the number of events, negative for a failure.
@@ -237,7 +232,7 @@ def advance_drum(
     pieces = max(1.0, np.ceil(speed * span / SURE_RAD))
     if not pieces <= MOST_STEPS:
         return TOO_LONG
-    system, count, done = declared(entry, motion, room.at), 0, 0.0
+    system, count, done = declared(motion, room.at), 0, 0.0
     for piece in range(1, int(pieces) + 1):
         until = span * (piece / pieces)
         count = advance(system, done, until - done, y, regimes, room, log, count)

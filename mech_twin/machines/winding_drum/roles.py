@@ -12,7 +12,6 @@ import numpy as np
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
 from mech_twin.machines.winding_drum.drum_row import FAILURES, Drum, LoadedDrum, start_row
-from mech_twin.machines.winding_drum.dynamics import drum_entry
 from mech_twin.machines.winding_drum.memory import DrumMemory, DrumResiduals
 from mech_twin.machines.winding_drum.wound_package import Package
 from mech_twin.samples import LinkageSample
@@ -82,7 +81,7 @@ class DrumLinkage(CompiledLinkage):
     def model(self) -> Drum:
         """Constants of the kernel."""
         lengths = float(self.start_radius_m), float(self.end_radius_m)
-        return Drum(self.package, *lengths, float(self.step_s), drum_entry(self.package))
+        return Drum(self.package, *lengths, float(self.step_s))
 
     @cached_property
     def layout(self) -> LinkageLayout:

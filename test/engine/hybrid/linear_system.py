@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, OPEN
 from mech_twin.engine.hybrid.loop import advance, room_for
 from mech_twin.kernels.kernel import kernel
@@ -147,9 +147,9 @@ def linear(mass, directions, **more):
 
 
 @kernel
-def advance_linear(entry, system, t, span, y, regimes, room, log):
+def advance_linear(system, t, span, y, regimes, room, log):
     """Return the number of events of a step."""
-    return advance(declared(entry, system, room.at), t, span, y, regimes, room, log, 0)
+    return advance(declared(system, room.at), t, span, y, regimes, room, log, 0)
 
 
 def run(system, q, u, regimes, span, steps=1, most_events=4000):
@@ -160,7 +160,7 @@ def run(system, q, u, regimes, span, steps=1, most_events=4000):
     for k in range(steps):
         room, log = room_for(n, m, 1, 2 * n + 1), np.zeros((most_events, 8))
         room.tolerance[:] = 1e-12
-        count = advance_linear(entry_of(system), system, k * span / steps, span / steps, y, state, room, log)
+        count = advance_linear(system, k * span / steps, span / steps, y, state, room, log)
         assert count >= 0, f"failed with {count}"
         rows.append(log[:count].copy())
     return y, state[:m], np.concatenate(rows)

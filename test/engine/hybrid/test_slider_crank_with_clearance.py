@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.declared import declared, entry_of
+from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN
 from mech_twin.engine.hybrid.loop import advance, room_for
 from mech_twin.kernels.kernel import kernel
@@ -120,9 +120,9 @@ def log_impact(system, t, before, y, at, log, count):
 
 
 @kernel
-def advance_slider(entry, system, t, span, y, regimes, room, log):
+def advance_slider(system, t, span, y, regimes, room, log):
     """Return the number of events of a step."""
-    return advance(declared(entry, system, room.at), t, span, y, regimes, room, log, 0)
+    return advance(declared(system, room.at), t, span, y, regimes, room, log, 0)
 
 
 def run(system, span, steps, start_speed=START_SPEED):
@@ -132,7 +132,7 @@ def run(system, span, steps, start_speed=START_SPEED):
     for k in range(steps):
         room, log = room_for(3, 5, 0, 7), np.zeros((2000, 4))
         room.tolerance[:] = 1e-11
-        count = advance_slider(entry_of(system), system, k * span / steps, span / steps, y, regimes, room, log)
+        count = advance_slider(system, k * span / steps, span / steps, y, regimes, room, log)
         assert count >= 0, f"failed with {count}"
         states.append(y.copy())
         rows.append(log[:count].copy())

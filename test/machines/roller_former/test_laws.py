@@ -20,7 +20,7 @@ from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import Modes, state_array
 from mech_twin.machines.roller_former.forces import former_forces
-from mech_twin.machines.roller_former.integration import advance_motion, entry_for
+from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
@@ -43,8 +43,8 @@ def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]
     memory, torque = FormerMemory(*start.memory.values), supplied_motor(former.motor, 1.0)
     senses, load = (memory.direction_1, memory.drive_direction_1), (memory.load_on_1 > 0.0, memory.load_share_1)
     modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0)
-    entry, log = entry_for(former), np.empty((8, EVENT_WIDTH))
-    done, _ = advance_motion(entry, former, torque, 0.0, duration_s, y, modes, log, np.inf)
+    log = np.empty((8, EVENT_WIDTH))
+    done, _ = advance_motion(former, torque, 0.0, duration_s, y, modes, log, np.inf)
     assert done.status >= 0
     return y
 

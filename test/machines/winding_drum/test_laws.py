@@ -20,7 +20,6 @@ from mech_twin.machines.winding_drum.dynamics import (
     STATE_SIZE,
     DrumSystem,
     advance_drum,
-    drum_entry,
     drum_room,
 )
 from mech_twin.machines.winding_drum.parameters import package_constants
@@ -54,7 +53,7 @@ def turned(package, radius, phi, yarn, span):
     y[0] = phi
     motion = DrumSystem(package, wound, wound, *yarn, inf, 0.0)
     room = np.zeros(numbers), np.zeros(marks, dtype=np.int64)
-    assert advance_drum(drum_entry(package), motion, span, y, regimes, np.zeros((8, 13)), *room) == 0
+    assert advance_drum(motion, span, y, regimes, np.zeros((8, 13)), *room) == 0
     return y
 
 
