@@ -84,7 +84,7 @@ class Refits:
     ) -> Refit:
         """Return the fit with some unknowns held at values and others refitted, started from earlier fits ``way``.
 
-        With a rise of at most ``most``, no other start is tried; above it, descent continues with new derivatives.
+        A rise of at most ``most`` suffices: no other start is tried, and derivatives are computed anew only above it.
         """
         starts: list[tuple[float, Array]] = []
         for start in self._starts(list(held), values, follows, way):
@@ -98,7 +98,8 @@ class Refits:
                 jacobian = self.problem.jacobian(x, self.comparison) * _weights(self._rows(x))[:, None]
             x, won, jacobian = self._descended(x, follows, jacobian)
             rise = self.rise(x)
-            if won <= settled and (most is None or rise <= most):
+            suffices = won <= settled if most is None else rise <= most
+            if suffices or (again and won <= settled):
                 break
         return Refit(x, rise, jacobian)
 
