@@ -179,8 +179,8 @@ def is_beyond(first: float, rate: float, last: float, at_root: bool) -> bool:
     """Return whether the event is at the start of the step already, from the signal at both ends and its rate."""
     if at_root:  # the rate alone may be rounding
         return bool(rate < 0.0 and last < 0.0)
-    if first < 0.0:  # negative by rounding only if it becomes positive: a gap that opens as friction slips
-        return not (rate >= 0.0 and last > 0.0)
+    if first < 0.0:  # negative by rounding only if it gets no more so: a gap that opens, or stays, as friction slips
+        return not (rate >= 0.0 and last >= first)
     return bool(first == 0.0 and (rate < 0.0 or last < 0.0))
 
 

@@ -76,10 +76,10 @@ def start_motion(
             reached = t + (goal_rad_per_s - before) / (y[SPEED] - before) * CHUNK_S
         if command < 1.0 or not done.modes.load_on or done.modes.load_share < 1.0:
             passed, section_s, last_turn_s, alike = y[CRANK], nan, nan, 0
-        elif y[CRANK] >= passed + TURN:
+        elif y[CRANK] >= passed + TURN and y[CRANK] > angle:
             now = t + (passed + TURN - angle) / (y[CRANK] - angle) * CHUNK_S
             turn_s = now - section_s
-            alike = alike + 1 if abs(turn_s / last_turn_s - 1.0) < STEADY else 0
+            alike = alike + 1 if abs(turn_s - last_turn_s) < STEADY * last_turn_s else 0
             passed, section_s, last_turn_s = passed + TURN, now, turn_s
             if alike >= 2:
                 return done, reached, True

@@ -24,7 +24,8 @@ from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import joints_of
+from mech_twin.machines.roller_former.roles import joints_of, start_modes
+from mech_twin.machines.roller_former.start_up import start_motion
 from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parts.induction_motor import motor_torque, supplied_motor
 from mech_twin.roles import Machine
@@ -330,3 +331,11 @@ def test_a_small_crank_in_dry_friction_of_its_shaft_keeps_its_residuals():
         "integrator.tolerance": 1e-07,
     }
     assert run(machine_for(3, changes), (1.0, 0.644665381531002, 0.0, 1.0))[0] == ""
+
+
+def test_a_crank_that_stands_after_several_turns_in_one_section_of_its_start_is_timed_without_it() -> None:
+    former, speed = machine_for(3, {}).linkage.former._replace(coulomb_nm=1e9), 5e4
+    y = state_array(0.0, speed)
+    _, _, steady = start_motion(former, (1.0, 1.0), 10.0, 0.5, y, start_modes(former, speed))
+    assert y[0] > 4.0 * np.pi and y[2] == 0.0
+    assert not steady
