@@ -126,9 +126,8 @@ class RecorderNode(TwinNode):
     ) -> None:
         super().__init__("recorder", machine_name, parameters, options)
         self._closed = False
-        self._last_received_s = time.monotonic()
+        self._last_received_s = self._awake_s = time.monotonic()
         self._repaired_s = self._looked_s = -math.inf
-        self._awake_s = math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
         self._alarms: set[str] = set()
