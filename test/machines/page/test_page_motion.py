@@ -11,6 +11,8 @@ import pytest
 from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, run
 from scipy.special import ellipk
 
+from mech_twin import rollout
+
 
 def impacts(simulation):
     return [event for event in simulation.events if event.kind == "impact"]
@@ -216,3 +218,11 @@ def test_a_loop_closes_near_the_guess_without_whole_turns():
     told, _ = run(PARALLEL, 0.001)
     for name in ("rear_bush", "front_bush"):
         assert math.degrees(told[0].linkage.joint(name).position) == pytest.approx(20.0, abs=0.1)
+
+
+@pytest.mark.parametrize("rate", [17128.20512820513, 33353.38345864661])
+def test_friction_that_lets_go_beside_a_closed_gap_is_no_endless_series_of_events(rate):
+    """The ram has come to rest on its anvil by rounding inside it; there its friction reaches the bound."""
+    found = rollout("config/pages/spring_hammer.yaml", 0.2, {"springs.spring.rate_n_per_m": rate})
+    assert len(found.event_numbers.kind) < 100
+    assert abs(found["linkage.residual.energy_balance"]).max() < 1e-9
