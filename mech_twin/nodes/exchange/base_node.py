@@ -143,9 +143,9 @@ class TwinNode(Node):
     def close(self) -> None:
         """Close the resources of this node other than its topics."""
 
-    def quiet_s(self) -> float:
-        """Return the time (s) since this node last received a message it must keep."""
-        return float("inf")
+    def settled(self) -> bool:
+        """Return whether this node, about to end, waits for no further message."""
+        return True
 
     @property
     def received(self) -> dict[str, int]:

@@ -82,7 +82,8 @@ class RecordingClock:
 
 
 TICK_S = 0.1
-SUSPENDED_S, REPAIR_S = 0.3, 3.2  # time without a pulse; the middleware resends lost messages within 3 s
+QUIET_S, QUIET_LIMIT_S = 0.15, 4.0  # silence that ends a recording; longest wait for it if others keep publishing
+REPAIR_S, REPAIR_LIMIT_S = 3.2, 8.0  # the middleware sends lost messages again within 3 s, and may lose them again
 LOOK_S = 1.0  # period of graph queries once the run has begun; querying all topics and publishers is slow
 TICKS_PER_LOSS = 0.2
 MIB = 1024.0 * 1024.0
@@ -126,8 +127,8 @@ class RecorderNode(TwinNode):
     ) -> None:
         super().__init__("recorder", machine_name, parameters, options)
         self._closed = False
-        self._last_received_s = self._awake_s = time.monotonic()
-        self._repaired_s = self._looked_s = -math.inf
+        self._last_received_s = self._flushed_s = time.monotonic()
+        self._looked_s = -math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
         self._alarms: set[str] = set()
@@ -161,29 +162,24 @@ class RecorderNode(TwinNode):
         kept = Counter() if self._recent is None else self._recent.received
         return {name: max(row.received, kept[name]) for name, row in self.writer.counters.items()}
 
-    def quiet_s(self) -> float:
-        """Return the time (s) since the last recorded message; 0 while a topic lags, whose loss is being repaired.
+    def settled(self) -> bool:
+        """Return whether every message sent before `flush` has arrived, or waiting longer is useless.
 
-        A topic counts as lagging until its first message: a recorder may be matched before it receives.
+        While a publisher of steps lives, lost messages may be sent again.  A topic lags until its first message: a
+        recorder may be matched before it receives.
         """
-        if time.monotonic() < self._repaired_s:
-            return 0.0
-        newest = max((each.sequence.last or 0 for each in self._steps.values()), default=0)
+        now_s = time.monotonic()
         connected = [each for each in self._steps.values() if each.listener is not None and each.listener.publishers()]
-        lags = any(each.sequence.last is None or newest - each.sequence.last > UNDER_WAY for each in connected)
-        return 0.0 if lags else time.monotonic() - self._last_received_s
+        newest = max((each.sequence.last or 0 for each in self._steps.values()), default=0)
+        if any(each.sequence.last is None or newest - each.sequence.last > UNDER_WAY for each in connected):
+            return now_s - self._flushed_s > REPAIR_LIMIT_S
+        silent = now_s - self._last_received_s > (REPAIR_S if connected else QUIET_S)
+        return silent or now_s - self._flushed_s > QUIET_LIMIT_S
 
     def flush(self) -> None:
         """Publish held messages, and restart the measurement of silence to receive those sent before the end."""
         super().flush()
-        self._last_received_s = time.monotonic()
-        self.check_peers(self._last_received_s)
-
-    def check_peers(self, now_s: float) -> None:
-        """After a suspension of this process, allow time for messages that found no room and are sent again."""
-        if now_s - self._awake_s > SUSPENDED_S:
-            self._repaired_s = now_s + REPAIR_S
-        self._awake_s = now_s
+        self._last_received_s = self._flushed_s = time.monotonic()
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the state of the writer, its first step, and the dropped messages."""
@@ -252,7 +248,8 @@ class RecorderNode(TwinNode):
         self._on_message(topic, name, False, received.raw)
 
     def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
-        self._last_received_s = time.monotonic()
+        if topic is not DIAGNOSTICS:  # a node sends them even if it does nothing
+            self._last_received_s = time.monotonic()
         stamp = stamp_ns(type_name(topic), raw)
         if stamp is not None and not self._time.belongs(stamp):
             self._count_stamp(topic, stamp)

@@ -10,7 +10,6 @@ import argparse
 import math
 import os
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
@@ -193,9 +192,6 @@ def discovery(asked: str, environment: Mapping[str, str] = os.environ) -> tuple[
     return users, line
 
 
-QUIET_S = 0.15
-QUIET_LIMIT_S = 4.0  # limit if others keep publishing
-REPAIR_LIMIT_S = 8.0  # while a topic lags: the middleware sends lost messages again every 3 s, and may lose them again
 EXIT_CODE = 2
 
 
@@ -287,14 +283,7 @@ def _serve(make: Callable[[], TwinNode], ros: list[str], stop: StopSignal) -> No
             spinner.serve(lambda: stop.asked or node.done)
             node.flush()
             node.report()
-            begun = time.monotonic()
-
-            def settled() -> bool:
-                quiet_s = node.quiet_s()
-                limit_s = REPAIR_LIMIT_S if quiet_s == 0.0 else QUIET_LIMIT_S
-                return quiet_s > QUIET_S or time.monotonic() - begun > limit_s
-
-            spinner.until(settled)
+            spinner.until(node.settled)
 
 
 def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> TwinNode:
