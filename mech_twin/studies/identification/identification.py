@@ -133,7 +133,7 @@ def identified(
     everything = problem_of(question, KeyedConfiguration(question.machine, question.base, question.keys), fitted_runs)
     progress("which keys the channels see")
     places = list(range(len(question.keys)))
-    chosen = sensitivity_at(everything.roughly(), everything.unknowns.start).estimated(places)
+    chosen = sensitivity_at(everything, everything.unknowns.start).estimated(places)
     fitted, search = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, progress)
     if len(chosen) < len(places) and refutation(fitted) is not None:
         # the effect of a key at the start of the search may differ from that elsewhere

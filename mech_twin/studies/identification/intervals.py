@@ -22,7 +22,7 @@ import numpy.typing as npt
 from scipy import stats
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted
+from mech_twin.studies.identification.least_squares_fit import Fitted, robust_weights
 from mech_twin.studies.identification.noise_memory import remembered_noise
 
 BLOCKS = 30  # of all runs together
@@ -72,7 +72,7 @@ def linearised(fitted: Fitted) -> Linearised:
     problem, comparison = fitted.problem, fitted.comparison
     rows = problem.residuals(fitted.x, comparison)
     jacobian, other = problem.two_jacobians(fitted.x, comparison)
-    weights = (1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25
+    weights = robust_weights(rows)
     spans = [(run.first_s, max(min(run.last_s, run.until_s), run.first_s + 1e-9)) for run in problem.runs]
     total = sum(last - first for first, last in spans)
     counts = [max(FEWEST_BLOCKS, round(BLOCKS * (last - first) / total)) for first, last in spans]

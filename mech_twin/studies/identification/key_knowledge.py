@@ -21,7 +21,15 @@ from mech_twin.studies.identification.intervals import (
     uncertainty,
 )
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
-from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, noise_floors, quiet, refined, spreads
+from mech_twin.studies.identification.least_squares_fit import (
+    Fitted,
+    Progress,
+    noise_floors,
+    quiet,
+    refined,
+    robust_weights,
+    spreads,
+)
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.refits import KeyProfile, Refits, family, key_profiles
 from mech_twin.studies.identification.residuals import FitProblem
@@ -67,14 +75,11 @@ class AroundFit:
 def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
     """Return the sensitivity of the channels to the keys before anything is fitted."""
     floors = noise_floors(problem.runs)
-    sigmas = np.maximum(floors, spreads(problem, x, problem.comparison(x, floors)))
-    return _sensitivity(Fitted(problem, x, problem.comparison(x, sigmas), 0.0))[0]
-
-
-def _sensitivity(fitted: Fitted) -> tuple[Sensitivity, Linearised]:
-    line = linearised(fitted)
-    places = fitted.problem.unknowns.places(KEY)
-    return sensitivity(line.jacobian, line.other, places, fitted.x[places]), line
+    comparison = problem.comparison(x, np.maximum(floors, spreads(problem, x, problem.comparison(x, floors))))
+    weights = robust_weights(problem.residuals(x, comparison))
+    jacobian = problem.jacobian(x, comparison) * weights[:, None]
+    places = problem.unknowns.places(KEY)
+    return sensitivity(jacobian, jacobian, places, x[places])
 
 
 def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
@@ -90,8 +95,9 @@ def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
     keyed = KeyedConfiguration(question.machine, base, question.keys)
     whole = problem_of(question, keyed, fitted.problem.runs)
     x = carried_over(fitted, whole.unknowns)
-    seen, line = _sensitivity(Fitted(whole, x, fitted.comparison, fitted.cost))
-    return AroundFit(fitted, whole, line, seen)
+    line = linearised(Fitted(whole, x, fitted.comparison, fitted.cost))
+    places = whole.unknowns.places(KEY)
+    return AroundFit(fitted, whole, line, sensitivity(line.jacobian, line.other, places, x[places]))
 
 
 def predictable(question: IdentificationQuestion, around: AroundFit, progress: Progress = quiet) -> AroundFit:

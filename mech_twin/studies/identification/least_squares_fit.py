@@ -163,6 +163,11 @@ class _Followed:
         return found
 
 
+def robust_weights(rows: Array) -> Array:
+    """Return the factors of residuals and derivatives with which least squares is the robust fit nearby."""
+    return np.asarray((1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25)
+
+
 def brought_on(jacobian: Array, moved: Array, changed: Array) -> Array:
     """Return Broyden's update of derivatives, which reproduces the change of the residuals over a step.
 

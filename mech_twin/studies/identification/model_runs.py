@@ -18,6 +18,7 @@ from mech_twin.studies.identification.keyed_configuration import KeyedConfigurat
 from mech_twin.studies.named_rollouts import rollouts
 
 Curves = tuple[ColumnCurves, ...]
+KEPT = 3  # simulations
 
 
 class ModelRuns:
@@ -43,7 +44,7 @@ class ModelRuns:
         self._cores, self._longest_begin_s = cores, longest_begin_s
         names = [channel.name for run in runs for channel in run.channels if not channel.of_events]
         self._columns = needed_columns(names)
-        self._kept: tuple[bytes, Curves | None] | None = None
+        self._kept: dict[bytes, Curves | None] = {}
 
     def over(self, runs: Sequence[FitRun]) -> ModelRuns:
         """Return the same machine with other parts of the runs."""
@@ -51,10 +52,15 @@ class ModelRuns:
 
     def at(self, values: Array) -> Curves | None:
         """Return the columns of each run for these values of the keys; None if they are rejected or a run fails."""
-        key = values.tobytes()
-        if self._kept is None or self._kept[0] != key:
-            self._kept = (key, self.many([values])[0])
-        return self._kept[1]
+        self.prepare([values])
+        return self._kept[values.tobytes()]
+
+    def prepare(self, members: Sequence[Array]) -> None:
+        """Compute what `at` will be asked for, at most `KEPT` sets of values, on all cores."""
+        lacking = [values for values in members if values.tobytes() not in self._kept]
+        if lacking:
+            found = zip((values.tobytes() for values in lacking), self.many(lacking), strict=True)
+            self._kept = dict([*self._kept.items(), *found][-KEPT:])
 
     def many(self, members: Sequence[Array]) -> list[Curves | None]:
         """Return the same for several sets of values, computed on all cores."""

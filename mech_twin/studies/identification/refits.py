@@ -9,7 +9,7 @@ values; where the cost rises by more than derivatives predict, the runs reject t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -21,7 +21,14 @@ from scipy import optimize, stats
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.intervals import FIXED_OFF, Linearised, inverse_information
-from mech_twin.studies.identification.least_squares_fit import LOSS_SCALE, Fitted, Progress, brought_on, quiet
+from mech_twin.studies.identification.least_squares_fit import (
+    LOSS_SCALE,
+    Fitted,
+    Progress,
+    brought_on,
+    quiet,
+    robust_weights,
+)
 from mech_twin.studies.identification.unknowns import KEY
 
 LEAST_RISE, MOST_RISE = 0.6, 1.6  # times the rise of a parabola: outside, a profile is computed
@@ -35,7 +42,7 @@ DERIVED = 3  # rounds of descent, each but the first with new derivatives
 SETTLED = 0.02  # of the threshold: a step with less gain is the last
 IMPROVED = 0.1  # of the threshold: a point lower by more shows that the fit had not converged
 MOST_FIXED = 3  # fixed keys of a family, at most
-SHARES = (0.5, 1.0)  # of the way to the end of a range
+SHARES = (1.0, 0.5, 1.0)  # of the way to the end of a range; the first end of a line is reached by its half
 SHORTER = (1.0, 0.5, 0.25)  # of the range, if its end cannot be reached
 MORE_RISE = 2.0  # times the root of the predicted rise that is tolerated
 FARTHEST = 2.0  # largest change of an unknown's logarithm in a start
@@ -74,6 +81,7 @@ class Refits:
         self.threshold = variance * share**2
         self.reach = share * np.sqrt(variance * np.diag(inverse_information(found.jacobian)))
         self.bounds = fitted.problem.unknowns.bounds()
+        self.is_key = np.isin(np.arange(len(self.x)), fitted.problem.unknowns.places(KEY))
         self.least = _cost(self._rows(self.x))
         self.better: Array | None = None
         self.lowest = -IMPROVED * self.threshold
@@ -82,20 +90,17 @@ class Refits:
     def with_held(
         self, held: Sequence[int], values: Array, follows: Mask, way: Sequence[Refit], most: float | None = None
     ) -> Refit:
-        """Return the fit with some unknowns held at values and others refitted, started from earlier fits ``way``.
+        """Return the fit with some unknowns held at values and others refitted.
 
-        A rise of at most ``most`` suffices: no other start is tried, and derivatives are computed anew only above it.
+        ``way`` has the fit, then other refits on the same line through it.  A rise of at most ``most`` suffices.
         """
-        starts: list[tuple[float, Array]] = []
-        for start in self._starts(list(held), values, follows, way):
-            starts.append((self.rise(start), start))
-            if most is not None and starts[-1][0] <= most:
-                break
-        rise, x = min(starts, key=lambda each: each[0])
-        jacobian, settled = way[-1].jacobian, SETTLED * self.threshold
-        for again in range(DERIVED if rise > settled else 0):  # else the others compensate for the held ones
+        x = self._start(list(held), values, follows, way[-1].x)
+        rise, settled = self.rise(x), SETTLED * self.threshold
+        jacobian = min(way, key=lambda each: float(np.linalg.norm(each.x[list(held)] - values))).jacobian
+        suffices = rise <= (settled if most is None else most)  # the others compensate for the held ones
+        for again in range(0 if suffices else DERIVED):
             if again:
-                jacobian = self.problem.jacobian(x, self.comparison) * _weights(self._rows(x))[:, None]
+                jacobian = self.problem.jacobian(x, self.comparison, follows) * robust_weights(self._rows(x))[:, None]
             x, won, jacobian = self._descended(x, follows, jacobian)
             rise = self.rise(x)
             suffices = won <= settled if most is None else rise <= most
@@ -116,32 +121,32 @@ class Refits:
         slopes = -inverse_information(own) @ (own.T @ moved)
         return slopes, moved + own @ slopes
 
-    def _starts(self, held: list[int], values: Array, follows: Mask, way: Sequence[Refit]) -> Iterator[Array]:
-        """Yield starts for the other unknowns: linear and power-law extrapolation, and from the earlier fits."""
-        here, now = self.x, way[-1].x
-        slopes, _ = self.slopes(held, follows)
-        moved, size = values - here[held], np.where(here == 0.0, 1.0, here)
-        found = [here[follows] + slopes @ moved]
-        if np.all(values * here[held] > 0.0):
-            rise = np.log(values / here[held])
-            powers = [slopes * here[held] / size[follows, None] @ rise]
-            if len(way) > 1 and np.all(now[held] * here[held] > 0.0):
-                logs = np.log(np.where(here * now > 0.0, now / size, 1.0))
-                powers.append(float(rise @ rise) / float(rise @ logs[held] or 1.0) * logs[follows])
-            found += [here[follows] * np.exp(np.clip(each, -FARTHEST, FARTHEST)) for each in powers]
-        if len(way) > 1:
-            share = float(moved @ moved) / float(moved @ (now - here)[held] or 1.0)
-            found += [(here + share * (now - here))[follows], now[follows]]
-        for each in found:
-            x = here.copy()
-            x[follows], x[held] = each, values
-            yield np.asarray(np.clip(x, *self.bounds))
+    def _start(self, held: list[int], values: Array, follows: Mask, other: Array) -> Array:
+        """Return a start: from derivatives at the fit and, to second order, another point of the line.
+
+        Keys are extrapolated by their logarithms, as long as their signs stay.
+        """
+        x = self.x.copy()
+        x[held] = values
+        logs = self.is_key & (self.x * x > 0.0) & (self.x * other > 0.0)
+        size = np.where(logs, self.x, 1.0)
+
+        def away(point: Array) -> Array:
+            return np.where(logs, np.log(np.where(logs, point / size, 1.0)), point - self.x)
+
+        slopes = self.slopes(held, follows)[0] * size[held] / size[follows, None]
+        moved, known = away(x), away(other)
+        share = float(moved[held] @ known[held]) / float(known[held] @ known[held] or 1.0)
+        moved[follows] = slopes @ moved[held] + share**2 * (known[follows] - slopes @ known[held])
+        far = np.clip(moved, -FARTHEST, FARTHEST)
+        x[follows] = np.where(logs, size * np.exp(far), self.x + moved)[follows]
+        return np.asarray(np.clip(x, *self.bounds))
 
     def _descended(self, x: Array, follows: Mask, jacobian: Array) -> tuple[Array, float, Array]:
         """Return the end of descent steps, the gain of the last step, and the updated derivatives."""
         rows, won = self._rows(x), np.inf
         for _ in range(STEPS):
-            weights, moved, own = _weights(rows), x.copy(), jacobian[:, follows]
+            weights, moved, own = robust_weights(rows), x.copy(), jacobian[:, follows]
             moved[follows] -= inverse_information(own) @ (own.T @ (weights * rows))
             moved = np.clip(moved, *self.bounds)
             there = self._rows(moved)
@@ -176,7 +181,8 @@ def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
     """Return the profile of one key, computed only if derivatives do not give its interval."""
     refits, lower, upper = Refits(fitted, found), np.nan, np.nan
     if refits.threshold > 0.0 and _is_doubtful(refits, place):
-        lower, upper = _end(refits, place, -1.0), _end(refits, place, 1.0)
+        way = [refits.fit]
+        lower, upper = _end(refits, place, -1.0, way), _end(refits, place, 1.0, way)
     return KeyProfile(place, lower, upper, refits.better, 0.0 if refits.better is None else -refits.lowest)
 
 
@@ -198,21 +204,23 @@ def _is_doubtful(refits: Refits, place: int) -> bool:
     slopes, left = refits.slopes([place], others)
     if float(np.linalg.norm(left)) < WEAK * own or reach > WIDE * max(abs(float(refits.x[place])), 1.0):
         return True
-    for away in (-reach, reach):
-        x = refits.x.copy()
+    sides = [refits.x.copy() for _ in range(2)]
+    for x, away in zip(sides, (-reach, reach), strict=True):
         x[place] += away
         x[others] += slopes[:, 0] * away
-        if not LEAST_RISE <= refits.rise(np.clip(x, *refits.bounds)) / refits.threshold <= MOST_RISE:
-            return True
-    return False
+        np.clip(x, *refits.bounds, out=x)
+    refits.problem.prepare(sides)
+    return not all(LEAST_RISE <= refits.rise(x) / refits.threshold <= MOST_RISE for x in sides)
 
 
-def _end(refits: Refits, place: int, sign: float) -> float:
+def _end(refits: Refits, place: int, sign: float, way: list[Refit]) -> float:
     """Return the distance at which the cost has risen by the threshold; inf if it never does."""
-    goal, others, way = float(np.sqrt(refits.threshold)), np.arange(len(refits.x)) != place, [refits.fit]
+    goal, others, tried = float(np.sqrt(refits.threshold)), np.arange(len(refits.x)) != place, len(way)
 
     @cache
     def missing(away: float) -> float:
+        if away == 0.0:
+            return -goal
         way.append(refits.with_held([place], refits.x[[place]] + sign * away, others, way))
         off = float(np.sqrt(max(way[-1].rise, 0.0))) - goal
         return off if abs(off) > CLOSE * goal else 0.0
@@ -220,7 +228,7 @@ def _end(refits: Refits, place: int, sign: float) -> float:
     bound = float(abs(refits.bounds[int(sign > 0.0)][place] - refits.x[place]))
     near, far = 0.0, min(float(refits.reach[place]), bound)
     while missing(far) < 0.0:
-        if far >= bound or len(way) > POINTS:
+        if far >= bound or len(way) - tried >= POINTS:
             return np.inf
         growth = goal / (goal + missing(far)) if goal + missing(far) > 0.0 else MOST_GROWTH
         near, far = far, min(far * float(np.clip(growth, LEAST_GROWTH, MOST_GROWTH)), bound)
@@ -258,26 +266,35 @@ def family(refits: Refits, fixed: Sequence[int], follows: Mask, bounds: Array) -
 
 
 def _moved(refits: Refits, fixed: Sequence[int], follows: Mask, ends: Array) -> list[Array] | None:
-    """Return the fits halfway and at the ends of each range and at all corners; None if the runs reject one."""
-    here, found = refits.x[list(fixed)], []
-    sides = [np.where(np.arange(len(fixed)) == i, end, here) for i, both in enumerate(ends.T) for end in both]
-    corners = [np.array(corner) for corner in product(*ends.T)] if len(fixed) > 1 else []
-    left = refits.slopes(fixed, follows)[1]
-    for target in [each for each in (*sides, *corners) if np.any(each != here)]:
+    """Return the fits at the ends of each range and at all corners; None if the runs reject one."""
+    here, found = refits.x[list(fixed)], list[Array]()
+    lines = [np.where(np.arange(len(fixed)) == i, ends, here) for i in range(len(fixed))]
+    corners = [(True, *others) for others in product((True, False), repeat=len(fixed) - 1) if others]
+    lines += [np.where(corner, ends, ends[::-1]) for corner in corners]
+    for line in lines:
         way = [refits.fit]
-        for share in SHARES:
-            moved = share * (target - here)
-            most = (np.sqrt(refits.threshold) + MORE_RISE * float(np.linalg.norm(left @ moved))) ** 2
-            way.append(refits.with_held(fixed, here + moved, follows, way, most))
-            if way[-1].rise > most:
+        for target in [end for end in line if np.any(end != here)]:
+            if not _goes_to(target, refits, fixed, follows, way):
                 return None
-        found += [each.x for each in way[1:]]
+            found.append(way[-1].x)
     return found
+
+
+def _goes_to(target: Array, refits: Refits, fixed: Sequence[int], follows: Mask, way: list[Refit]) -> bool:
+    """Return whether a fit of equal quality exists at other values of fixed keys; it is added to the way there."""
+    here, left = refits.x[list(fixed)], refits.slopes(fixed, follows)[1]
+    good = False
+    for share in SHARES[len(way) == 1 :]:
+        moved = share * (target - here)
+        most = (np.sqrt(refits.threshold) + MORE_RISE * float(np.linalg.norm(left @ moved))) ** 2
+        reached = refits.with_held(fixed, here + moved, follows, way, most)
+        good = reached.rise <= most
+        if good:
+            way.append(reached)
+        if good == (share == 1.0):
+            break
+    return good
 
 
 def _cost(rows: Array) -> float:
     return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
-
-
-def _weights(rows: Array) -> Array:
-    return np.asarray((1.0 + (rows / LOSS_SCALE) ** 2) ** -0.25)

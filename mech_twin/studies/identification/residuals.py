@@ -26,13 +26,14 @@ GUARD_STEPS = 2.5  # coupling steps left out on either side of an event
 BEND_GUARD_STEPS = 1.5  # the same for a position, which has a kink there
 KEY_STEP = 1e-4  # step of central differences, in scales of a key
 STEPS = 3.0  # ratio of the step lengths that are extrapolated to zero
-DOUBTED = 1e-4  # of a key's effect: larger differences between two step lengths are examined
+DOUBTED = 2e-5  # of a key's effect: larger differences between two step lengths are examined
 HALVED = 8.0  # factor by which a key's step is shortened if many rows have a kink within it
 LEAST_BEND = 1e-3  # standard deviations: a smaller kink is rounding error
 CURVED = 0.3  # of the sum of the slopes on either side: a larger difference is a change of the order of events
 MOST_BENT = 0.2  # largest share of a channel's rows with a kink
 LEAST_EFFECT = 2.0  # standard deviations of all rows for a change of a key by its scale: less is no effect
 SMALL = 0.05  # of a key's rms derivative: smaller differences are ignored
+BOTH = (1.0, -1.0)  # signs of the steps of central differences
 Mask = npt.NDArray[np.bool_]
 
 
@@ -57,10 +58,20 @@ def contradicting(first: Array, other: Array) -> Mask:
     return np.asarray(found if np.mean(found) <= MOST_BENT else np.zeros(len(found), dtype=np.bool_))
 
 
+def extrapolated(longer: Array, shorter: Array) -> Array:
+    """Return the extrapolation to step 0 of central differences over two steps."""
+    return shorter + (shorter - longer) / (STEPS**2 - 1.0)
+
+
 def romberg(longest: Array, middle: Array, shortest: Array) -> tuple[Array, Array]:
     """Return Romberg extrapolations to step 0 of central differences: over three steps, and over the longer two."""
-    coarse, fine = (b + (b - a) / (STEPS**2 - 1.0) for a, b in ((longest, middle), (middle, shortest)))
+    coarse, fine = extrapolated(longest, middle), extrapolated(middle, shortest)
     return fine + (fine - coarse) / (STEPS**4 - 1.0), coarse
+
+
+def _differ(first: Array, other: Array) -> Mask:
+    """Return the keys whose derivatives differ between two versions."""
+    return np.asarray(np.linalg.norm(first - other, axis=0) > DOUBTED * np.linalg.norm(first, axis=0))
 
 
 class FitProblem:
@@ -79,7 +90,8 @@ class FitProblem:
     def __init__(
         self, model: ModelRuns, unknowns: Unknowns, priors: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
-        self.model, self.unknowns, self._rough = model, unknowns, False
+        self.model, self.unknowns = model, unknowns
+        self._curvature: float | None = None
         self.runs = model.runs
         self.priors = dict(priors or {})
         self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
@@ -87,12 +99,6 @@ class FitProblem:
     def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
         """Return the problem on other parts of its runs; ``near`` adds priors for keys without one."""
         return FitProblem(self.model.over(runs), self.unknowns, {**(near or {}), **self.priors})
-
-    def roughly(self) -> FitProblem:
-        """Return the problem with `two_jacobians` over two step lengths, at two thirds of the cost."""
-        found = FitProblem(self.model, self.unknowns, self.priors)
-        found._rough = True
-        return found
 
     def comparison(self, x: Array, sigmas: Array) -> Weighting:
         """Return the weighting near ``x``: samples close to an event of the model are masked out."""
@@ -169,6 +175,10 @@ class FitProblem:
         hit = (found >= 0) & np.isfinite(values[found])
         return np.where(hit, values[found], channel.values + limit), np.where(hit, times[found], np.nan)
 
+    def prepare(self, points: Sequence[Array]) -> None:
+        """Simulate a few points whose residuals will be asked for, on all cores."""
+        self.model.prepare([self.unknowns.keys(x) for x in points])
+
     def residuals(self, x: Array, comparison: Weighting) -> Array:
         """Return the residuals of the unmasked samples and the priors, in standard deviations, shape (rows,)."""
         rows = []
@@ -182,32 +192,41 @@ class FitProblem:
         keys = self.unknowns.keys(x)
         return np.array([(keys[i] - mean) / deviation for i, mean, deviation in self._priors])
 
-    def jacobian(self, x: Array, comparison: Weighting, step: float = KEY_STEP) -> Array:
-        """Return the derivatives of `residuals`, shape (rows, unknowns); ``step`` is the step of keys, in scales."""
-        return self._with_others(x, comparison, self._straightened(x, comparison, step)[0])
+    def jacobian(self, x: Array, comparison: Weighting, among: Mask | None = None) -> Array:
+        """Return the derivatives of `residuals`, shape (rows, unknowns).
+
+        ``among``, shape (unknowns,), selects unknowns for a descent beside a fit: one-sided differences suffice there.
+        The columns of other keys are 0.
+        """
+        if among is None:
+            return self._with_others(x, comparison, self._straightened(x, comparison, KEY_STEP)[0])
+        places = self.unknowns.places(KEY)
+        chosen = np.flatnonzero(among[places])
+        steps = np.full(len(places), KEY_STEP)
+        return self._with_others(x, comparison, self._key_columns(x, comparison, steps, chosen, (1.0,))[0])
 
     def two_jacobians(self, x: Array, comparison: Weighting) -> tuple[Array, Array]:
         """Return the derivatives of `residuals`, and a less accurate version: they differ by at least the error.
 
-        Central differences over three steps are extrapolated to step 0 (Romberg 1955), the second version from the
-        longer two.  If a key's response is strongly curved, its steps are shortened; if rounding dominates, plain
+        Central differences over two steps are extrapolated to step 0, over three for a key in which the versions differ
+        (Romberg 1955).  If a key's response is strongly curved, its steps are shortened; if rounding dominates, plain
         differences are used.  In rows that still disagree, the order of events changes within the steps: the
         derivatives by the keys are set to 0 in both.
         """
-        if self._rough:
-            longer, steps = self._straightened(x, comparison, KEY_STEP)
-            other = self._key_columns(x, comparison, steps / STEPS)[0]
-            return self._trusted(x, comparison, other + (other - longer) / (STEPS**2 - 1.0), other)
         longest, steps = self._straightened(x, comparison, STEPS * KEY_STEP)
-        middle, shortest = (self._key_columns(x, comparison, steps / each)[0] for each in (STEPS, STEPS**2))
-        first, other = romberg(longest, middle, shortest)
-        doubted = np.linalg.norm(first - other, axis=0) > DOUBTED * np.linalg.norm(first, axis=0)
-        bends = np.linalg.norm(shortest - middle, axis=0) < np.linalg.norm(middle - longest, axis=0)
-        bent, rounded = np.flatnonzero(doubted & bends), doubted & ~bends
-        first[:, rounded], other[:, rounded] = middle[:, rounded], longest[:, rounded]
-        if len(bent):
-            again = self._key_columns(x, comparison, steps / STEPS**3, bent)[0]
-            first[:, bent], other[:, bent] = romberg(middle[:, bent], shortest[:, bent], again[:, bent])
+        middle = self._key_columns(x, comparison, steps / STEPS)[0]
+        first, other = extrapolated(longest, middle), middle.copy()
+        doubted = np.flatnonzero(_differ(first, other))
+        if len(doubted):
+            shortest = self._key_columns(x, comparison, steps / STEPS**2, doubted)[0]
+            first[:, doubted], other[:, doubted] = (each[:, doubted] for each in romberg(longest, middle, shortest))
+            still = _differ(first, other)
+            bends = np.linalg.norm(shortest - middle, axis=0) < np.linalg.norm(middle - longest, axis=0)
+            bent, rounded = np.flatnonzero(still & bends), still & ~bends
+            first[:, rounded], other[:, rounded] = middle[:, rounded], longest[:, rounded]
+            if len(bent):
+                again = self._key_columns(x, comparison, steps / STEPS**3, bent)[0]
+                first[:, bent], other[:, bent] = romberg(middle[:, bent], shortest[:, bent], again[:, bent])
         return self._trusted(x, comparison, first, other)
 
     def _trusted(self, x: Array, comparison: Weighting, first: Array, other: Array) -> tuple[Array, Array]:
@@ -217,16 +236,13 @@ class FitProblem:
         return self._with_others(x, comparison, first), self._with_others(x, comparison, other)
 
     def curvature(self, x: Array, comparison: Weighting) -> float:
-        """Return the median over keys of the relative difference between the slopes on either side of a step."""
-        centre, places = self.model.at(self.unknowns.keys(x)), range(len(self.unknowns.places(KEY)))
-        found = []
-        for up, down in self._members(x, places, np.full(len(places), KEY_STEP)):
-            if up is not None and centre is not None and down is not None:
-                pairs = [self._sides(x, comparison, at, (up, centre, down), KEY_STEP) for at in self.places()]
-                first, last = np.concatenate([np.array(pair) for pair in pairs], axis=1)
-                size = max(float(np.linalg.norm(first + last)), LEAST_EFFECT)
-                found.append(float(np.linalg.norm(first - last)) / size)
-        return float(np.median(found)) if found else 0.0
+        """Return the median over keys of the relative difference between the slopes on either side of a step.
+
+        It is that of the last derivatives; they are computed here if there are none.
+        """
+        if self._curvature is None:
+            self.jacobian(x, comparison)
+        return self._curvature or 0.0
 
     def _with_others(self, x: Array, comparison: Weighting, keys: Array) -> Array:
         """Return the derivatives by the keys, complemented by those by other unknowns and the rows of priors."""
@@ -283,42 +299,54 @@ class FitProblem:
         return found, steps
 
     def _key_columns(
-        self, x: Array, comparison: Weighting, steps: Array, among: npt.NDArray[np.intp] | None = None
+        self,
+        x: Array,
+        comparison: Weighting,
+        steps: Array,
+        among: npt.NDArray[np.intp] | None = None,
+        signs: tuple[float, ...] = BOTH,
     ) -> tuple[Array, Array]:
-        """Return central differences of the rows by each key, and the largest share of rows with a kink in a channel.
+        """Return differences of the rows by each key, and the largest share of rows with a kink in a channel.
 
-        ``among`` are the indices of the keys to compute, all if absent; other columns are 0.
+        ``among`` are the indices of the keys to compute, all if absent; other columns are 0.  ``signs`` are those of
+        the steps.
         """
         centre = self.model.at(self.unknowns.keys(x))
         found = np.zeros((sum(int(mask.sum()) for masks in comparison.masks for mask in masks), len(steps)))
-        bent = np.zeros(len(steps))
+        bent, curved = np.zeros(len(steps)), np.zeros(len(steps))
         places = range(len(steps)) if among is None else among.tolist()
         if centre is not None:
-            for place, (up, down) in zip(places, self._members(x, places, steps), strict=True):
-                found[:, place], bent[place] = self._difference(x, comparison, (up, centre, down), float(steps[place]))
+            for place, (up, down) in zip(places, self._members(x, places, steps, signs), strict=True):
+                found[:, place], bent[place], curved[place] = self._difference(
+                    x, comparison, (up, centre, down), float(steps[place])
+                )
+        if among is None and len(steps):
+            self._curvature = float(np.median(curved * KEY_STEP / steps))
         return found, bent
 
-    def _members(self, x: Array, places: Sequence[int], steps: Array) -> list[tuple[Curves | None, Curves | None]]:
-        """Return the simulations with each key stepped up and down."""
+    def _members(
+        self, x: Array, places: Sequence[int], steps: Array, signs: tuple[float, ...] = BOTH
+    ) -> list[tuple[Curves | None, Curves | None]]:
+        """Return the simulations with each key stepped up and down; None for a sign without a step."""
         keys, scales = self.unknowns.keys(x), self.unknowns.scales[self.unknowns.places(KEY)]
         asked = []
         for place in places:
-            for sign in (1.0, -1.0):
+            for sign in signs:
                 moved = keys.copy()
                 moved[place] += sign * steps[place] * scales[place]
                 asked.append(moved)
-        rolled = self.model.many(asked)
-        return [(rolled[2 * i], rolled[2 * i + 1]) for i in range(len(places))]
+        rolled = iter(self.model.many(asked))
+        return [(next(rolled), next(rolled) if len(signs) > 1 else None) for _ in places]
 
     def _difference(
         self, x: Array, comparison: Weighting, members: tuple[Curves | None, Curves, Curves | None], step: float
-    ) -> tuple[Array, float]:
-        """Return the derivative of the rows by a scaled key, and the largest share of rows with a kink in a channel.
+    ) -> tuple[Array, float, float]:
+        """Return the derivative of the rows by a scaled key, the largest share of rows with a kink, and the curvature.
 
         Where the slopes on either side of the centre disagree, the order of events changed on one side; the smaller
         slope is taken as that of the centre's order.
         """
-        slopes, bent = [], 0.0
+        slopes, bent, off, whole = [], 0.0, 0.0, 0.0
         for run, place in self.places():
             sides = self._sides(x, comparison, (run, place), members, step)
             if not sides:
@@ -329,7 +357,8 @@ class FitProblem:
             bends = np.abs(first - last) > CURVED * size + LEAST_BEND / step
             slopes.append(-np.where(bends, np.where(np.abs(first) < np.abs(last), first, last), 0.5 * (first + last)))
             bent = max(bent, float(np.mean(bends)) if len(bends) else 0.0)
-        return np.concatenate(slopes), bent
+            off, whole = off + float(np.sum((first - last) ** 2)), whole + float(np.sum((first + last) ** 2))
+        return np.concatenate(slopes), bent, np.sqrt(off) / max(np.sqrt(whole), LEAST_EFFECT)
 
     def _sides(
         self,

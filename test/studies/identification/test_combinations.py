@@ -103,10 +103,13 @@ class Tied:
     def curve(self, x: Sequence[float]) -> np.ndarray:
         return self.law(x[0], x[1]) * np.exp(-x[2] * TIMES) + self.apart * (x[1] - 1.0) ** 2 * np.cos(5.0 * TIMES)
 
+    def prepare(self, points: Sequence[np.ndarray]) -> None:
+        """Nothing is simulated."""
+
     def residuals(self, x: np.ndarray, _: Any = None) -> np.ndarray:
         return (self.curve(self.true) + self.noise - self.curve(x.tolist())) / NOISE
 
-    def jacobian(self, x: np.ndarray, _: Any = None) -> np.ndarray:
+    def jacobian(self, x: np.ndarray, *_: Any) -> np.ndarray:
         step = 1e-6
         ends = [(self.residuals(x + step * unit), self.residuals(x - step * unit)) for unit in np.eye(3)]
         return np.column_stack([(up - down) / (2.0 * step) for up, down in ends])

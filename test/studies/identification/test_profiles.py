@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,11 +35,14 @@ class Decay:
         every = tuple(Unknown(KEY, name, (0,), i, 1.0, low, high) for i, (name, low, high) in enumerate(names))
         self.unknowns = Unknowns(every, np.array(self.true))
 
+    def prepare(self, points: Sequence[np.ndarray]) -> None:
+        """Nothing is simulated."""
+
     def residuals(self, x: np.ndarray, _: Any = None) -> np.ndarray:
         curves = [size * -np.expm1(-rate * (TIMES + 0.05)) for size, rate in (self.true, x)]
         return (curves[0] + NOISE - curves[1]) / 0.01
 
-    def jacobian(self, x: np.ndarray, _: Any = None) -> np.ndarray:
+    def jacobian(self, x: np.ndarray, *_: Any) -> np.ndarray:
         gone = np.exp(-x[1] * (TIMES + 0.05))
         return np.column_stack([-(1.0 - gone), -x[0] * (TIMES + 0.05) * gone]) / 0.01
 
