@@ -64,12 +64,16 @@ HOLD_OUT = 0.2
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was found of one hidden draw; the seconds are those of the processor."""
+    """What was found of one hidden draw; the seconds are those of the processor.
+
+    ``combinations`` are those stated for ranges that hold the true values of their fixed keys.
+    """
 
     seed: int
     keys: tuple[dict[str, float | str], ...]
     planned: tuple[str, ...]
     seconds: float
+    combinations: tuple[dict[str, float | str], ...] = ()
 
 
 def found_of(label: str, seed: int, planning: bool = True) -> Drawn:
@@ -91,7 +95,12 @@ def found_of(label: str, seed: int, planning: bool = True) -> Drawn:
         return Drawn(seed, (), promised, time.process_time() - began)
     seconds = time.process_time() - began
     keys = [{**_told(key), "true": draw.true[key.key]} for key in found.keys]
-    return Drawn(seed, tuple(keys), promised, seconds)
+    stated = tuple(
+        {"formula": each.formula, "low_95": each.low_95, "high_95": each.high_95, "true": each.of(draw.true)}
+        for each in found.combinations
+        if each.applies(draw.true)
+    )
+    return Drawn(seed, tuple(keys), promised, seconds, stated)
 
 
 def _told(key: object) -> dict[str, float | str]:
@@ -137,7 +146,7 @@ def _kept(journal: Path | None) -> Iterator[tuple[str, Drawn]]:
 
 
 def is_inside(key: dict[str, float | str]) -> bool:
-    """Return whether the interval of a key holds the truth."""
+    """Return whether the interval of a key, or of a combination, holds the truth."""
     return bool(float(key["low_95"]) <= float(key["true"]) <= float(key["high_95"]))
 
 
@@ -195,6 +204,8 @@ def main() -> None:
                 for key in each.keys
             )
             print(f"{machine} {each.seed}: {each.seconds:.1f} s; {verdicts}", flush=True)
+        stated = [is_inside(one) for each in drawn for one in each.combinations]
+        print(f"combinations: {len(stated)}, inside 95 %: {sum(stated)}", flush=True)
         row = row_of(f"{machine}{f', {asked.label}' if asked.label else ''}", drawn)
         print(*(f"{head}: {cell};" for head, cell in zip(HEADS, row, strict=True)), flush=True)
         told, inside, wrong = (int(str(row[i])) for i in (3, 4, 7))

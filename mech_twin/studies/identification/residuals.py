@@ -15,8 +15,13 @@ import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.units import TURN
-from mech_twin.studies.identification.channel_prediction import ColumnCurves
-from mech_twin.studies.identification.event_matching import SHARE, first_of_series, matched, usual_spacing
+from mech_twin.studies.identification.channel_prediction import (
+    SHARE,
+    ColumnCurves,
+    first_of_series,
+    matched,
+    usual_spacing,
+)
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.model_runs import Curves, ModelRuns
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
@@ -32,6 +37,7 @@ LEAST_BEND = 1e-3  # standard deviations: a smaller kink is rounding error
 CURVED = 0.3  # of the sum of the slopes on either side: a larger difference is a change of the order of events
 MOST_BENT = 0.2  # largest share of a channel's rows with a kink
 LEAST_EFFECT = 2.0  # standard deviations of all rows for a change of a key by its scale: less is no effect
+CLOSE = 0.01  # of the scales: derivatives taken no farther away tell the curvature
 SMALL = 0.05  # of a key's rms derivative: smaller differences are ignored
 BOTH = (1.0, -1.0)  # signs of the steps of central differences
 Mask = npt.NDArray[np.bool_]
@@ -91,7 +97,7 @@ class FitProblem:
         self, model: ModelRuns, unknowns: Unknowns, priors: Mapping[str, tuple[float, float]] | None = None
     ) -> None:
         self.model, self.unknowns = model, unknowns
-        self._curvature: float | None = None
+        self._curvature: tuple[Array, float] | None = None  # where, and how large
         self.runs = model.runs
         self.priors = dict(priors or {})
         self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
@@ -238,11 +244,13 @@ class FitProblem:
     def curvature(self, x: Array, comparison: Weighting) -> float:
         """Return the median over keys of the relative difference between the slopes on either side of a step.
 
-        It is that of the last derivatives; they are computed here if there are none.
+        It is that of the last derivatives if they were taken close by; else derivatives are computed here.
         """
-        if self._curvature is None:
+        at, found = self._curvature or (np.full(len(x), np.inf), 0.0)
+        if np.any(np.abs(x - at) > CLOSE):
             self.jacobian(x, comparison)
-        return self._curvature or 0.0
+            _, found = self._curvature or (at, 0.0)
+        return found
 
     def _with_others(self, x: Array, comparison: Weighting, keys: Array) -> Array:
         """Return the derivatives by the keys, complemented by those by other unknowns and the rows of priors."""
@@ -321,7 +329,7 @@ class FitProblem:
                     x, comparison, (up, centre, down), float(steps[place])
                 )
         if among is None and len(steps):
-            self._curvature = float(np.median(curved * KEY_STEP / steps))
+            self._curvature = x.copy(), float(np.median(curved * KEY_STEP / steps))
         return found, bent
 
     def _members(

@@ -181,7 +181,10 @@ def _seen(found: list[Fitted]) -> Search:
 
 
 def _further(part: FitProblem, found: list[Fitted], share: float, seed: int) -> list[Array]:
-    """Return the best of many points, over the box of the keys and about the best fits."""
+    """Return the best of many points: half from the box of the keys, half from about the best fits.
+
+    Starts from about a fit alone would agree with it wherever it ended.
+    """
     places = part.unknowns.places(KEY)
     if not len(places):
         return []
@@ -200,8 +203,8 @@ def _further(part: FitProblem, found: list[Fitted], share: float, seed: int) -> 
         x = found[0].x.copy()
         x[places] = np.clip(keys, low, high)
         tried.append(x)
-    scores = coarse_misfits(part, tried)
-    return [tried[i] for i in np.argsort(scores, kind="stable")[:FITTED]]
+    best = np.argsort(coarse_misfits(part, tried), kind="stable")
+    return [tried[i] for odd in (0, 1) for i in best[best % 2 == odd][: FITTED // 2]]
 
 
 def coarse_misfits(problem: FitProblem, tried: list[Array]) -> Array:
