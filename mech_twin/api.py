@@ -280,8 +280,8 @@ def identify(
     from mech_twin.results.opened_runs import given_map as read_given
     from mech_twin.results.opened_runs import opened_run
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
-    from mech_twin.studies.identification.free_keys import assumed_keys
     from mech_twin.studies.identification.identification import identified
+    from mech_twin.studies.identification.keyed_configuration import assumed_keys
     from mech_twin.studies.identification.question import IdentificationQuestion
     from mech_twin.studies.identification.saved_identification import SavedIdentification
 

@@ -24,8 +24,8 @@ from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.acting_keys import number_in
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
-from mech_twin.studies.identification.free_keys import AUTO, assumed_keys, machine_keys
 from mech_twin.studies.identification.identification import Identification, identified
+from mech_twin.studies.identification.keyed_configuration import AUTO, assumed_keys, machine_keys
 from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
 from mech_twin.studies.identification.sensor_plan import sensor_plan

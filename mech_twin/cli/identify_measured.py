@@ -22,11 +22,10 @@ from mech_twin.measurements.runs import read_run
 from mech_twin.parameters.load import description_text
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
-from mech_twin.studies.identification.free_keys import AUTO
 from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
 from mech_twin.studies.identification.geometry_model import GeometryModel, lengths
 from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.keyed_configuration import AUTO, KeyedConfiguration
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
 
 

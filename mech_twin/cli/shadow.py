@@ -94,8 +94,7 @@ def shadow_machine(request: ShadowVerb) -> None:
 def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
     """Return the keys that may be identified, and their bounds."""
     from mech_twin.cli.identify import bounded_keys
-    from mech_twin.studies.identification.free_keys import AUTO, machine_keys
-    from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+    from mech_twin.studies.identification.keyed_configuration import AUTO, KeyedConfiguration, machine_keys
 
     keys, bounds = bounded_keys(request.identify)
     if AUTO in keys:

@@ -12,9 +12,8 @@ from mech_twin.capabilities.errors import StudyError
 from mech_twin.parameters.key_hints import key_units
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies import sweep
-from mech_twin.studies.parameter_sweep import journal_of
+from mech_twin.studies.parameter_sweep import SweepJournal, journal_of
 from mech_twin.studies.spreading import spread
-from mech_twin.studies.sweep_journal import SweepJournal
 from mech_twin.studies.sweep_points import Question, question
 
 pytestmark = pytest.mark.slow

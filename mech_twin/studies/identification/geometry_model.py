@@ -19,8 +19,12 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.roles import CrankState, GuidedLinkage
-from mech_twin.studies.identification.free_keys import machine_keys
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, declared_field, unit_at
+from mech_twin.studies.identification.keyed_configuration import (
+    KeyedConfiguration,
+    declared_field,
+    machine_keys,
+    unit_at,
+)
 
 TURN = 2.0 * np.pi
 LENGTHENED = 1e-3  # relative change of a key: enough to move the mechanism

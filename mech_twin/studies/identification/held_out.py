@@ -11,7 +11,7 @@ from scipy import stats
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.event_matching import first_of_series, matched
+from mech_twin.studies.identification.channel_prediction import first_of_series, matched
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import noise_floors, stage_fit, with_begins

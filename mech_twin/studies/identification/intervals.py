@@ -8,6 +8,13 @@ instead of its samples, are taken as independent; they give the covariance of th
 
 Leaving out one block, or one run, at a time gives the jackknife, here by one Newton step from the whole fit.
 
+Blocks of a short run do not show correlation, but an autoregression of each channel's residuals has few parameters.
+It is fitted by Burg's recursion (BurgSpectrum1967), with the order of least Bayesian information criterion
+(SchwarzDimension1978).  At first order, the bias (1 + 3 a)/n of a short series is corrected (KendallBias1954).  With R
+its correlation matrix and s^2 the variance of the channel's residuals it gives::
+
+    C = H^-1 (sum over channels of s^2 J' R J) H^-1
+
 Two errors that residuals do not show are added.  One is the length of the next Gauss-Newton step, where the fit ended
 before its minimum (the offset of Bates and Watts 1981).  The other is the shift of a key if the keys held fixed,
 because the runs do not identify them, were off by half their value (consider parameters: Schmidt 1966).
@@ -20,10 +27,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
+from scipy.linalg import matmul_toeplitz
+from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
+from mech_twin.studies.burg import burg_orders
 from mech_twin.studies.identification.least_squares_fit import Fitted, robust_weights
-from mech_twin.studies.identification.noise_memory import remembered_noise
 
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
@@ -31,6 +40,97 @@ RANK = 1e-10  # of the largest singular value of the scaled derivatives
 MOST_LEVERAGE = 0.9  # of a block on a direction: the other blocks hold hardly any information of it
 NORMAL = float(stats.norm.ppf(0.975))
 FIXED_OFF = 0.5  # of its size: by how much a free key that stays as configured may be off
+MOST_ORDER = 4
+LONGEST = 0.995  # upper bound of the corrected first-order coefficient
+LEAST_LEFT = 1e-8  # of the variance: residuals that are predicted better are not noise
+FEWEST = 20  # residuals of a channel; fewer do not determine an autoregression
+
+
+@dataclass(frozen=True)
+class Autoregression:
+    """An autoregression of order p.
+
+    Attributes
+    ----------
+    coefficients : ndarray
+        Shape (p,): x_t = sum_i coefficients[i - 1] x_(t-i) + innovation.
+    first : ndarray
+        Shape (p + 1,): correlations at lags 0 to p.
+    """
+
+    coefficients: Array
+    first: Array
+
+    def correlations(self, count: int) -> Array:
+        """Return the correlations at lags 0 to ``count`` - 1."""
+        order = len(self.coefficients)
+        if order == 0 or count <= order + 1:
+            found = np.zeros(count)
+            found[: order + 1] = self.first[:count]
+            return found
+        poles = np.concatenate([[1.0], -self.coefficients])
+        state = lfiltic([1.0], poles, self.first[:0:-1])
+        rest, _ = lfilter([1.0], poles, np.zeros(count - order - 1), zi=state)
+        return np.concatenate([self.first, rest])
+
+
+def autoregression(residuals: Array) -> Autoregression:
+    """Return the autoregression of residuals in order of time, by Burg's recursion; order 0 for too few."""
+    best = Autoregression(np.zeros(0), np.ones(1))
+    count, power = len(residuals), float(residuals @ residuals)
+    if count < FEWEST or power == 0.0:
+        return best
+    least = 0.0
+    for found in burg_orders([residuals[:, None]], MOST_ORDER):
+        share, order = float(found.left[0]), len(found.coefficients)
+        if share < LEAST_LEFT:
+            break
+        criterion = count * np.log(share) + order * np.log(count)
+        if criterion < least:
+            best, least = Autoregression(found.coefficients[:, 0], found.correlations[:, 0]), criterion
+    return _corrected(best, count) if len(best.coefficients) == 1 else best
+
+
+def _corrected(found: Autoregression, count: int) -> Autoregression:
+    """Return a first-order autoregression corrected for the bias of a series of this length."""
+    near = float(found.coefficients[0])
+    if near <= 0.0:
+        return found
+    near = max(near, min(near + (1.0 + 3.0 * near) / count, LONGEST))
+    return Autoregression(np.array([near]), np.array([1.0, near]))
+
+
+@dataclass(frozen=True)
+class RememberedNoise:
+    """Middle of the sandwich, shape (unknowns, unknowns), and the effective number of independent samples."""
+
+    middle: Array
+    samples: float
+
+
+def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> RememberedNoise:
+    """Return the sandwich's middle for autocorrelated residuals of each channel.
+
+    Parameters
+    ----------
+    jacobian : ndarray
+        Shape (rows, unknowns).
+    residuals : ndarray
+        Shape (rows,): in standard deviations.
+    channels : ndarray
+        Shape (rows,): index of each row's channel, rows in order of time; -1 for a prior, whose rows are independent.
+    """
+    priors = jacobian[channels < 0]
+    middle, samples = priors.T @ priors, float(len(priors))
+    for channel in np.unique(channels[channels >= 0]):
+        rows = channels == channel
+        own, shown = jacobian[rows], residuals[rows]
+        count = len(shown)
+        correlations = autoregression(shown).correlations(count)
+        middle = middle + float(shown @ shown) / count * (own.T @ matmul_toeplitz(correlations, own))
+        alike = 1.0 + 2.0 * float((1.0 - np.arange(1, count) / count) @ correlations[1:])
+        samples += count / max(alike, 1.0)
+    return RememberedNoise(middle, samples)
 
 
 @dataclass(frozen=True)

@@ -15,21 +15,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import floor, isfinite
+from math import ceil, floor, isfinite, isnan, nextafter, pi
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, SampledCycle, sampled
-from mech_twin.capabilities.cycle_kernels import gap_limits, phase_of_turn
+from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, CycleReference, SampledCycle, sampled
+from mech_twin.capabilities.cycle_kernels import crossed_turn, first_rise, gap_limits, phase_of_turn
 from mech_twin.capabilities.errors import StudyError
-from mech_twin.studies.monitoring.cycle_boundaries import (
-    CROSSING_RAD,
-    ChannelBuffer,
-    rise_crossing,
-    turn_crossing,
-)
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality
 
 PATIENCE_S = 1.0  # by which the reference may run ahead of another channel
@@ -42,6 +36,64 @@ CLOCK_GAIN = 0.02  # gain of the clock's correction by a rise, after 1/gain rise
 CLOCK_RISES = 20  # averaged before the first cycle is counted
 CLOCK_TRUST = 0.25  # of a cycle: a rise farther from its expected instant resets the clock
 LONGEST_CYCLE = 10.0  # times the previous cycle: a longer one is a standstill
+CROSSING_RAD = pi / 12.0  # on either side of a boundary: a line through these samples gives the crossing
+
+
+@dataclass
+class ChannelBuffer:
+    """Samples of a channel that may still be needed, and its newest stamp."""
+
+    times_s: Array = field(default_factory=lambda: np.empty(0))
+    values: Array = field(default_factory=lambda: np.empty(0))
+    newest_s: float = -np.inf
+
+    def add(self, times_s: Array, values: Array) -> None:
+        """Append samples later than the newest one; drop earlier ones and those that are not finite."""
+        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
+        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
+        self.times_s = np.concatenate([self.times_s, times_s[kept]])
+        self.values = np.concatenate([self.values, values[kept]])
+        if kept.any():
+            self.newest_s = float(self.times_s[-1])
+
+    def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
+        """Return stamps and values of the samples in [begin, end)."""
+        first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s)
+        return self.times_s[first:last], self.values[first:last]
+
+    def forget(self, before_s: float) -> None:
+        """Drop the samples before an instant (s)."""
+        first = int(self.times_s.searchsorted(before_s))
+        if first > 0:
+            self.times_s, self.values = self.times_s[first:], self.values[first:]
+
+
+def turn_crossing(
+    reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
+) -> tuple[float, float] | None:
+    """Return when the angle (rad) first crosses the boundary, by a line through nearby samples; and the next boundary.
+
+    None while samples are missing.  Without a boundary, the first one ahead of the first sample is taken.
+    """
+    angles = buffer.values
+    if boundary is None:
+        turns = ceil((angles[0] + CROSSING_RAD - reference.begin) / TURN)
+        boundary = reference.begin + TURN * turns
+    first = int(buffer.times_s.searchsorted(since_s))
+    crossed_s, following = crossed_turn(buffer.times_s, angles, first, boundary, CROSSING_RAD)
+    return None if isnan(crossed_s) else (crossed_s, following)
+
+
+def rise_crossing(
+    reference: CycleReference, buffer: ChannelBuffer, boundary: float | None, since_s: float
+) -> tuple[float, float] | None:
+    """Return when the signal first rises through the level at or after ``since_s``, interpolated between samples."""
+    place = first_rise(buffer.values, int(buffer.times_s.searchsorted(since_s)), reference.begin)
+    if place < 0:
+        return None
+    (t0, t1), (x0, x1) = buffer.times_s[place : place + 2], buffer.values[place : place + 2]
+    crossed_s = float(t0 + (t1 - t0) * (reference.begin - x0) / (x1 - x0))
+    return max(crossed_s, nextafter(t0, t1)), 0.0  # a rise to 1e300 is at the sample before it, and is not found again
 
 
 class FeatureVector(NamedTuple):

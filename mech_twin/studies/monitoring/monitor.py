@@ -31,8 +31,7 @@ from mech_twin.studies.monitoring.naming import (
     candidates,
     estimated_change,
 )
-from mech_twin.studies.monitoring.operating import OperatingSurface, OperatingValue
-from mech_twin.studies.monitoring.operating_track import OperatingTrack
+from mech_twin.studies.monitoring.operating import MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
 from mech_twin.studies.monitoring.origin import Origin
 from mech_twin.studies.monitoring.sensor_quality import (
     SensorFinding,
@@ -49,6 +48,58 @@ UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
 ONSET_CYCLES = 40  # after the alarm, in which the estimate of the onset is still updated
 NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # diagnosis in each cycle after the alarm, later in every fifth
 NAMING_CYCLES = 80  # after the alarm, in which the diagnosis may still change
+
+
+@dataclass
+class OperatingTrack:
+    """Follows the operating point from cycle to cycle: smooths it and bounds the error of y.
+
+    Parameters
+    ----------
+    surface : OperatingSurface
+        The fitted surface.
+    """
+
+    surface: OperatingSurface
+
+    def __post_init__(self) -> None:
+        self._recent: list[Array] = []
+        self._smooth: Array | None = None
+        self._weight = 1.0
+
+    def advance(self, u: Array) -> Array:
+        """Take the operating point (q,) of a cycle; return the error of y in that cycle, shape (d - q,)."""
+        surface = self.surface
+        self._recent = [*self._recent[1 - surface.hold :], u] if surface.hold > 1 else [u]
+        span = np.ptp(self._recent, axis=0)
+        is_moving = span > MOVES * surface.moved
+        if self._smooth is None or is_moving.any():
+            self._smooth, self._weight = u, 1.0
+        else:
+            self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
+            self._smooth = self._smooth + self._weight * (u - self._smooth)
+        far = float(np.linalg.norm(self._smooth))
+        return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
+
+    def values(self) -> tuple[OperatingValue, ...]:
+        """Return the smoothed variables with their 95 % intervals."""
+        if self._smooth is None:
+            return ()
+        surface = self.surface
+        half = 1.96 * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
+        return tuple(
+            OperatingValue(name, float(u * share), float((u - h) * share), float((u + h) * share), float(share), beyond)
+            for name, u, h, share, beyond in zip(
+                surface.variables, self._smooth, half, surface.ranges, surface.beyond, strict=True
+            )
+        )
+
+    def changed(self) -> tuple[OperatingValue, ...]:
+        """Return the variables that differ from the baseline significantly."""
+        if self._smooth is None or self._weight > 2.0 * SMOOTHED:
+            return ()
+        far = np.abs(self._smooth) > SIGNIFICANT * self.surface.wander
+        return tuple(value for value, is_far in zip(self.values(), far, strict=True) if is_far)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,12 @@ from mech_twin.declarations.configuration_tree import ConfigurationError, config
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.acting_keys import acting_tree, other_value
-from mech_twin.studies.identification.free_keys import assumed_keys, machine_keys
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, numbers_of
+from mech_twin.studies.identification.keyed_configuration import (
+    KeyedConfiguration,
+    assumed_keys,
+    machine_keys,
+    numbers_of,
+)
 from mech_twin.studies.identification.sensitivity import sensitivity
 
 

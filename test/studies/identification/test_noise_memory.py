@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from mech_twin.studies.identification.noise_memory import (
+from mech_twin.studies.identification.intervals import (
     FEWEST,
     Autoregression,
     autoregression,

@@ -12,6 +12,7 @@ from mech_twin.capabilities.operating_point import motor_changes
 from mech_twin.capabilities.variation import varied
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.studies.monitoring.monitor import OperatingTrack
 from mech_twin.studies.monitoring.operating import (
     OperatingSurface,
     SurfaceVariable,
@@ -19,7 +20,6 @@ from mech_twin.studies.monitoring.operating import (
     polynomial_terms,
     term_values,
 )
-from mech_twin.studies.monitoring.operating_track import OperatingTrack
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 Q, D = 2, 5
