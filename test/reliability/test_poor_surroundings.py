@@ -29,11 +29,13 @@ MAY_MOUNT = (
     and os.geteuid() == 0
     and not subprocess.run(["unshare", "-m", "mount", "-t", "tmpfs", "t", "/dev/shm"], check=False).returncode
 )
-SOMEBODY = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"]
+READS_ALL = ["--inh-caps", "+dac_read_search", "--ambient-caps", "+dac_read_search"]  # an interpreter of root too
+SOMEBODY = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups", *READS_ALL]
+VERSION = [sys.executable, "-c", "import sys; print(sys.version)"]
 MAY_BE_SOMEBODY = (
     shutil.which("setpriv") is not None
     and os.geteuid() == 0
-    and not subprocess.run([*SOMEBODY, sys.executable, "-c", ""], capture_output=True, check=False).returncode
+    and subprocess.run([*SOMEBODY, *VERSION], capture_output=True, text=True, check=False).stdout == f"{sys.version}\n"
 )
 needs_mounts = pytest.mark.skipif(not MAY_MOUNT, reason="needs a mount namespace of its own (root)")
 
@@ -264,11 +266,13 @@ def test_a_newer_verb_of_another_user_with_no_home_of_its_own(verb: str) -> None
         folder = Path(name)
         folder.chmod(0o777)
         assert_answers(verb, called(newer_verbs(folder / "first")[verb]))  # what is compiled is in the directory then
-        kernels, home = folder / "kernels", folder / "home"
-        shutil.copytree(directories()[0], kernels)
+        home, temporary = folder / "home", folder / "temporary"
         (home / ".ros" / "log").mkdir(parents=True)
-        changed = {"HOME": str(home), "MECH_TWIN_CACHE_DIR": str(kernels)}
+        temporary.mkdir()
+        temporary.chmod(0o777)
+        changed = {"HOME": str(home), "MECH_TWIN_CACHE_DIR": str(directories()[0]), "TMPDIR": str(temporary)}
         assert_answers(verb, called(newer_verbs(folder)[verb], changed, wrapped=SOMEBODY))
+        assert not [*temporary.glob("mech_twin-kernels-*/*")]  # none was compiled
 
 
 @pytest.mark.parametrize(("limit", "lacks"), [(512 << 20, True), (resource.RLIM_INFINITY, False)])

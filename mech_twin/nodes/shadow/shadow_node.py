@@ -54,8 +54,8 @@ from mech_twin.recording.measured_topics import SECOND_NS
 from mech_twin.roles import Machine
 from mech_twin.samples import Event
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
-from mech_twin.studies.observer.held import held_sigma
 from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.model_run import held_sigma
 from mech_twin.studies.observer.observer import ObserverOptions, PhaseLockedObserver
 
 PRESSING_FORCE_COLUMN = "body.pressing_force_n"

@@ -74,3 +74,23 @@ def without_turns(difference: Array) -> Array:
     """Return differences of angles (rad) wrapped to the range -pi to pi."""
     wrapped: Array = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
     return wrapped
+
+
+def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
+    """Return the standard deviation of a held estimate, shape (w,).
+
+    The error grows with the largest rate of change of a column, up to its range: the variance is
+    ``sigma^2 + min(rate silence, range)^2``.  The range of an angle is at most a turn.
+
+    Parameters
+    ----------
+    run : ModelRun
+        Simulated run of the model, for ranges and rates.
+    sigma : ndarray, shape (w,)
+        Standard deviation at the last sample.
+    silent_s : float
+        Time since the last sample.
+    """
+    way = np.minimum(run.steepest * max(silent_s, 0.0), run.spread)
+    held: Array = np.hypot(sigma, way)
+    return held

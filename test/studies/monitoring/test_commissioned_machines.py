@@ -17,17 +17,25 @@ from mech_twin.capabilities.faults import MachineFault, value_at
 from mech_twin.capabilities.variation import varied
 from mech_twin.files.plain_values import plain
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import PROMPT_CYCLES, fitted_setup, sensor_design, simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.operating_fit import operated_run, parameters_at
-from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_roll_out, seen_run
+from mech_twin.studies.monitoring.report import judged
+from mech_twin.studies.monitoring.sensing import (
+    MonitoredMachine,
+    SensorFault,
+    seen_roll_out,
+    seen_run,
+    with_sensor_fault,
+)
 from mech_twin.studies.monitoring.setup_record import SetupRecord
 
 PLANTS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "plants.py"
 monitored_in_the_proof = run_path(str(PLANTS))["monitored_machine"]  # a press with a motor
 MONITORED = sorted(sensors.stem for sensors in (PLANTS.parent / "sensors").glob("*.yaml"))
-CYCLES = {"winding_drum": 150}  # then its package runs off
+CYCLES = {"winding_drum": 150, "roller_former": 300}  # then its package runs off; it takes longest
 
 
 @cache
@@ -185,3 +193,49 @@ def test_each_fault_that_the_sensors_are_said_to_find_is_named_when_made_by_its_
             wrong[fault.name] = (design.size, told.verdict, names)
     assert wrong == {}
     assert found >= 2
+
+
+def findings_of(vectors: list[FeatureVector], monitor: Monitor) -> list[Findings]:
+    return [monitor.observe(vector) for vector in vectors]
+
+
+@pytest.mark.slow
+def test_live_and_recorded_give_the_same_findings() -> None:
+    machine, setup = commissioned("vibration_crank")
+    begin_s = machine.declared.run_up_s
+    seen = seen_run(
+        machine.entry.build(machine.parameters), machine.sensors, begin_s + 24.0,
+        random=np.random.default_rng(7), begin_s=begin_s,
+    )  # fmt: skip
+    seen = with_sensor_fault(seen, SensorFault("linkage.slider.position", gain=0.05), begin_s + 10.0)
+    recorded = findings_of(machine.vectors(seen), Monitor(setup))
+    feed, monitor, live = machine.feed(), Monitor(setup), []
+    for first in range(0, 12_000, 20):  # forty milliseconds at a time, the reference first
+        for column, (times, values) in seen.items():
+            live += findings_of(feed.feed(column, times[first : first + 20], values[first : first + 20]), monitor)
+    live += findings_of(feed.finish(), monitor)
+    assert len(recorded) == len(live) > 50
+    assert any(found.finding == "sensor_gain:linkage.slider.position" for found in live)
+    for one, other in zip(recorded, live, strict=True):
+        np.testing.assert_array_equal(one.standard, other.standard)
+        assert (one.charts, one.verdict, one.candidates, one.faults) == (
+            other.charts, other.verdict, other.candidates, other.faults,
+        )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_a_fifth_off_the_breakers_spring_rate_is_found_within_fifty_blows() -> None:
+    machine, setup = commissioned("mb10_breaker")
+    begin_s, period_s = machine.declared.run_up_s, setup.baseline.period_s
+    change_s = begin_s + 20.4 * period_s
+    faulty = machine.entry.build(machine.varied({"body.spring_rate_n_per_m": 0.8 * 53300.0}))
+    seen = seen_run(
+        machine.entry.build(machine.parameters), machine.sensors, change_s + 52.0 * period_s,
+        random=np.random.default_rng(7), begin_s=begin_s, changes=[(change_s, faulty)],
+    )  # fmt: skip
+    found = judged(Monitor(setup), machine.vectors(seen))
+    (alarm,) = found.alarms
+    assert 0.0 <= alarm.alarm_s - change_s <= 50.0 * period_s
+    spring = next(candidate for candidate in alarm.candidates if candidate.name == "spring_soft")
+    assert spring.low_95 <= -0.2 <= spring.high_95
+    assert {candidate.name for candidate in alarm.candidates} <= {"spring_soft", "preload_lost"}

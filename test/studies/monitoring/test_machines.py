@@ -16,16 +16,9 @@ from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.results.opened_runs import columns_of
-from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import fitted_setup, simulated_vectors
-from mech_twin.studies.monitoring.findings import Findings
-from mech_twin.studies.monitoring.monitor import Monitor
-from mech_twin.studies.monitoring.report import judged
 from mech_twin.studies.monitoring.sensing import (
     MonitoredMachine,
-    SensorFault,
     seen_run,
-    with_sensor_fault,
     without_noise,
 )
 
@@ -120,52 +113,3 @@ def test_another_density_of_a_package_is_told_alike_however_much_yarn_is_on_it(d
     assert density.mean() == pytest.approx(0.1, rel=0.03)
     for name, other, noise in zip(machine.vectors(seen)[0].names[2:], others, (0.02, 0.03, 4e-5, 3e-5), strict=True):
         assert np.abs(other).max() < 0.2 * noise, name
-
-
-def told(vectors: list[FeatureVector], monitor: Monitor) -> list[Findings]:
-    return [monitor.observe(vector) for vector in vectors]
-
-
-@pytest.mark.slow
-def test_live_and_recorded_give_the_same_findings() -> None:
-    machine = monitored("vibration_crank")
-    vectors = simulated_vectors(machine, 120, 1)
-    setup = fitted_setup(machine, vectors, 1.0)
-    begin_s = machine.declared.run_up_s
-    seen = seen_run(
-        machine.entry.build(machine.parameters), machine.sensors, begin_s + 24.0,
-        random=np.random.default_rng(7), begin_s=begin_s,
-    )  # fmt: skip
-    seen = with_sensor_fault(seen, SensorFault("linkage.slider.position", gain=0.05), begin_s + 10.0)
-    recorded = told(machine.vectors(seen), Monitor(setup))
-    feed, monitor, live = machine.feed(), Monitor(setup), []
-    for first in range(0, 12_000, 20):  # forty milliseconds at a time, the reference first
-        for column, (times, values) in seen.items():
-            live += told(feed.feed(column, times[first : first + 20], values[first : first + 20]), monitor)
-    live += told(feed.finish(), monitor)
-    assert len(recorded) == len(live) > 50
-    assert any(found.finding == "sensor_gain:linkage.slider.position" for found in live)
-    for one, other in zip(recorded, live, strict=True):
-        np.testing.assert_array_equal(one.standard, other.standard)
-        assert (one.charts, one.verdict, one.candidates, one.faults) == (
-            other.charts, other.verdict, other.candidates, other.faults,
-        )  # fmt: skip
-
-
-@pytest.mark.slow
-def test_a_fifth_off_the_breakers_spring_rate_is_found_within_fifty_blows() -> None:
-    machine = monitored("mb10_breaker")
-    setup = fitted_setup(machine, simulated_vectors(machine, 150, 1), 24.0)
-    begin_s, period_s = machine.declared.run_up_s, setup.baseline.period_s
-    change_s = begin_s + 20.4 * period_s
-    faulty = machine.entry.build(machine.varied({"body.spring_rate_n_per_m": 0.8 * 53300.0}))
-    seen = seen_run(
-        machine.entry.build(machine.parameters), machine.sensors, change_s + 52.0 * period_s,
-        random=np.random.default_rng(7), begin_s=begin_s, changes=[(change_s, faulty)],
-    )  # fmt: skip
-    found = judged(Monitor(setup), machine.vectors(seen))
-    (alarm,) = found.alarms
-    assert 0.0 <= alarm.alarm_s - change_s <= 50.0 * period_s
-    spring = next(candidate for candidate in alarm.candidates if candidate.name == "spring_soft")
-    assert spring.low_95 <= -0.2 <= spring.high_95
-    assert {candidate.name for candidate in alarm.candidates} <= {"spring_soft", "preload_lost"}
