@@ -35,6 +35,8 @@ REST := not browser and slow
 ARGS ?=
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+# as the command has it: matrices are small, and threads of their own wait for each other
+export OPENBLAS_NUM_THREADS ?= 1
 # tests are read once and not in each process that collects them or starts a program
 unexport PYTHONDONTWRITEBYTECODE
 

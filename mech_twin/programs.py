@@ -3,10 +3,14 @@
 
 Importing the libraries takes up to 1 s.  No file is open then, so a signal ends the process at once; later code sets
 its own handlers (`mech_twin.process.stop_signal`).
+
+Linear algebra runs in the calling thread unless the user says otherwise: matrices here are small, and further threads
+wait for each other, beside a study's own on all cores three times as long as they compute.
 """
 
 from __future__ import annotations
 
+import os
 import signal
 from functools import partial
 from types import FrameType
@@ -14,6 +18,8 @@ from typing import Any
 
 from mech_twin.process.interruption import EXIT_CODE_BASE, answered_signals, end_at_once, tell_interrupted
 from mech_twin.process.terminal_output import outlive_terminal
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported
 
 
 def end_by_signal() -> None:

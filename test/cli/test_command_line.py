@@ -47,6 +47,15 @@ def test_help_is_quick() -> None:
     assert best < 1.0
 
 
+def test_linear_algebra_of_a_program_starts_no_threads() -> None:
+    code = (
+        "import mech_twin.programs, os, numpy, scipy.linalg; full = numpy.eye(900) + 1e-3; full @ full; "
+        "scipy.linalg.solve(full, full); print(len(os.listdir('/proc/self/task')))"
+    )
+    usual = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True, env=usual).stdout == b"1\n"
+
+
 def test_list_names_every_machine() -> None:
     assert [machine["name"] for machine in document("list", "--json")["machines"]] == list(CATALOGUE)
 

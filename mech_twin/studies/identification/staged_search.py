@@ -103,7 +103,8 @@ def searched(
         found, early = _ends(problem, x, seed + ATTEMPTS * attempt, attempt > 0, progress, fits)
         ended = sorted(found if early else [*ended, *found], key=noise_misfit)
         seen = _seen(ended)
-        if early or refutation(ended[0]) is None or seen.agreed:
+        # starts from about a fit alone agree with it wherever it ended
+        if early or refutation(ended[0]) is None or (attempt > 0 and seen.agreed):
             break
     return ended[0], seen
 
@@ -118,7 +119,7 @@ def _ends(
 ) -> tuple[list[Fitted], bool]:
     """Return the final fits of one search, and whether it ended before the whole runs.
 
-    ``widely``: with further starts in the first stage in any case.
+    ``widely``: with further starts in the first stage in any case, and half of them from the whole box.
     """
     survivors = [with_begins(problem, x)]
     for stage, share in enumerate(stage_shares(problem.runs, problem.model.step_s)):
@@ -128,7 +129,7 @@ def _ends(
         if off is not None or (widely and stage == 0):
             progress(f"further starts: {off or 'from elsewhere'}")
             part = stage_part(problem, share, found[0].x)
-            found = sorted([*found, *fits(_further(part, found, share, seed + stage), share)], key=noise_misfit)
+            found = sorted([*found, *fits(_further(part, found, share, seed + stage, widely), share)], key=noise_misfit)
         survivors = _distinct(found)
         if SHORTEST <= share < 1.0 and _bends(found[0]):
             progress(f"first {100.0 * share:.0f} % of the runs alone: later the motion forgets nothing")
@@ -180,11 +181,8 @@ def _seen(found: list[Fitted]) -> Search:
     return Search(len(found), len(valleys), len(valleys[0]), margin)
 
 
-def _further(part: FitProblem, found: list[Fitted], share: float, seed: int) -> list[Array]:
-    """Return the best of many points: half from the box of the keys, half from about the best fits.
-
-    Starts from about a fit alone would agree with it wherever it ended.
-    """
+def _further(part: FitProblem, found: list[Fitted], share: float, seed: int, widely: bool) -> list[Array]:
+    """Return the best of many points, over the box of the keys and about the best fits; ``widely``: half from each."""
     places = part.unknowns.places(KEY)
     if not len(places):
         return []
@@ -204,6 +202,8 @@ def _further(part: FitProblem, found: list[Fitted], share: float, seed: int) -> 
         x[places] = np.clip(keys, low, high)
         tried.append(x)
     best = np.argsort(coarse_misfits(part, tried), kind="stable")
+    if not widely:
+        return [tried[i] for i in best[:FITTED]]
     return [tried[i] for odd in (0, 1) for i in best[best % 2 == odd][: FITTED // 2]]
 
 
