@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How long a whole identification takes: ten seconds of the breaker's stand, all eight keys open.
 
-    python benchmarks/identification/fit_speed.py [--duration-s 10]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/identification/fit_speed.py [--duration-s 10]
 
 On all cores; kernels are loaded before.  Printed are seconds by the clock and of the processor, these over those of one
 simulation of the recording (least of three), and what became of each key.
