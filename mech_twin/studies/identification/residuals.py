@@ -41,6 +41,8 @@ CLOSE = 0.01  # of the scales: derivatives taken no farther away tell the curvat
 SMALL = 0.05  # of a key's rms derivative: smaller differences are ignored
 BOTH = (1.0, -1.0)  # signs of the steps of central differences
 Mask = npt.NDArray[np.bool_]
+Members = tuple[Curves | None, Curves, Curves | None]  # simulations of a key stepped up, at the centre, and down
+Place = tuple[int, int]  # run and channel
 
 
 @dataclass(frozen=True)
@@ -261,7 +263,7 @@ class FitProblem:
             found[row, i] = self.unknowns.all[i].scale / deviation
         return found
 
-    def places(self) -> list[tuple[int, int]]:
+    def places(self) -> list[Place]:
         """Return the indices (run, channel) of each group of rows, in order."""
         return [(run, place) for run, each in enumerate(self.runs) for place in range(len(each.channels))]
 
@@ -282,11 +284,7 @@ class FitProblem:
         else:
             column, slope = curves[run].at(channel.name, at), curves[run].slope(channel.name, at)
             by_lag = -slope
-        for kind, column_slope in (
-            (ZERO, np.ones(len(at))),
-            (GAIN, column),
-            (LAG, inverse_gain * by_lag),
-        ):
+        for kind, column_slope in ((ZERO, np.ones(len(at))), (GAIN, column), (LAG, inverse_gain * by_lag)):
             unknown = self.unknowns.of_channel(kind, run, place)
             if unknown is not None:
                 found[:, unknown] = -column_slope * self.unknowns.all[unknown].scale / comparison.sigmas[place]
@@ -346,9 +344,7 @@ class FitProblem:
         rolled = iter(self.model.many(asked))
         return [(next(rolled), next(rolled) if len(signs) > 1 else None) for _ in places]
 
-    def _difference(
-        self, x: Array, comparison: Weighting, members: tuple[Curves | None, Curves, Curves | None], step: float
-    ) -> tuple[Array, float, float]:
+    def _difference(self, x: Array, comparison: Weighting, members: Members, step: float) -> tuple[Array, float, float]:
         """Return the derivative of the rows by a scaled key, the largest share of rows with a kink, and the curvature.
 
         Where the slopes on either side of the centre disagree, the order of events changed on one side; the smaller
@@ -368,14 +364,7 @@ class FitProblem:
             off, whole = off + float(np.sum((first - last) ** 2)), whole + float(np.sum((first + last) ** 2))
         return np.concatenate(slopes), bent, np.sqrt(off) / max(np.sqrt(whole), LEAST_EFFECT)
 
-    def _sides(
-        self,
-        x: Array,
-        comparison: Weighting,
-        at: tuple[int, int],
-        members: tuple[Curves | None, Curves, Curves | None],
-        step: float,
-    ) -> list[Array]:
+    def _sides(self, x: Array, comparison: Weighting, at: Place, members: Members, step: float) -> list[Array]:
         """Return the one-sided slopes of a channel in a run, for each side whose simulation succeeded."""
         (run, place), centre = at, members[1]
         mask, sigma = comparison.masks[run][place], comparison.sigmas[place]
