@@ -19,6 +19,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
 from mech_twin.process.dependencies import extra_needed
+from mech_twin.process.system_limits import FIT_BYTES, check_address_space
 from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.acting_keys import number_in
@@ -69,6 +70,7 @@ BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a n
 
 def identify_machine(request: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
+    check_address_space(FIT_BYTES, "a fit takes")
     if request.latest_begin_s is not None and request.begin != "unknown":
         raise CommandError(f"--latest-begin {request.latest_begin_s:g}: expected --begin unknown beside it")
     if request.plan:

@@ -16,6 +16,7 @@ _SECURITY = "security"  # in the middleware's errors on a missing key, or a libr
 
 
 NUMERICS_BYTES = 480 * MIB  # with less, the libraries of the kernels fail unpredictably, or hang
+FIT_BYTES = 640 * MIB  # with less, linear algebra may end the process in its own words
 
 
 def check_address_space(needed: int, what: str) -> None:
