@@ -35,7 +35,7 @@ from mech_twin.studies.monitoring.setup_record import SetupRecord
 PLANTS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "plants.py"
 monitored_in_the_proof = run_path(str(PLANTS))["monitored_machine"]  # a press with a motor
 MONITORED = sorted(sensors.stem for sensors in (PLANTS.parent / "sensors").glob("*.yaml"))
-CYCLES = {"winding_drum": 150, "roller_former": 300}  # then its package runs off; it takes longest
+CYCLES = {"winding_drum": 150}  # then its package runs off
 
 
 @cache
