@@ -206,10 +206,10 @@ def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:
     beside = {} if answer.in_shorter_steps is None else answer.in_shorter_steps.numbers
     rows = []
     for c in answer.constraints:
-        text, margin = c.text, c.margin
-        if beside.get(c.name, c.value) != c.value:
+        text, margin, shown = c.text, c.margin, digits_told(c.name, c.value, beside)
+        if shown != c.value:
             again = replace(c, value=beside[c.name])
-            text = f"{c.demand} (has {digits_told(c.name, c.value, beside)})"
+            text = f"{c.demand} (has {shown})"
             margin = digits_told(c.name, c.margin, {c.name: again.margin})
         rows.append((text, margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met"))
     return rows

@@ -24,6 +24,7 @@ from mech_twin.samples import Frame
 
 DIGITS = 5  # reported at most, since both runs may miss a peak by the same amount
 FIRST_ORDER = 1.0 / (1.0 - 1.0 / TIMES_AS_MANY)  # error over difference, for an error proportional to the step
+ROUNDING = 1e-12  # of a number: below, two runs tell the same
 FEWEST_DIGITS = 2  # with fewer, both numbers are reported instead
 
 
@@ -117,9 +118,9 @@ def common_digits(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
     >>> common_digits("gap_m", 2.0e-4, {"gap_m": 2.9e-4})
     '0.0002 to 0.00029'
     """
-    if name not in shorter or value == shorter[name]:
+    other = shorter.get(name, value)
+    if math.isclose(value, other, rel_tol=ROUNDING):
         return value
-    other = shorter[name]
     if not (math.isfinite(value) and math.isfinite(other)):
         return value if math.isnan(value) and math.isnan(other) else _both(value, other)
     last = math.ceil(math.log10(2.0 * FIRST_ORDER * abs(value - other)))

@@ -3,7 +3,8 @@
 
 Roots are bracketed on the dense output of the step.  The step is integrated again up to the first of them.  A signal
 with two roots within the step is found through its minimum.  The known root of a signal that starts at zero (a body
-that has just left its stop) is divided out (deflation).
+that has just left its stop) is divided out (deflation).  A step ends soon after the return of a body in free flight,
+and a short step takes a method of fewer stages.
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993, II.6.
 """
@@ -13,7 +14,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.engine.hybrid.laws import Array
+from mech_twin.engine.addresses import value_at
+from mech_twin.engine.hybrid.laws import OPEN, Array
 from mech_twin.engine.hybrid.motion import UNKNOWN, PieceAt, piece_rates, read_signals
 from mech_twin.engine.integration import (
     SHORTEST_S,
@@ -30,6 +32,9 @@ from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 NOTHING = -1
 NEXT = 1e-13  # of a step: a root is no better known
+BEYOND = 1.25  # times the flight at constant acceleration: a step that holds its end
+SOON = 1e-3  # of the step that error control allows: in less a gap may change by less than its rounding
+SHORT = 0.125  # of that step: the method of fewer stages is exact enough, or the step fails
 UNIFORM = 1e-7  # of a step: over so short a time the second derivative moves nothing above rounding
 
 
@@ -283,8 +288,26 @@ def carry_on(piece: PieceAt, h: float, rest: float, y: Array, work: Workspace, s
 
 
 @borrowing_kernel
+def shortest_flight(piece: PieceAt, search: Signals) -> float:
+    """Return the time (s) to the first impact of an open contact at constant acceleration, from the start of a step."""
+    _, regimes, at = value_at(piece.place)
+    shortest = math.inf
+    for i in range(len(at.gap)):
+        gap, v, a = max(search.start[2 * i], 0.0), search.start_rate[2 * i], at.law_acceleration[i]
+        if regimes[i] != OPEN or not gap < math.inf:
+            continue
+        inner = v * v - 2.0 * a * gap
+        root = math.sqrt(inner) if inner >= 0.0 else math.nan  # it does not come back
+        flight = (v + root) / -a if a < 0.0 else 2.0 * gap / (root - v) if v < 0.0 else 0.0
+        if flight > 0.0:
+            shortest = min(shortest, flight)
+    return shortest
+
+
+@borrowing_kernel
 def advance_piece(
-    piece: PieceAt,
+    whole: PieceAt,
+    light: PieceAt,
     t: float,
     y: Array,
     left: float,
@@ -296,15 +319,18 @@ def advance_piece(
 ) -> tuple[float, float, int, int]:
     """Integrate ``y`` up to the first event or for ``left`` (s), the first step at most ``wanted`` (s).
 
+    ``whole`` and ``light`` are the piece with the method of steps of any length, and with that of short ones.
     Return the time covered (s), the step to try next (s), the signal that ended it or `NOTHING`, and the steps taken.
     The last is -1 if the state is not finite, -2 after ``most_steps``.
     """
     done = 0.0
     for steps in range(most_steps):
-        start_step(piece, t + done, y, work)
-        read_signals(piece, t + done, y, search.start, search.start_rate)
-        h, trial = 0.0, min(wanted, left - done)
+        start_step(whole, t + done, y, work)
+        read_signals(whole, t + done, y, search.start, search.start_rate)
+        flight = max(shortest_flight(whole, search), SOON * wanted)
+        h, trial = 0.0, min(wanted, left - done, BEYOND * flight)
         following = trial
+        piece = light if trial < SHORT * wanted else whole
         if trial > SHORTEST_S:
             h, following = controlled_step(piece, t + done, y, trial, tolerance, work)
         if h == 0.0:

@@ -71,6 +71,7 @@ class Equations(NamedTuple):
     velocity: Array
     law_acceleration: Array
     factor: Array  # (n, n) Cholesky factor of the mass
+    rest_factor: Array  # (n, n) the same of the freedoms that no law holds alone
     mobility: Array  # (m, n) M^-1 w
     matrix: Array  # (m, m) w . M^-1 w
     free: Array  # (m,) accelerations, or velocities, without the unknown forces
@@ -78,6 +79,7 @@ class Equations(NamedTuple):
     most: Array
     hold_factor: Array  # (m, m) Cholesky factor of ``matrix`` over the holding laws
     status: Indices  # (m,) regimes during the solution
+    holder: Indices  # (n,) law that alone holds a freedom, -1 for none
 
 
 @borrowing_kernel
@@ -131,8 +133,10 @@ def _sized(system: Any, at: Any) -> Any:
             view_as(at.bias, m), view_as(at.gap, m), view_as(at.low, m), view_as(at.high, m),
             view_as(at.restitution, m), view_as(at.acceleration, n), view_as(at.multiplier, m),
             view_as(at.velocity, m), view_as(at.law_acceleration, m), view_as(at.factor, n, n),
+            view_as(at.rest_factor, n, n),
             view_as(at.mobility, m, n), view_as(at.matrix, m, m), view_as(at.free, m), view_as(at.least, m),
             view_as(at.most, m), view_as(at.hold_factor, m, m), view_as(at.status, m),
+            view_as(at.holder, n),
         )  # fmt: skip
 
     return fixed

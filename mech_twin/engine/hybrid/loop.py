@@ -69,8 +69,8 @@ class Room(NamedTuple):
 @inline_kernel
 def room_sizes(n: int, m: int, signals: int, size: int) -> tuple[int, int]:
     """Return the lengths of the float and integer arrays that `room_in` needs."""
-    numbers = 2 * n * n + 6 * n + 2 * m * m + 2 * m * n + 16 * m + (ROWS + 5) * size + 8 * (2 * m + signals)
-    return numbers, 5 * m + 1
+    numbers = 3 * n * n + 6 * n + 2 * m * m + 2 * m * n + 16 * m + (ROWS + 5) * size + 8 * (2 * m + signals)
+    return numbers, 5 * m + n + 1
 
 
 @inline_kernel
@@ -79,6 +79,7 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
     s, free = 2 * m + signals, 0
     mass, free = view_as(numbers[free:], n, n), free + n * n
     factor, free = view_as(numbers[free:], n, n), free + n * n
+    rest_factor, free = view_as(numbers[free:], n, n), free + n * n
     directions, free = view_as(numbers[free:], m, n), free + m * n
     mobility, free = view_as(numbers[free:], m, n), free + m * n
     matrix, free = view_as(numbers[free:], m, m), free + m * m
@@ -95,8 +96,8 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
         by_law[4, i], by_law[5, i] = math.inf, -1.0
     at = Equations(
         mass, by_freedom[0], directions, by_law[0], by_law[1], by_law[4], by_law[2], by_law[3], by_law[5],
-        by_freedom[1], by_law[6], by_law[7], by_law[8], factor, mobility, matrix, by_law[9], by_law[10], by_law[11],
-        hold_factor, marks[:m],
+        by_freedom[1], by_law[6], by_law[7], by_law[8], factor, rest_factor, mobility, matrix, by_law[9], by_law[10],
+        by_law[11], hold_factor, marks[:m], marks[5 * m + 1 : 5 * m + 1 + n],
     )  # fmt: skip
     work = Workspace(stages, stage, by_state[0])
     search = Signals(
@@ -105,7 +106,7 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
     )  # fmt: skip
     return Room(
         at, work, search, marks[m : 2 * m], marks[2 * m : 3 * m], marks[3 * m : 4 * m], marks[4 * m : 5 * m],
-        by_law[12], series, by_state[3], by_state[4], method, marks[5 * m :],
+        by_law[12], series, by_state[3], by_state[4], method, marks[5 * m : 5 * m + 1],
     )  # fmt: skip
 
 
@@ -339,12 +340,13 @@ def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room
     for i in range(m):
         room.series[LAST, i], room.series[ROUND, i], room.series[FASTEST, i] = -math.inf, math.inf, math.inf
     piece = PieceAt(place_of(Piece(system, regimes, room.at)), place_of(room.method))
+    light = PieceAt(piece.place, place_of(DORMAND_PRINCE_5))
     clear(room.search.at_root)
     begin_piece(system, t, y, regimes)
     for _ in range(MOST_PIECES):
         copy(y, room.before)
         length, wanted, which, steps = advance_piece(
-            piece, t + done, y, span - done, wanted, room.tolerance, MOST_STEPS, room.work, room.search
+            piece, light, t + done, y, span - done, wanted, room.tolerance, MOST_STEPS, room.work, room.search
         )
         if steps < 0:
             return UNSTEADY if steps == -1 else TOO_LONG

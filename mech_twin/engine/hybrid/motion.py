@@ -57,16 +57,32 @@ class PieceAt(NamedTuple):
 
 
 @embedded_kernel
-def prepare_instant(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-    """Evaluate the equations, factorise the mass matrix, and fill the velocities of the laws."""
-    evaluate(system, t, y, regimes, at)
-    factorise(at.mass, at.factor)
+def fill_velocities(y: Array, at: Equations) -> None:
+    """Fill the velocities of the laws."""
     n = len(at.force)
     for i in range(len(at.gap)):
         total = at.drift[i]
         for k in range(n):
             total += at.directions[i, k] * y[n + k]
         at.velocity[i] = total
+
+
+@embedded_kernel
+def prepare_instant(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
+    """Evaluate the equations, factorise the mass matrix, and fill the velocities of the laws."""
+    evaluate(system, t, y, regimes, at)
+    factorise(at.mass, at.factor)
+    fill_velocities(y, at)
+
+
+@embedded_kernel
+def fill_law_accelerations(at: Equations) -> None:
+    """Fill the accelerations of the laws."""
+    for i in range(len(at.gap)):
+        total = at.bias[i]
+        for k in range(len(at.force)):
+            total += at.directions[i, k] * at.acceleration[k]
+        at.law_acceleration[i] = total
 
 
 @embedded_kernel
@@ -80,11 +96,7 @@ def accelerate(at: Equations) -> None:
                 total += at.directions[i, k] * at.multiplier[i]
         at.acceleration[k] = total
     back_substitute(at.factor, at.acceleration)
-    for i in range(m):
-        total = at.bias[i]
-        for k in range(n):
-            total += at.directions[i, k] * at.acceleration[k]
-        at.law_acceleration[i] = total
+    fill_law_accelerations(at)
 
 
 @embedded_kernel
@@ -98,30 +110,92 @@ def fill_free_accelerations(at: Equations) -> None:
 
 
 @embedded_kernel
+def hold_alone(regimes: Indices, at: Equations) -> bool:
+    """Return whether each holding law acts on one freedom, that no other holds; ``at.holder`` is filled."""
+    alone = True
+    for k in range(len(at.force)):
+        at.holder[k] = -1
+    for i in range(len(at.gap)):
+        if regimes[i] == HOLD:
+            k = only_freedom(at, i)
+            if k < 0 or at.holder[k] >= 0:
+                alone = False
+            else:
+                at.holder[k] = i
+    return alone
+
+
+@embedded_kernel
+def accelerate_rest(at: Equations) -> None:
+    """Fill accelerations: each law in ``at.holder`` sets that of its freedom, the others follow from their own rows."""
+    n, m = len(at.force), len(at.gap)
+    for k in range(n):
+        i = at.holder[k]
+        at.acceleration[k] = -at.bias[i] / at.directions[i, k] if i >= 0 else 0.0
+    for k in range(n):
+        for j in range(k):
+            joined = at.holder[k] < 0 and at.holder[j] < 0
+            at.rest_factor[k, j] = at.mass[k, j] if joined else 0.0
+        at.rest_factor[k, k] = at.mass[k, k] if at.holder[k] < 0 else 1.0
+    factorise(at.rest_factor, at.rest_factor)
+    for k in range(n):
+        if at.holder[k] >= 0:
+            continue
+        total = at.force[k]
+        for i in range(m):
+            if at.multiplier[i] != 0.0:
+                total += at.directions[i, k] * at.multiplier[i]
+        for j in range(n):
+            if at.holder[j] >= 0:
+                total -= at.mass[k, j] * at.acceleration[j]
+        at.acceleration[k] = total
+    back_substitute(at.rest_factor, at.acceleration)
+
+
+@embedded_kernel
+def fill_holding_forces(at: Equations) -> None:
+    """Fill the multipliers of the laws in ``at.holder`` from the row of the freedom that each holds."""
+    n, m = len(at.force), len(at.gap)
+    for k in range(n):
+        law = at.holder[k]
+        if law < 0:
+            continue
+        total = -at.force[k]
+        for j in range(n):
+            total += at.mass[k, j] * at.acceleration[j]
+        for i in range(m):
+            if at.multiplier[i] != 0.0 and i != law:
+                total -= at.directions[i, k] * at.multiplier[i]
+        at.multiplier[law] = total / at.directions[law, k]
+
+
+@embedded_kernel
 def find_accelerations(system: Any, t: float, y: Array, regimes: Indices, equations: Equations) -> None:
     """Fill accelerations and multipliers for given regimes: sliding laws are at a bound, holding ones are unknown."""
     at = sized(system, equations)
-    prepare_instant(system, t, y, regimes, at)
-    m, holding = len(at.gap), False
+    evaluate(system, t, y, regimes, at)
+    fill_velocities(y, at)
+    m = len(at.gap)
     for i in range(m):
-        at.status[i] = regimes[i]
-        if regimes[i] == HOLD:
-            holding = True
         at.multiplier[i] = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
-    if holding:
-        for i in range(m):
-            at.least[i], at.most[i] = at.low[i], at.high[i]
-        fill_mobilities(at, False)
-        fill_free_accelerations(at)
-        for i in range(m):
-            at.multiplier[i] = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
-        solve_holding(at, at.multiplier)
+    if hold_alone(regimes, at):
+        accelerate_rest(at)
+        fill_holding_forces(at)
+        fill_law_accelerations(at)
+        return
+    factorise(at.mass, at.factor)
+    for i in range(m):
+        at.status[i], at.least[i], at.most[i] = regimes[i], at.low[i], at.high[i]
+    fill_mobilities(at, False)
+    fill_free_accelerations(at)
+    for i in range(m):
+        at.multiplier[i] = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
+    solve_holding(at, at.multiplier)
     accelerate(at)
-    if holding:  # exact if the law acts on one freedom
-        for i in range(m):
-            k = only_freedom(at, i) if regimes[i] == HOLD else -1
-            if k >= 0:
-                at.acceleration[k] = -at.bias[i] / at.directions[i, k]
+    for i in range(m):  # exact if the law acts on one freedom
+        k = only_freedom(at, i) if regimes[i] == HOLD else -1
+        if k >= 0:
+            at.acceleration[k] = -at.bias[i] / at.directions[i, k]
 
 
 @embedded_kernel
@@ -165,7 +239,7 @@ def settle_regimes(system: Any, t: float, y: Array, regimes: Indices, candidates
     fill_free_accelerations(at)
     for i in range(m):  # the force of a sliding law is known
         if candidates[i] == 1:
-            at.least[i], at.most[i] = at.low[i], at.high[i]
+            at.least[i], at.most[i] = at.low[i], max(at.low[i], at.high[i])  # where they meet, rounding crosses them
             continue
         slides = at.low[i] if regimes[i] == LOW else at.high[i] if regimes[i] == HIGH else 0.0
         at.least[i] = at.most[i] = slides

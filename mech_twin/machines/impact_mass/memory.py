@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from mech_twin.engine.records import record_of
+from mech_twin.engine.records import record_at, record_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion
 from mech_twin.machines.impact_mass.step import RunningCounts
 
@@ -78,10 +78,10 @@ MEMORY_AT = LINKAGE_JOINTS + 3
 RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
 
 
-@kernel
+@borrowing_kernel
 def memory_of(row: Array) -> Any:
-    """Return the memory of a linkage row as a record that shares its numbers (see `engine.records`)."""
-    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+    """Return the memory of a linkage row as a record that shares its numbers."""
+    return record_at(row, MEMORY_AT, MEMORY)
 
 
 @kernel

@@ -187,6 +187,14 @@ def energies(b: Breaker, q: float, u: float, phi: float, p: float) -> tuple[floa
     return kinetic, 0.5 * b.spring_rate_n_per_m * stretch * stretch + b.gravity_m_per_s2 * height, m.m12 * u + m.m22 * p
 
 
+@inline_kernel
+def striker_travel(b: Breaker, x: float, y: float) -> float:
+    """Return the striker's travel (m) relative to the face of the seated tool, for a direction of the rocker."""
+    cross = b.extreme_x * y - b.extreme_y * x
+    dot = b.extreme_x * x + b.extreme_y * y
+    return b.overtravel_m + b.striker_arm_m * math.atan2(cross, dot)
+
+
 @kernel
 def striker(b: Breaker, q: float) -> tuple[float, float, float]:
     """Return y - y_c (m), dy/dq (m/rad) and d2y/dq2: the striker's travel relative to the face of the seated tool.
@@ -195,9 +203,7 @@ def striker(b: Breaker, q: float) -> tuple[float, float, float]:
     """
     at = position(b.bar, q)
     by = coefficients(at)
-    cross = b.extreme_x * at.v_y - b.extreme_y * at.v_x
-    dot = b.extreme_x * at.v_x + b.extreme_y * at.v_y
-    return b.overtravel_m + b.striker_arm_m * math.atan2(cross, dot), b.striker_arm_m * by.g3, b.striker_arm_m * by.g3_1
+    return striker_travel(b, at.v_x, at.v_y), b.striker_arm_m * by.g3, b.striker_arm_m * by.g3_1
 
 
 LOST = 1e-4  # of the determinant left over by cancellation

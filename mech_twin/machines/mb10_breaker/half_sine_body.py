@@ -18,7 +18,7 @@ import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledBody
 from mech_twin.engine.compiled_steps import body_step, log_event, step_of
-from mech_twin.engine.records import record_of
+from mech_twin.engine.records import record_at, record_of
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     PRESSING_FORCE,
@@ -27,7 +27,7 @@ from mech_twin.engine.sample_vectors import (
     BodyLayout,
     EventLayout,
 )
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     BLOW,
     CAUSES,
@@ -91,10 +91,10 @@ class HalfSine(NamedTuple):
     key: float
 
 
-@kernel
+@borrowing_kernel
 def memory_of(row: Array) -> Any:
     """Return the memory of a row as a record that shares its numbers."""
-    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+    return record_at(row, MEMORY_AT, MEMORY)
 
 
 @kernel

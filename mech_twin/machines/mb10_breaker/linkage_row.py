@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import linkage_step, motor_step, step_of
+from mech_twin.engine.hybrid.laws import Indices
 from mech_twin.engine.hybrid.loop import LOG_FULL
+from mech_twin.engine.records import record_at
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     COMMAND,
@@ -19,12 +21,12 @@ from mech_twin.engine.sample_vectors import (
     REGIME,
     Array,
 )
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.drives import KlossMotor, fill_motor
-from mech_twin.machines.mb10_breaker.dynamics import HELD, REST, Breaker, energies, spring_moment
+from mech_twin.machines.mb10_breaker.dynamics import HELD, REST, Breaker, spring_moment
 from mech_twin.machines.mb10_breaker.motion import rotor_speed
 from mech_twin.machines.mb10_breaker.state import LAWS, MEMORY, STATES, BreakerMemory, named
-from mech_twin.machines.mb10_breaker.step import advance_step, breaker_room, take_body, total_of
+from mech_twin.machines.mb10_breaker.step import Total, advance_step, breaker_room, take_body, total_of
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import MotorConstants, motor_in_step
 
@@ -62,22 +64,25 @@ def geared_motor(model: GearedMotor, linkage: Array, target: float, out: Array) 
     )
 
 
-@kernel
+@borrowing_kernel
 def memory_of(row: Array) -> Any:
     """Return the memory of a linkage row as a record that shares its numbers."""
-    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+    return record_at(row, MEMORY_AT, MEMORY)
 
 
 @kernel
 def fill_row(
-    b: Breaker, y: Array, regime: int, drive: float, command: float, defect_j: float, step_s: float, out: Array
-) -> None:
+    b: Breaker, y: Array, regime: int, total: Total, drive: float, command: float, defect_j: float, step_s: float,
+    out: Array,
+) -> None:  # fmt: skip
     """Fill a linkage row whose memory is in place: joints, regime, command and residuals.
 
     Parameters
     ----------
     y : (10,) array
         As `state.BreakerState` names it.
+    total : Total
+        Energy and momentum in this state.
     drive : float
         Torque on the crank at the end of the step (N m).
     defect_j : float
@@ -96,11 +101,10 @@ def fill_row(
     out[COUPLER_AT], out[COUPLER_AT + 1], out[COUPLER_AT + 2] = coupler, by.g2 * u, 0.0
     out[ROCKER_AT], out[ROCKER_AT + 1], out[ROCKER_AT + 2] = rocker, by.g3 * u, 0.0
     out[BODY_AT], out[BODY_AT + 1], out[BODY_AT + 2] = phi, p, -spring_moment(b, phi)
-    kinetic, potential, momentum = energies(b, q, u, phi, p)
     turned = b.body_inertia_kg_m2 + b.crank.inertia_kg_m2 + abs(b.rotor_12_kg_m2)
     missed = turned * LEAST_RATE_RAD_PER_S
-    held = max(kinetic + abs(potential), 1.0)
-    turning = max(abs(momentum), abs(spring_moment(b, phi)) * step_s, missed, 1.0)
+    held = max(total.size_j, 1.0)
+    turning = max(abs(total.momentum_nms), abs(spring_moment(b, phi)) * step_s, missed, 1.0)
     out[RESIDUALS_AT] = closure_error(b.bar, at)
     out[RESIDUALS_AT + 1] = abs(memory.energy_error_j) / held
     out[RESIDUALS_AT + 2] = 0.0 if b.held else abs(memory.momentum_error_nms) / turning
@@ -112,11 +116,42 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     """Fill the row of the machine at rest, the body on its collar."""
     y = np.zeros(STATES)
     named(y).crank_rad = crank_rad
-    kinetic, potential, _ = energies(b, crank_rad, 0.0, 0.0, 0.0)
+    total = total_of(b, named(y))
     out[MEMORY_AT:RESIDUALS_AT] = 0.0
     memory = memory_of(out)
-    memory.energy_j = kinetic + potential
-    fill_row(b, y, HELD if b.held else REST, 0.0, command, 0.0, 0.0, out)
+    memory.energy_j = total.energy_j
+    fill_row(b, y, HELD if b.held else REST, total, 0.0, command, 0.0, 0.0, out)
+
+
+@borrowing_kernel
+def try_step(
+    model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, numbers: Array,
+    marks: Indices,
+) -> int:  # fmt: skip
+    """Fill ``out`` with the linkage one step later; return the number of events, negative for a failure."""
+    b, y, regime = model.breaker, numbers[:STATES], int(linkage[REGIME])
+    for i in range(len(out)):
+        out[i] = linkage[i]
+    state, memory = named(y), memory_of(out)
+    state.crank_rad, state.crank_rad_per_s = linkage[CRANK_AT], linkage[CRANK_AT + 1]
+    state.body_rad, state.body_rad_per_s = linkage[BODY_AT], linkage[BODY_AT + 1]
+    state.tool_m, state.tool_m_per_s = memory.tool_travel_m, memory.tool_speed_m_per_s
+    total = total_of(b, state)
+    memory.parameter_work_j += total.energy_j - memory.energy_j
+    defect = memory.coupling_defect_j
+    if len(body) > 0:
+        rests = int(body[REGIME]) == REST
+        regime, total = take_body(b, y, memory, regime, total, body[BODY_JOINTS], body[BODY_JOINTS + 1], rests)
+    command = motor[MOTOR_COMMAND]
+    rotor = rotor_speed(b, state.crank_rad_per_s, state.body_rad_per_s)
+    turning = motor_in_step(model.curve, linkage[COMMAND], rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
+    regime, count, torque, total = advance_step(
+        b, turning, y, out[MEMORY_AT:RESIDUALS_AT], regime, total, step * model.step_s, model.step_s, log,
+        numbers[STATES:], marks,
+    )  # fmt: skip
+    if count >= 0:
+        fill_row(b, y, regime, total, torque, command, memory.coupling_defect_j - defect, model.step_s, out)
+    return count
 
 
 @step_of(linkage_step, LedBreaker)
@@ -124,32 +159,11 @@ def breaker_step(
     model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill ``out`` with the linkage one step later; angle and rate of the body are taken from its own row."""
-    b, y, regime = model.breaker, np.zeros(STATES), int(linkage[REGIME])
-    state = named(y)
-    out[:] = linkage
-    memory, kept = memory_of(out), out[MEMORY_AT:RESIDUALS_AT]
-    state.crank_rad, state.crank_rad_per_s = linkage[CRANK_AT], linkage[CRANK_AT + 1]
-    state.body_rad, state.body_rad_per_s = linkage[BODY_AT], linkage[BODY_AT + 1]
-    state.tool_m, state.tool_m_per_s = memory.tool_travel_m, memory.tool_speed_m_per_s
-    memory.parameter_work_j += total_of(b, state).energy_j - memory.energy_j
-    defect = memory.coupling_defect_j
-    if len(body) > 0:
-        rests = int(body[REGIME]) == REST
-        regime = take_body(b, y, memory, regime, body[BODY_JOINTS], body[BODY_JOINTS + 1], rests)
-    command = motor[MOTOR_COMMAND]
-    rotor = rotor_speed(b, state.crank_rad_per_s, state.body_rad_per_s)
-    turning = motor_in_step(model.curve, linkage[COMMAND], rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
-    start, begun, first, count, torque = y.copy(), kept.copy(), regime, LOG_FULL, 0.0
     size, places = breaker_room()
-    numbers, marks = np.zeros(size), np.zeros(places, dtype=np.int64)
+    numbers, marks = np.zeros(STATES + size), np.zeros(places, dtype=np.int64)
+    count = try_step(model, step, linkage, motor, body, out, log, numbers, marks)
     while count == LOG_FULL:
-        y[:], kept[:], numbers[:], marks[:] = start, begun, 0.0, 0
-        regime, count, torque = advance_step(
-            b, turning, y, kept, first, step * model.step_s, model.step_s, log, numbers, marks
-        )
-        if count == LOG_FULL:
-            log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))
-    if count < 0:
-        return log, count
-    fill_row(b, y, regime, torque, command, memory.coupling_defect_j - defect, model.step_s, out)
+        log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))
+        numbers[:], marks[:] = 0.0, 0
+        count = try_step(model, step, linkage, motor, body, out, log, numbers, marks)
     return log, count

@@ -2,8 +2,7 @@
 """Equations of motion of the breaker for the event loop: crank, body and tool under six laws, and the logged events.
 
 Laws: the body on its collar, the wall that the tool goes into, the striker on the tool, and bearings and gear
-(`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, and the motor's torque
-passing zero.
+(`joint_laws`).  Further signals: dead centres, a crank that stops as it presses on the tool, a motor torque of zero.
 A blow of a tool in which waves run is an event of its own: `impacts` gives the velocities after it.
 """
 
@@ -35,7 +34,7 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.hybrid.motion import find_accelerations
 from mech_twin.engine.sample_vectors import IMPULSE, KIND, POST_VELOCITY, PRE_VELOCITY
 from mech_twin.kernels.kernel import embedded_kernel, inline_kernel
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses, spring_moment, striker
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses, spring_moment, striker_travel
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, end_row, log_bearings, log_contacts, log_row
 from mech_twin.machines.mb10_breaker.impacts import struck_tool
 from mech_twin.machines.mb10_breaker.joint_laws import (
@@ -102,11 +101,11 @@ from mech_twin.parts.induction_motor import (
 DEAD_CENTRE, CRANK_STOPS, TORQUE_TURNS, BODY_TURNS = range(4)
 OWN_SIGNALS = 4
 # kept from piece to piece: of an instant the moment on the body, the crank's torque without the gear's loss and that,
-# the slope of the striker's travel; the crank's next dead centre; the sense of the motor's torque; what is struck, and
-# that before it the body was at rest, or the striker on the tool; torques before it; whether the striker stays on the
-# tool, and goes forward as the crank does
-MOMENT, BASE, LOSS, SLOPE, DEAD_RAD, TORQUE_SENSE, STRUCK, RESTED, REBOUNDS = range(9)
-DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE, TOGETHER, OWN_IMPACT, SIDE, KEPT = range(9, 17)
+# the slope of the striker's travel, the rocker's direction; the crank's next dead centre; the sense of the motor's
+# torque, 0 within an impact; what is struck, and that before it the body was at rest, or the striker on the tool;
+# torques before it; whether the striker stays on the tool, and goes forward as the crank does
+MOMENT, BASE, LOSS, SLOPE, ROCKER_X, ROCKER_Y, DEAD_RAD, TORQUE_SENSE, STRUCK, RESTED, REBOUNDS = range(11)
+DRIVE_BEFORE, THRUST_BEFORE, CRANK_BEFORE, BODY_BEFORE, TOGETHER, OWN_IMPACT, SIDE, KEPT = range(11, 19)
 NOTHING, COLLAR_STRUCK, TOOL_STRUCK = range(3)
 SLOWEST_REBOUND_M_PER_S = 1e-6  # a slower rebound of striker and tool, or of a pushing body, is taken as plastic
 GAP_M = 2e-15  # twice a gap of the size of rounding: a rebound that stays within it is plastic, too
@@ -153,11 +152,12 @@ def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices
     slope, bend = b.striker_arm_m * by.g3, b.striker_arm_m * by.g3_1
     rests, pressed = on_collar(b, regimes), on_wall(regimes)
     motor = motor_at(motion, t, u, p)
-    passed = gear_split(b.ratio, b.efficiency, motor)
-    drive, loss = passed.mean_nm, passed.friction_nm
+    drive, loss = gear_split(b.ratio, b.efficiency, motor)
+    loss *= -1.0 if kept[TORQUE_SENSE] * motor < 0.0 else 1.0  # beyond the torque's turn, which ends the piece
     if rests and pressed:
         drive, loss = gear_torque(b.ratio, b.efficiency, motor, 0.0), 0.0
     kept[BASE], kept[LOSS], kept[SLOPE] = drive, loss, kept[SIDE] * abs(slope)
+    kept[ROCKER_X], kept[ROCKER_Y] = joints.v_x, joints.v_y
     at.mass[0, 0], at.mass[1, 1], at.mass[2, 2] = m.m11, m.m22, b.tool_mass_kg
     at.force[0] = drive - b.crank_viscous_nms_per_rad * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
     at.directions[COLLAR_LAW, 1], at.directions[WALL_LAW, 2], at.directions[TOOL_LAW, 2] = 1.0, 1.0, 1.0
@@ -224,7 +224,7 @@ def signal_events(
         values[begin + i], rates[begin + i] = math.inf, 0.0
     if regimes[TOOL_LAW] == OPEN:
         lift = 0.0 if motion.breaker.held else motion.breaker.tool_radius_m * y[BODY]
-        values[2 * TOOL_LAW] = lift + y[TOOL] - striker(motion.breaker, y[CRANK])[0]
+        values[2 * TOOL_LAW] = lift + y[TOOL] - striker_travel(b, kept[ROCKER_X], kept[ROCKER_Y])
     values[begin + DEAD_CENTRE], rates[begin + DEAD_CENTRE] = kept[DEAD_RAD] - y[CRANK], -y[CRANK_RATE]
     free = regimes[TOOL_LAW] == HOLD and regimes[CRANK_LAW] == OPEN and motion.memory[STALL_TOLD] == 0.0
     if free and y[CRANK_RATE] > 0.0:
@@ -245,12 +245,13 @@ def signal_events(
 
 @declares(begin_piece, BreakerMotion)
 def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> None:
-    """Store the next dead centre (rad) and the direction of the striker."""
-    kept = motion.kept
-    kept[DEAD_RAD] = y[CRANK] + to_dead_centre(motion.breaker, y[CRANK])
-    slope = striker(motion.breaker, y[CRANK])[1]
-    if abs(slope) > AT_EXTREME * motion.breaker.striker_arm_m:
-        kept[SIDE] = math.copysign(1.0, slope)
+    """Store the next dead centre (rad), the direction of the striker, and the sense of the motor's torque."""
+    b, kept = motion.breaker, motion.kept
+    kept[DEAD_RAD] = y[CRANK] + to_dead_centre(b, y[CRANK])
+    turn = coefficients(position(b.bar, y[CRANK])).g3
+    kept[SIDE] = math.copysign(1.0, turn) if abs(turn) > AT_EXTREME or kept[SIDE] == 0.0 else kept[SIDE]
+    sense = 1.0 if motor_at(motion, t, y[CRANK_RATE], y[BODY_RATE]) >= 0.0 else -1.0
+    kept[TORQUE_SENSE] = kept[TORQUE_SENSE] or sense
 
 
 @declares(end_piece, BreakerMotion)
@@ -297,7 +298,7 @@ def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: I
 def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Store the state before an impact; a slow one is plastic, and the tool's is postponed after the collar's."""
     b, kept = motion.breaker, motion.kept
-    now = torques_of(motion, regimes, at)
+    now, kept[TORQUE_SENSE] = torques_of(motion, regimes, at), 0.0
     parting = -b.tool_restitution * at.velocity[TOOL_LAW]
     regimes[WALL_LAW] = HOLD if regimes[WALL_LAW] == OPEN else regimes[WALL_LAW]
     kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE] = now
@@ -351,7 +352,6 @@ def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Eq
         log[count, PRE_VELOCITY], log[count, POST_VELOCITY], log[count, IMPULSE] = closing, closes, struck
         memory[BLOW_LOSS], memory[IMPACT_IMPULSE] = memory[BLOW_LOSS] + loss, memory[IMPACT_IMPULSE] + turned
         memory[PASS_DONE], memory[CYCLE] = 1.0, memory[CYCLE] + (1.0 if first else 0.0)
-    kept[TORQUE_SENSE] = 1.0 if motor_at(motion, t, y[CRANK_RATE], y[BODY_RATE]) >= 0.0 else -1.0
     return count + 1
 
 

@@ -26,8 +26,8 @@ from mech_twin.machines.mb10_breaker.linkage_row import (
     fill_row,
     start_row,
 )
-from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide
-from mech_twin.machines.mb10_breaker.step import FAILURES
+from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide, named
+from mech_twin.machines.mb10_breaker.step import FAILURES, total_of
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
@@ -130,7 +130,8 @@ class BreakerLinkage(CompiledLinkage):
         state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
         y, out = np.array(state), np.empty(self.layout.size)
         out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory()
-        fill_row(self._b, y, regime, float((acceleration - idle) / (loaded - idle)), self._command, 0.0, 0.0, out)
+        total, torque = total_of(self._b, named(y)), float((acceleration - idle) / (loaded - idle))
+        fill_row(self._b, y, regime, total, torque, self._command, 0.0, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.records import record_of
-from mech_twin.kernels.kernel import kernel
+from mech_twin.engine.records import record_at, record_of
+from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.samples import Coordinate
 
 # kinds of events, by the order of their names
@@ -122,7 +122,7 @@ MEMORY = record_of(BreakerMemory)
 )  # fmt: skip
 
 
-@kernel
+@borrowing_kernel
 def named(y: NDArray[np.float64]) -> Any:
-    """Return the numbers of a state (10,) by name: a record that shares them (see `engine.records`)."""
-    return y.view(STATE)[0]
+    """Return the numbers of a state (10,) by name: a record that shares them."""
+    return record_at(y, 0, STATE)

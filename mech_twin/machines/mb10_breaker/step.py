@@ -20,6 +20,7 @@ from mech_twin.engine.hybrid.loop import (
     room_in,
     room_sizes,
 )
+from mech_twin.engine.records import record_at
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
@@ -33,16 +34,12 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     TURN,
     Breaker,
     energies,
-    striker,
 )
 from mech_twin.machines.mb10_breaker.joint_laws import join_laws, project_contact, senses
 from mech_twin.machines.mb10_breaker.motion import (
     KEPT,
     OWN_SIGNALS,
-    SIDE,
-    TORQUE_SENSE,
     BreakerMotion,
-    motor_at,
     torques_at,
 )
 from mech_twin.machines.mb10_breaker.state import (
@@ -69,10 +66,14 @@ FAILURES = (
 
 
 class Total(NamedTuple):
-    """Kinetic and potential energy of machine and tool (J), and the angular momentum M12 u + M22 p (N m s)."""
+    """Kinetic and potential energy of machine and tool (J), and the angular momentum M12 u + M22 p (N m s).
+
+    ``size_j`` is the sum of the machine's kinetic and the amount of its potential energy.
+    """
 
     energy_j: float
     momentum_nms: float
+    size_j: float
 
 
 @kernel
@@ -81,7 +82,8 @@ def total_of(b: Breaker, state: Any) -> Total:
     kinetic, potential, momentum = energies(
         b, state.crank_rad, state.crank_rad_per_s, state.body_rad, state.body_rad_per_s
     )
-    return Total(kinetic + potential + 0.5 * b.tool_mass_kg * state.tool_m_per_s * state.tool_m_per_s, momentum)
+    tool = 0.5 * b.tool_mass_kg * state.tool_m_per_s * state.tool_m_per_s
+    return Total(kinetic + potential + tool, momentum, kinetic + abs(potential))
 
 
 @kernel
@@ -92,15 +94,16 @@ def gear_stands(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
 
 
 @kernel
-def take_body(b: Breaker, y: Array, memory: Any, regime: int, phi: float, p: float, rests: bool) -> int:
-    """Set angle and rate of an externally simulated body, add the jumps of energy and momentum; return the regime.
+def take_body(
+    b: Breaker, y: Array, memory: Any, regime: int, before: Total, phi: float, p: float, rests: bool
+) -> tuple[int, Total]:
+    """Set angle and rate of an externally simulated body, add the jumps of energy and momentum.
 
-    The breaker's own body returns the linkage's values: nothing changes.
+    Return regime and totals.  The breaker's own body returns the linkage's values: nothing changes.
     """
     state = named(y)
     if regime == HELD or (phi == state.body_rad and p == state.body_rad_per_s and rests == (regime == REST)):
-        return regime
-    before = total_of(b, state)
+        return regime, before
     carried = b.frame_drive > 0.0 and gear_stands(b, state, regime != FLIGHT, STANDING)
     state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
     state.body_rad_per_s = 0.0 if rests else p
@@ -113,7 +116,7 @@ def take_body(b: Breaker, y: Array, memory: Any, regime: int, phi: float, p: flo
     after = total_of(b, state)
     memory.coupling_defect_j += after.energy_j - before.energy_j
     memory.coupling_defect_nms += after.momentum_nms - before.momentum_nms
-    return REST if rests else FLIGHT
+    return REST if rests else FLIGHT, after
 
 
 class Before(NamedTuple):
@@ -127,10 +130,10 @@ class Before(NamedTuple):
 
 
 @kernel
-def begin_step(b: Breaker, state: Any, memory: Any) -> Before:
+def begin_step(total: Total, memory: Any) -> Before:
     """Return the sums at the start of the step and reset them to zero, so that small terms keep their digits."""
     before = Before(
-        total_of(b, state),
+        total,
         memory.blow_loss_j,
         memory.collar_loss_j,
         memory.reseating_loss_j,
@@ -141,8 +144,8 @@ def begin_step(b: Breaker, state: Any, memory: Any) -> Before:
 
 
 @kernel
-def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
-    """Add the step's works and impulses to the sums, and its errors of the energy and momentum balances."""
+def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> Total:
+    """Add the step's works and impulses to the sums, and its errors to the balances; return the totals at its end."""
     lost = (
         memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state.wall_work_j + state.damping_loss_j
     )
@@ -163,6 +166,7 @@ def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> None:
     full = math.floor(state.crank_rad / TURN)
     memory.turns += full
     state.crank_rad -= full * TURN
+    return total
 
 
 @borrowing_kernel
@@ -200,10 +204,12 @@ def breaker_room() -> tuple[int, int]:
 
 @borrowing_kernel
 def advance_step(
-    b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, begin_s: float, step_s: float,
+    b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, total: Total, begin_s: float, step_s: float,
     log: Array, numbers: Array, marks: Indices,
-) -> tuple[int, int, float]:  # fmt: skip
-    """Advance state and memory by one coupling step; return regime, number of events, crank torque at the end.
+) -> tuple[int, int, float, Total]:  # fmt: skip
+    """Advance state and memory by one coupling step.
+
+    Return regime, number of events, and crank torque and totals at the end.
 
     Parameters
     ----------
@@ -213,6 +219,8 @@ def advance_step(
         As `state.BreakerState` names it; changed in place.
     row : array
         The memory, as `state.BreakerMemory` names it; changed in place.
+    total : Total
+        Totals at the start.
     begin_s : float
         Time at the start of the step (s).
     log : array
@@ -220,24 +228,27 @@ def advance_step(
     numbers, marks : array
         Work arrays of the lengths of `breaker_room`, zeros.
     """
-    memory, state, tool = row.view(MEMORY)[0], named(y), int(row[TOOL_REGIME])
+    memory, state, tool = record_at(row, 0, MEMORY), named(y), int(row[TOOL_REGIME])
     room = room_in(numbers[KEPT:], marks[LAWS:], FREEDOMS, LAWS, OWN_SIGNALS, STATES, DORMAND_PRINCE_8)
     kept, regimes = numbers[:KEPT], marks[:LAWS]
     fill_regimes(regime, tool, regimes)
     join_laws(b, y, regimes, memory.crank_sense, memory.body_sense)
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
     fill_tolerance(b, y, room.tolerance)
-    kept[SIDE] = math.copysign(1.0, striker(b, state.crank_rad)[1])
     motion = BreakerMotion(b, motor, begin_s, step_s, row, kept, room.at)
-    kept[TORQUE_SENSE] = 1.0 if motor_at(motion, 0.0, state.crank_rad_per_s, state.body_rad_per_s) >= 0.0 else -1.0
-    before = begin_step(b, state, memory)
+    before = begin_step(total, memory)
     system = declared(motion, room.at)
     count = advance(system, 0.0, step_s, y, regimes, room, log, 0)
     if count < 0:
-        return regime, count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3), 0.0
+        return (
+            regime,
+            count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3),
+            0.0,
+            total,
+        )
     now = torques_at(motion, step_s, y, regimes, room.at)
     memory.tool_regime = reported_tool_regime(regimes)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
-    close_balances(b, state, memory, before)
-    return HELD if b.held else REST if regimes[COLLAR_LAW] == HOLD else FLIGHT, count, now.drive_nm
+    total = close_balances(b, state, memory, before)
+    return HELD if b.held else REST if regimes[COLLAR_LAW] == HOLD else FLIGHT, count, now.drive_nm, total

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import linkage_step, step_of
-from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
+from mech_twin.engine.hybrid.laws import Indices
+from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_STEPS, UNSTEADY
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
@@ -29,7 +30,8 @@ from mech_twin.machines.roller_former.dynamics import (
 from mech_twin.machines.roller_former.integration import (
     NO_STEP,
     TIGHT,
-    advance_motion,
+    advance_in,
+    former_room,
 )
 from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
 from mech_twin.parts.induction_motor import motor_in_step
@@ -52,15 +54,6 @@ class CoupledFormer(NamedTuple):
     step_s: float
 
 
-class CartJoints(NamedTuple):
-    """Joints of carts and rods (cart 1, rod 1, cart 2, ...), shape (2 carts,); largest relative rod length error."""
-
-    position: Array
-    velocity: Array
-    effort: Array
-    rod_length: float
-
-
 @borrowing_kernel
 def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float, float]:
     """Return direction and share of the load that acts; at rest the share that balances the other moments."""
@@ -75,31 +68,30 @@ def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float
     return direction, min(rest / limit, modes.load_share) if limit != 0.0 else 0.0
 
 
-@kernel
-def cart_joints(former: Former, y: Array, modes: Modes) -> CartJoints:
-    """Return position, velocity and effort of carts and rods.
+@borrowing_kernel
+def fill_carts(former: Former, y: Array, modes: Modes, out: Array) -> float:
+    """Fill position, velocity and effort of carts and rods; return the largest relative error of a rod's length.
 
     The effort of a cart is the force of process and guide friction along x (N).
     """
-    bank, now = former.bank, state_of(y)
-    count = bank.offset_rad.size
-    position, velocity, effort = np.zeros(2 * count), np.zeros(2 * count), np.zeros(2 * count)
+    bank, now, at = former.bank, state_of(y), CARTS_AT
     direction, share = load_in_force(former, now, modes)
     worst = 0.0
-    for cart in range(count):
+    for cart in range(bank.offset_rad.size):
         psi = now.crank_rad + bank.offset_rad[cart]
         sine, cosine = np.sin(psi), np.cos(psi)
         motion = cart_motion(bank, sine, cosine)
         load = cart_load(bank, cart, now.crank_rad, direction)
         arm = bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
         pull = load.rod_force_n if load.moment_nm * arm * load.rod_force_n >= 0.0 else -load.rod_force_n
-        position[2 * cart], position[2 * cart + 1] = motion.x, np.arcsin(motion.rod_sine)
-        velocity[2 * cart] = motion.x1 * now.crank_speed_rad_per_s
-        velocity[2 * cart + 1] = bank.ratio * cosine / motion.rod_cosine * now.crank_speed_rad_per_s
-        effort[2 * cart] = pull * motion.rod_cosine * share
+        out[at], out[at + 1] = motion.x, motion.x1 * now.crank_speed_rad_per_s
+        out[at + 2] = pull * motion.rod_cosine * share
+        out[at + 3], out[at + 5] = np.arcsin(motion.rod_sine), 0.0
+        out[at + 4] = bank.ratio * cosine / motion.rod_cosine * now.crank_speed_rad_per_s
         length = np.hypot(motion.x - bank.crank_m * cosine, bank.crank_m * sine)
         worst = max(worst, abs(length / bank.rod_m - 1.0))
-    return CartJoints(position, velocity, effort, worst)
+        at += 6
+    return worst
 
 
 @borrowing_kernel
@@ -115,7 +107,7 @@ def modes_of(memory: Any) -> Modes:
     )
 
 
-@kernel
+@borrowing_kernel
 def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Any) -> None:
     """Fill the memory after a step: modes, works, and the energy balance of the step.
 
@@ -144,10 +136,10 @@ def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float
     after.turn_balance_error_j, after.turn_turnover_j = error, turnover
 
 
-@kernel
+@borrowing_kernel
 def fill_row(former: Former, y: Array, modes: Modes, shaft_nm: float, command: float, out: Array) -> None:
     """Fill a linkage row whose memory is in place; ``shaft_nm`` is the motor's torque at its step (N m)."""
-    now, carts, shaft = state_of(y), cart_joints(former, y, modes), shaft_of(out)
+    now, shaft = state_of(y), shaft_of(out)
     transmitted = coupling_moment(former, now)
     shaft.drive_nm = transmitted if modes.drive_direction == 0.0 else geared(former, shaft_nm, modes.drive_direction)
     shaft.regime = STALLED if modes.stalled else HELD if modes.direction == 0.0 else RUNNING
@@ -157,14 +149,10 @@ def fill_row(former: Former, y: Array, modes: Modes, shaft_nm: float, command: f
     shaft.crank_rad, shaft.crank_rad_per_s, shaft.crank_nm = now.crank_rad, now.crank_speed_rad_per_s, transmitted
     shaft.twist_rad, shaft.twist_rad_per_s = now.twist_rad, now.twist_rate_rad_per_s
     shaft.twist_nm = former.stiffness_nm_per_rad * now.twist_rad
-    at = CARTS_AT
-    for joint in range(carts.position.size):
-        out[at], out[at + 1], out[at + 2] = carts.position[joint], carts.velocity[joint], carts.effort[joint]
-        at += 3
     count = former.bank.offset_rad.size
     memory, residuals = memory_of(out, count), residuals_of(out, count)
     residuals.energy_balance = memory.turn_balance_error_j / (former.scales.motor_work_j + memory.turn_turnover_j)
-    residuals.rod_length = carts.rod_length
+    residuals.rod_length = fill_carts(former, y, modes, out)
 
 
 @kernel
@@ -178,15 +166,23 @@ def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array
     fill_row(former, y, modes, 0.0, command, out)
 
 
-@step_of(linkage_step, CoupledFormer)
-def former_step(
-    model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the linkage one coupling step later."""
-    former, begin_s, y = model.former, step * model.step_s, np.empty(STATE_SIZE)
-    past, before = memory_of(linkage, former.bank.offset_rad.size), shaft_of(linkage)
+@borrowing_kernel
+def try_step(
+    model: CoupledFormer,
+    step: int,
+    linkage: Array,
+    motor: Array,
+    out: Array,
+    log: Array,
+    numbers: Array,
+    marks: Indices,
+) -> int:
+    """Fill ``out`` with the linkage one coupling step later; return the number of events, negative for a failure."""
+    former, carts, begin_s = model.former, model.former.bank.offset_rad.size, step * model.step_s
+    past, before, y = memory_of(linkage, carts), shaft_of(linkage), numbers[:STATE_SIZE]
+    sides = numbers[STATE_SIZE : STATE_SIZE + carts]
     if max(abs(before.drive_rad_per_s), abs(before.crank_rad_per_s)) > RUNAWAY * former.scales.crank_speed_rad_per_s:
-        return log, -3
+        return -3
     crank_rad = before.crank_rad
     fill_state(
         y,
@@ -195,13 +191,15 @@ def former_step(
     command = motor[MOTOR_COMMAND]
     rotor = before.drive_rad_per_s * former.ratio
     torque = motor_in_step(former.motor, before.command, rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
-    sides, end_s = np.ones(former.bank.offset_rad.size), (step + 1) * model.step_s
+    for cart in range(carts):
+        sides[cart] = 1.0
     begun = stored_energy(former, state_of(y), sides)
-    done, log = advance_motion(former, torque, begin_s, end_s, y, modes_of(past), log, np.inf)
+    times = begin_s, (step + 1) * model.step_s
+    done = advance_in(former, torque, times, np.inf, y, modes_of(past), log, numbers[STATE_SIZE + carts :], marks)
     if done.status < 0:
-        return log, -1 if done.status == UNSTEADY else -2
+        return done.status if done.status == LOG_FULL else -1 if done.status == UNSTEADY else -2
     stored = stored_energy(former, state_of(y), sides)
-    after = memory_of(out, former.bank.offset_rad.size)
+    after = memory_of(out, carts)
     book_step(past, done.modes, y, begun, stored, after)
     if math.floor(state_of(y).crank_rad / TURN) == math.floor(crank_rad / TURN):
         after.turn_balance_error_j = after.turn_balance_error_j + past.turn_balance_error_j
@@ -209,4 +207,20 @@ def former_step(
     now = state_of(y)
     shaft_nm = shaft_torque(former, torque, model.step_s, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
     fill_row(former, y, done.modes, shaft_nm, command, out)
-    return log, done.status
+    return done.status
+
+
+@step_of(linkage_step, CoupledFormer)
+def former_step(
+    model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` with the linkage one coupling step later."""
+    carts = model.former.bank.offset_rad.size
+    size, places = former_room(carts)
+    numbers, marks = np.zeros(STATE_SIZE + carts + size), np.zeros(places, dtype=np.int64)
+    count = try_step(model, step, linkage, motor, out, log, numbers, marks)
+    while count == LOG_FULL:
+        log = np.empty((2 * len(log) + 8, log.shape[1]))
+        numbers[:], marks[:] = 0.0, 0
+        count = try_step(model, step, linkage, motor, out, log, numbers, marks)
+    return log, count

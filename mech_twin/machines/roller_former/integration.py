@@ -105,6 +105,13 @@ def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kep
     regimes[IS_STALLED] = 1 if stalled else 0
 
 
+@inline_kernel
+def former_room(carts: int) -> tuple[int, int]:
+    """Return the lengths of the float and integer arrays that `advance_in` needs."""
+    size, places = room_sizes(2, LAWS, OWN_SIGNALS, SIZE)
+    return SIZE + KEPT + carts + size, 5 + places
+
+
 @borrowing_kernel
 def advance_in(
     former: Former, torque: MotorInStep, times: tuple[float, float], stop_rad: float, state: Array,
@@ -157,9 +164,8 @@ def advance_motion(
     stop_rad : float
         Crank angle to stop at (landed on), ``inf`` for none.
     """
-    size, places = room_sizes(2, LAWS, OWN_SIGNALS, SIZE)
-    numbers = np.zeros(SIZE + KEPT + former.bank.offset_rad.size + size)
-    marks, start = np.zeros(5 + places, dtype=np.int64), y.copy()
+    size, places = former_room(former.bank.offset_rad.size)
+    numbers, marks, start = np.zeros(size), np.zeros(places, dtype=np.int64), y.copy()
     done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
     while done.status == LOG_FULL:
         log, y[:] = np.empty((2 * len(log) + 8, log.shape[1])), start

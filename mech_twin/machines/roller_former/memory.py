@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from mech_twin.engine.records import record_of
+from mech_twin.engine.records import record_at, record_of
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel
 
 
 class ShaftMotion(NamedTuple):
@@ -68,20 +68,19 @@ CARTS_AT = len(ShaftMotion._fields)
 MEMORY_SIZE = len(FormerMemory._fields)
 
 
-@kernel
+@borrowing_kernel
 def shaft_of(row: Array) -> Any:
-    """Return the first numbers of a linkage row as a record that shares them (see `engine.records`)."""
-    return row[:CARTS_AT].view(SHAFT)[0]
+    """Return the first numbers of a linkage row as a record that shares them."""
+    return record_at(row, 0, SHAFT)
 
 
-@kernel
+@borrowing_kernel
 def memory_of(row: Array, carts: int) -> Any:
     """Return the memory in a linkage row with this number of carts as a record that shares its numbers."""
-    at = CARTS_AT + 6 * carts
-    return row[at : at + MEMORY_SIZE].view(MEMORY)[0]
+    return record_at(row, CARTS_AT + 6 * carts, MEMORY)
 
 
-@kernel
+@borrowing_kernel
 def residuals_of(row: Array, carts: int) -> Any:
     """Return the residuals in a linkage row with this number of carts as a record that shares its numbers."""
-    return row[CARTS_AT + 6 * carts + MEMORY_SIZE :].view(RESIDUALS)[0]
+    return record_at(row, CARTS_AT + 6 * carts + MEMORY_SIZE, RESIDUALS)

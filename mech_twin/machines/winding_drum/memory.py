@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from mech_twin.engine.records import record_of
+from mech_twin.engine.records import record_at, record_of
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel
 
 
 class DrumMotion(NamedTuple):
@@ -52,19 +52,19 @@ MEMORY_AT = len(DrumMotion._fields)
 RESIDUALS_AT = MEMORY_AT + len(DrumMemory._fields)
 
 
-@kernel
+@borrowing_kernel
 def motion_of(row: Array) -> Any:
-    """Return the first numbers of a linkage row as a record that shares them (see `engine.records`)."""
-    return row[:MEMORY_AT].view(MOTION)[0]
+    """Return the first numbers of a linkage row as a record that shares them."""
+    return record_at(row, 0, MOTION)
 
 
-@kernel
+@borrowing_kernel
 def memory_of(row: Array) -> Any:
     """Return the memory of a linkage row as a record that shares its numbers."""
-    return row[MEMORY_AT:RESIDUALS_AT].view(MEMORY)[0]
+    return record_at(row, MEMORY_AT, MEMORY)
 
 
-@kernel
+@borrowing_kernel
 def residuals_of(row: Array) -> Any:
     """Return the residuals of a linkage row as a record that shares its numbers."""
-    return row[RESIDUALS_AT:].view(RESIDUALS)[0]
+    return record_at(row, RESIDUALS_AT, RESIDUALS)

@@ -12,6 +12,7 @@ from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, OPEN
 from mech_twin.engine.hybrid.loop import advance, room_for
+from mech_twin.engine.hybrid.motion import find_accelerations
 from mech_twin.kernels.kernel import kernel
 
 NO_GAP = -1.0
@@ -152,6 +153,12 @@ def advance_linear(system, t, span, y, regimes, room, log):
     return advance(declared(system, room.at), t, span, y, regimes, room, log, 0)
 
 
+@kernel
+def accelerations_of(system, t, y, regimes, room):
+    """Fill in accelerations and forces for given regimes."""
+    find_accelerations(declared(system, room.at), t, y, regimes, room.at)
+
+
 def run(system, q, u, regimes, span, steps=1, most_events=4000):
     """Return the state, the regimes and the rows of the log after so many steps of ``span`` (s) in all."""
     n, m = len(system.load), len(system.gap)
@@ -166,4 +173,4 @@ def run(system, q, u, regimes, span, steps=1, most_events=4000):
     return y, state[:m], np.concatenate(rows)
 
 
-__all__ = ["CHANGED", "HOLD", "NO_GAP", "OPEN", "PASSED", "STRUCK", "TwoByTwo", "linear", "run"]
+__all__ = ["CHANGED", "HOLD", "NO_GAP", "OPEN", "PASSED", "STRUCK", "TwoByTwo", "accelerations_of", "linear", "run"]

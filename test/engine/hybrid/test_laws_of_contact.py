@@ -11,11 +11,23 @@ import math
 
 import numpy as np
 import pytest
-from engine.hybrid.linear_system import AFTER, BEFORE, IMPULSE, KIND, LAW, TIME, TwoByTwo, linear, run
+from engine.hybrid.linear_system import (
+    AFTER,
+    BEFORE,
+    IMPULSE,
+    KIND,
+    LAW,
+    TIME,
+    TwoByTwo,
+    accelerations_of,
+    linear,
+    run,
+)
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN
+from mech_twin.engine.hybrid.loop import room_for
 
 G = 9.81
 STRUCK, CHANGED, PASSED = 0, 1, 2
@@ -240,6 +252,31 @@ def test_sizes_known_to_the_compiler_change_no_bit_of_the_motion(seed):
     assert len(of_kind(ways[0][2], STRUCK)) > 1 and len(of_kind(ways[0][2], CHANGED)) > 1
     for one, other in zip(*ways, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("alone", [True, False])
+@pytest.mark.parametrize("seed", range(20))
+def test_forces_of_holding_laws_are_those_of_one_system_of_equations(seed, alone):
+    """Laws of one freedom each, or of several; others slide: M a - W' lam = h and W a = 0 where a law holds."""
+    rng, n, m = np.random.default_rng(seed), 4, 5
+    root = rng.normal(size=(n, n))
+    directions = rng.normal(size=(m, n))
+    holding = rng.permutation(m)[: rng.integers(0, n)]
+    for i, k in zip(holding, rng.permutation(n), strict=False):
+        directions[i] *= np.arange(n) == k if alone else 1.0
+    low, high = rng.uniform(-3.0, -1.0, m), rng.uniform(1.0, 3.0, m)
+    system = linear(root @ root.T + np.eye(n), directions, load=rng.normal(size=n), low=low, high=high)
+    regimes = np.array([*rng.choice([LOW, HIGH], m), 0])
+    regimes[holding] = HOLD
+    room, y = room_for(n, m, 1, 2 * n + 1), np.concatenate([rng.normal(size=2 * n), [0.0]])
+    accelerations_of(system, 0.0, y, regimes, room)
+    held = directions[holding]
+    slides = np.where(regimes[:m] == LOW, low, np.where(regimes[:m] == HIGH, high, 0.0))
+    whole = np.block([[system.mass, -held.T], [held, np.zeros((len(holding), len(holding)))]])
+    found = np.linalg.solve(whole, np.concatenate([system.load + directions.T @ slides, np.zeros(len(holding))]))
+    np.testing.assert_allclose(room.at.acceleration, found[:n], rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(room.at.multiplier[holding], found[n:], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(room.at.law_acceleration, directions @ found[:n], rtol=1e-9, atol=1e-9)
 
 
 def test_a_dip_through_a_stop_within_one_long_step_is_seen():
