@@ -30,16 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from plants import (
-    FAR,
-    SENSORS,
-    faulty_run,
-    healthy_cycles,
-    healthy_run,
-    monitored_machine,
-    seen_vectors,
-    three_sizes,
-)
+from plants import FAR, SENSORS, faulty_run, healthy_cycles, healthy_run, monitored_machine, seen_vectors, three_sizes
 
 from mech_twin.files.output_file import written_file
 from mech_twin.files.plain_values import of_plain, plain

@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import busy, numbered, print_csv, print_json, progress, say, say_result
 from mech_twin.cli.failure import FOUND, CommandError, report_losses
-from mech_twin.cli.run_summary import (
-    how_told,
-    say_consequences,
-    show_events,
-    show_numbers,
-    show_residuals,
-)
+from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers, show_residuals
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for, warm_up_run

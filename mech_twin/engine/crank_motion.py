@@ -29,33 +29,12 @@ from mech_twin.engine.crank_state import (
     mechanism_load_work,
     mechanism_reduced,
 )
+from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import Declared
-from mech_twin.engine.hybrid.laws import (
-    HIGH,
-    HOLD,
-    LOW,
-    Array,
-    Equations,
-    Indices,
-    accumulate,
-    begin_piece,
-    change_regimes,
-    declares,
-    end_piece,
-    evaluate,
-    fill_signals,
-    note_impact,
-    of_size,
-    pass_signal,
-)
-from mech_twin.engine.hybrid.loop import (
-    Room,
-)
+from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
+from mech_twin.engine.hybrid.loop import Room
 from mech_twin.engine.hybrid.motion import settle_regimes
-from mech_twin.engine.sample_vectors import (
-    EVENT_WIDTH,
-    SIDES,
-)
+from mech_twin.engine.sample_vectors import EVENT_WIDTH, SIDES
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.parts.gear import gear_split
 from mech_twin.parts.induction_motor import torque_in_step
@@ -72,7 +51,7 @@ BEGIN_ROOM = STATE_SIZE + 6  # of the numbers a step computes in
 CRANK_LAW, MECHANISM_REGIME = 0, 1
 
 
-@of_size(1, 1)
+@laws.of_size(1, 1)
 class TurningCrank(NamedTuple):
     """A crank within a coupling step: its drive, or prescribed acceleration ``e`` (rad/s2); command; stored values."""
 
@@ -116,7 +95,7 @@ def load_torque(mechanism: Any, f: float, regime: int) -> float:
     return float(count_torque_energy(mechanism, f, 0.0, 0.0, regime)[1])
 
 
-@declares(evaluate, TurningCrank)
+@laws.declares(laws.evaluate, TurningCrank)
 def evaluate_crank(motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill inertia, moment and the bounds of the one law at the crank."""
     crank, drive, f, w = motion.model.crank, motion.drive, y[ANGLE], y[SPEED]
@@ -141,7 +120,7 @@ def evaluate_crank(motion: TurningCrank, t: float, y: Array, regimes: Indices, a
     at.force[0] = grip.mean_nm + moment - 0.5 * w * w * slope - drive.viscous_nms_per_rad * w
 
 
-@declares(accumulate, TurningCrank)
+@laws.declares(laws.accumulate, TurningCrank)
 def accumulate_work(motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     """Fill the power on the mechanism, and the power lost in the gear and by friction (W).
 
@@ -162,7 +141,7 @@ def accumulate_work(motion: TurningCrank, t: float, y: Array, regimes: Indices, 
     out[GEAR_LOSS] = drive.ratio * torque * w - given * w
 
 
-@declares(fill_signals, TurningCrank)
+@laws.declares(laws.fill_signals, TurningCrank)
 def signal_boundary(
     motion: TurningCrank, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
@@ -173,7 +152,7 @@ def signal_boundary(
         values[2], rates[2] = sense * (motion.kept[AIM] - y[ANGLE]), -sense * y[SPEED]
 
 
-@declares(begin_piece, TurningCrank)
+@laws.declares(laws.begin_piece, TurningCrank)
 def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) -> None:
     """Store the next boundary in the sense of rotation, and its angle (rad) counted as ``y[ANGLE]`` is."""
     boundaries, kept, sense = motion.model.crank.boundaries, motion.kept, turning_sense(regimes[CRANK_LAW])
@@ -191,7 +170,7 @@ def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) ->
     kept[BOUNDARY], kept[AIM] = best, aim - (kept[TURNED] - y[ANGLE])
 
 
-@declares(end_piece, TurningCrank)
+@laws.declares(laws.end_piece, TurningCrank)
 def book_load(motion: TurningCrank, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Add the load's closed-form work (J), correct the drive's for rounding of a large angle, and store the angle."""
     mechanism, regime, past = motion.model.mechanism, regimes[MECHANISM_REGIME], motion.kept[TURNED]
@@ -219,7 +198,7 @@ def log_crank(
     return count + 1
 
 
-@declares(pass_signal, TurningCrank)
+@laws.declares(laws.pass_signal, TurningCrank)
 def pass_boundary(
     motion: TurningCrank, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int
 ) -> int:
@@ -239,7 +218,7 @@ def pass_boundary(
     return log_crank(motion, t + motion.drive.start_s, kind, LOAD_CONTACT, (speed, w, sense), torques, log, count)
 
 
-@declares(change_regimes, TurningCrank)
+@laws.declares(laws.change_regimes, TurningCrank)
 def change_sense(
     motion: TurningCrank, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
@@ -270,7 +249,7 @@ def change_sense(
     )
 
 
-@declares(note_impact, TurningCrank)
+@laws.declares(laws.note_impact, TurningCrank)
 def no_impact(motion: TurningCrank, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Log nothing: a crank linkage has no impacts."""
     return count

@@ -46,10 +46,7 @@ from mech_twin.engine.crank_state import (
     within_a_turn,
 )
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import (
-    Array,
-    Indices,
-)
+from mech_twin.engine.hybrid.laws import Array, Indices
 from mech_twin.engine.hybrid.loop import (
     CONTRADICTS,
     LOG_FULL,
@@ -63,13 +60,7 @@ from mech_twin.engine.hybrid.loop import (
     room_sizes,
 )
 from mech_twin.engine.hybrid.motion import find_accelerations
-from mech_twin.engine.sample_vectors import (
-    COMMAND,
-    LINKAGE_JOINTS,
-    MOTOR_COMMAND,
-    MOTOR_JOINTS,
-    REGIME,
-)
+from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, REGIME
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 

@@ -23,17 +23,7 @@ from typing import NamedTuple
 from mech_twin.mechanics.kinematics import JointRates, Kinematics, MovingPoint, Row, Scalar, dot
 from mech_twin.mechanics.linear_solve import solution, transposed
 from mech_twin.mechanics.recording import Number, is_zero, magnitude, square_root, total
-from mech_twin.mechanics.structure import (
-    COORDINATES,
-    FREE,
-    GROUND,
-    REVOLUTE,
-    SLIDER,
-    WELD,
-    Split,
-    Structure,
-    Vector,
-)
+from mech_twin.mechanics.structure import COORDINATES, FREE, GROUND, REVOLUTE, SLIDER, WELD, Split, Structure, Vector
 
 
 class JointEffort(NamedTuple):

@@ -9,13 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    Metadata,
-    Schema,
-)
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 
 from mech_twin.recording.bag_split import CONFIGURATION_NAME, COUNTERS_RECORD, SPLIT_RECORD
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError

@@ -13,14 +13,7 @@ from parameter_bounds import has_range, live_names
 from pydantic import ValidationError
 
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.coupling import (
-    RESET,
-    Coupling,
-    coupling_step,
-    next_body,
-    next_frame,
-    restarted,
-)
+from mech_twin.engine.coupling import RESET, Coupling, coupling_step, next_body, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.samples import BodySample, ForceSample, Load, Named
 

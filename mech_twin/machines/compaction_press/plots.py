@@ -8,18 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.plots import (
-    BLUE,
-    COLOURS,
-    GREEN,
-    GREY,
-    ORANGE,
-    OWN,
-    RED,
-    Picture,
-    sheet,
-    turn_axis,
-)
+from mech_twin.capabilities.plots import BLUE, COLOURS, GREEN, GREY, ORANGE, OWN, RED, Picture, sheet, turn_axis
 from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gains, press_cycle, regime_at
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants

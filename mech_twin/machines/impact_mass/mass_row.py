@@ -6,14 +6,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import linkage_step, motor_step, step_of
-from mech_twin.engine.sample_vectors import (
-    COMMAND,
-    LINKAGE_JOINTS,
-    MOTOR_COMMAND,
-    MOTOR_JOINTS,
-    REGIME,
-    Array,
-)
+from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem
 from mech_twin.machines.impact_mass.memory import (

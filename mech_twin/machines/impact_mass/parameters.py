@@ -11,11 +11,7 @@ from mech_twin.declarations.quantity import choice, quantity
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.force_generator import GeneratorParameters
-from mech_twin.machines.impact_mass.impact_stop import (
-    LARGEST_RESTITUTION,
-    LEAST_RESTITUTION,
-    StopParameters,
-)
+from mech_twin.machines.impact_mass.impact_stop import LARGEST_RESTITUTION, LEAST_RESTITUTION, StopParameters
 from mech_twin.machines.impact_mass.wave_stop import StopModel, rod_restitution
 from mech_twin.parts.supply import SupplyParameters
 

@@ -10,16 +10,10 @@ from typing import NamedTuple
 from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.impact_mass.cycle_verdict import endurance, verdict
-from mech_twin.machines.impact_mass.dynamics import (
-    initial_motion,
-    next_event,
-)
+from mech_twin.machines.impact_mass.dynamics import initial_motion, next_event
 from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.states import (
-    CHATTER_END,
-    IMPACT,
-)
+from mech_twin.machines.impact_mass.states import CHATTER_END, IMPACT
 from mech_twin.machines.impact_mass.synthesis import CycleSpec, printed_periods, published_parameters
 
 PAPER = "Manzhosov, Novikov"

@@ -32,13 +32,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree, merged
 from mech_twin.files.output_file import written_file
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.batch import leaves_for_good
-from mech_twin.machines.impact_mass.dynamics import (
-    ImpactSystem,
-    MassMotion,
-    initial_motion,
-    next_event,
-    rests_for_good,
-)
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion, initial_motion, next_event, rests_for_good
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.states import CHATTER_END, RELEASE
 from mech_twin.machines.impact_mass.tangent import exponent, release_growth

@@ -13,13 +13,7 @@ from mech_twin.machines.impact_mass.balance import BalanceResiduals
 from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system, initial_motion
 from mech_twin.machines.impact_mass.mass_row import Generator, StoppedMass
 from mech_twin.machines.impact_mass.memory import MassMemory, StepEnergies, packed
-from mech_twin.machines.impact_mass.states import (
-    FREE_REGIME,
-    KIND_NAMES,
-    REGIME_NAMES,
-    STUCK,
-    STUCK_REGIME,
-)
+from mech_twin.machines.impact_mass.states import FREE_REGIME, KIND_NAMES, REGIME_NAMES, STUCK, STUCK_REGIME
 from mech_twin.machines.impact_mass.step import CONTACTS, RunningCounts
 from mech_twin.samples import LinkageSample, Named
 

@@ -11,26 +11,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.impacts import CLOSED_M
-from mech_twin.engine.hybrid.laws import (
-    HOLD,
-    LOW,
-    OPEN,
-    Array,
-    Equations,
-    Indices,
-    accumulate,
-    begin_impact,
-    begin_piece,
-    change_regimes,
-    declares,
-    end_piece,
-    evaluate,
-    fill_signals,
-    note_impact,
-    of_size,
-    pass_signal,
-)
+from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.motion import find_accelerations
 from mech_twin.engine.sample_vectors import IMPULSE, KIND, POST_VELOCITY, PRE_VELOCITY
 from mech_twin.kernels.kernel import embedded_kernel, inline_kernel
@@ -114,7 +97,7 @@ TOUCH_M_PER_S = 1e-12
 SETTLED_IN_STEP = 1e-6  # of a step: with friction, bounces that last no longer are not resolved
 
 
-@of_size(FREEDOMS, LAWS)
+@laws.of_size(FREEDOMS, LAWS)
 class BreakerMotion(NamedTuple):
     """The system: constants, and the motor in this step.
 
@@ -142,7 +125,7 @@ def motor_at(motion: BreakerMotion, t: float, u: float, p: float) -> float:
     return torque_in_step(motion.motor, t, rotor_speed(motion.breaker, u, p))
 
 
-@declares(evaluate, BreakerMotion)
+@laws.declares(laws.evaluate, BreakerMotion)
 def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill masses, forces, and the laws of collar, wall, striker, bearings and gear."""
     b, kept, q, phi, u, p = motion.breaker, motion.kept, y[CRANK], y[BODY], y[CRANK_RATE], y[BODY_RATE]
@@ -201,7 +184,7 @@ def torques_at(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: 
     return torques_of(motion, regimes, at)
 
 
-@declares(accumulate, BreakerMotion)
+@laws.declares(laws.accumulate, BreakerMotion)
 def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     """Fill the power of drive, of damping and friction, and of the wall (W), and the total external moment (N m)."""
     b, u, p, now = motion.breaker, y[CRANK_RATE], y[BODY_RATE], torques_of(motion, regimes, at)
@@ -214,7 +197,7 @@ def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices
     out[ANGULAR_IMPULSE], out[WALL_WORK] = moment, -at.multiplier[WALL_LAW] * y[TOOL_RATE]
 
 
-@declares(fill_signals, BreakerMotion)
+@laws.declares(laws.fill_signals, BreakerMotion)
 def signal_events(
     motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
@@ -243,7 +226,7 @@ def signal_events(
         rates[begin + TORQUE_TURNS] = kept[TORQUE_SENSE] * rate
 
 
-@declares(begin_piece, BreakerMotion)
+@laws.declares(laws.begin_piece, BreakerMotion)
 def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> None:
     """Store the next dead centre (rad), the direction of the striker, and the sense of the motor's torque."""
     b, kept = motion.breaker, motion.kept
@@ -254,7 +237,7 @@ def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> N
     kept[TORQUE_SENSE] = kept[TORQUE_SENSE] or sense
 
 
-@declares(end_piece, BreakerMotion)
+@laws.declares(laws.end_piece, BreakerMotion)
 def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Remove drift by rounding from holding joints and contacts."""
     b = motion.breaker
@@ -266,7 +249,7 @@ def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: 
         project_contact(b, y, regimes)
 
 
-@declares(pass_signal, BreakerMotion)
+@laws.declares(laws.pass_signal, BreakerMotion)
 def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
     """Reseat the tool where the rocker begins its pass; log a pass without a blow, and a stop."""
     b, memory, kept, kind = motion.breaker, motion.memory, motion.kept, STALLED
@@ -294,7 +277,7 @@ def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: I
     return count
 
 
-@declares(begin_impact, BreakerMotion)
+@laws.declares(laws.begin_impact, BreakerMotion)
 def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Store the state before an impact; a slow one is plastic, and the tool's is postponed after the collar's."""
     b, kept = motion.breaker, motion.kept
@@ -318,7 +301,7 @@ def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equati
         at.restitution[TOOL_LAW] = kept[REBOUNDS] = 0.0
 
 
-@declares(note_impact, BreakerMotion)
+@laws.declares(laws.note_impact, BreakerMotion)
 def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Add the losses and impulses of an impact, and write the first half of its event row."""
     b, kept, memory, begin_s = motion.breaker, motion.kept, motion.memory, motion.begin_s
@@ -368,7 +351,7 @@ def follow_impact(motion: BreakerMotion, t: float, y: Array, regimes: Indices, a
         regimes[TOOL_LAW] = OPEN
 
 
-@declares(change_regimes, BreakerMotion)
+@laws.declares(laws.change_regimes, BreakerMotion)
 def change_motion(
     motion: BreakerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:

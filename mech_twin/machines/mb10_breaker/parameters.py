@@ -14,11 +14,7 @@ from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.linkage_parameters import LinkageParameters, rocker_angle, start_angle
-from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
-    BodyParameters,
-    ExcitationParameters,
-    motion_refusal,
-)
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import BodyParameters, ExcitationParameters, motion_refusal
 from mech_twin.parts.friction import Friction
 from mech_twin.parts.gear import Gear
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants

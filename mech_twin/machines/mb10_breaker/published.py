@@ -19,10 +19,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
-    growth_per_cycle,
-    resonance_rate,
-)
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import growth_per_cycle, resonance_rate
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics, with_preload
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody, pressed_body
 from mech_twin.machines.mb10_breaker.running_sizing import settled_run_metrics, with_rest_force

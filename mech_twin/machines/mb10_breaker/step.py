@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Indices
-from mech_twin.engine.hybrid.loop import (
-    LOG_FULL,
-    MOST_PIECES,
-    TOO_LONG,
-    TOO_MANY,
-    advance,
-    room_in,
-    room_sizes,
-)
+from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_PIECES, TOO_LONG, TOO_MANY, advance, room_in, room_sizes
 from mech_twin.engine.records import record_at
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
@@ -36,12 +28,7 @@ from mech_twin.machines.mb10_breaker.dynamics import (
     energies,
 )
 from mech_twin.machines.mb10_breaker.joint_laws import join_laws, project_contact, senses
-from mech_twin.machines.mb10_breaker.motion import (
-    KEPT,
-    OWN_SIGNALS,
-    BreakerMotion,
-    torques_at,
-)
+from mech_twin.machines.mb10_breaker.motion import KEPT, OWN_SIGNALS, BreakerMotion, torques_at
 from mech_twin.machines.mb10_breaker.state import (
     COLLAR_LAW,
     CRANK_RATE,

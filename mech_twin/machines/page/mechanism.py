@@ -6,18 +6,7 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
-from mech_twin.capabilities.mechanism import (
-    ROOT,
-    Bar,
-    FrameTree,
-    Inertia,
-    Joint,
-    Loop,
-    Point,
-    fixed,
-    sliding,
-    turning,
-)
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, Point, fixed, sliding, turning
 from mech_twin.machines.page.drawing import COLOURS
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.parameters import GROUND, Page

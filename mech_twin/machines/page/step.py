@@ -14,14 +14,7 @@ from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_in, room_sizes
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
 from mech_twin.engine.integration import Workspace
-from mech_twin.engine.sample_vectors import (
-    COMMAND,
-    LINKAGE_JOINTS,
-    MOTOR_COMMAND,
-    MOTOR_JOINTS,
-    PINS,
-    REGIME,
-)
+from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, PINS, REGIME
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes

@@ -28,14 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
-from mech_twin.machines.roller_former.cart_parameters import (
-    NONE,
-    PRINTED,
-    RECTIFIED,
-    RESIST,
-    REVERSING,
-    CartBank,
-)
+from mech_twin.machines.roller_former.cart_parameters import NONE, PRINTED, RECTIFIED, RESIST, REVERSING, CartBank
 
 LOOK_AHEAD_RAD = 1e-9
 

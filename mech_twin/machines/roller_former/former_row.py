@@ -27,12 +27,7 @@ from mech_twin.machines.roller_former.dynamics import (
     state_of,
     stored_energy,
 )
-from mech_twin.machines.roller_former.integration import (
-    NO_STEP,
-    TIGHT,
-    advance_in,
-    former_room,
-)
+from mech_twin.machines.roller_former.integration import NO_STEP, TIGHT, advance_in, former_room
 from mech_twin.machines.roller_former.memory import CARTS_AT, memory_of, residuals_of, shaft_of
 from mech_twin.parts.induction_motor import motor_in_step
 

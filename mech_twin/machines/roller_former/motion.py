@@ -13,28 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import fill_event
-from mech_twin.engine.hybrid.laws import (
-    HIGH,
-    HOLD,
-    LOW,
-    OPEN,
-    Array,
-    Equations,
-    Indices,
-    accumulate,
-    begin_piece,
-    change_regimes,
-    declares,
-    end_piece,
-    evaluate,
-    fill_signals,
-    note_impact,
-    of_size,
-    pass_signal,
-)
-from mech_twin.engine.hybrid.loop import (
-    ENDED,
-)
+from mech_twin.engine.hybrid import laws
+from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices
+from mech_twin.engine.hybrid.loop import ENDED
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
@@ -44,12 +25,7 @@ from mech_twin.machines.roller_former.cart_statics import (
     shaft_terms,
     sides_of_travel,
 )
-from mech_twin.machines.roller_former.dynamics import (
-    DRIVE_SPEED,
-    Former,
-    may_stick,
-    shaft_torque,
-)
+from mech_twin.machines.roller_former.dynamics import DRIVE_SPEED, Former, may_stick, shaft_torque
 from mech_twin.parts.gear import gear_split
 from mech_twin.parts.induction_motor import MotorInStep
 
@@ -65,7 +41,7 @@ OWN_SIGNALS, KEPT = 7, 6
 LAWS = 2
 
 
-@of_size(2, LAWS)
+@laws.of_size(2, LAWS)
 class FormerMotion(NamedTuple):
     """The system: constants, motor torque, crank angle to stop at (rad); stored values; half turns of the carts."""
 
@@ -106,7 +82,7 @@ def load_share(motion: FormerMotion, t: float, regimes: Indices) -> float:
     return float(motion.kept[SHARE] + share_rate(motion, regimes) * (t - motion.kept[SINCE_S]))
 
 
-@declares(evaluate, FormerMotion)
+@laws.declares(laws.evaluate, FormerMotion)
 def evaluate_former(motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill inertias, moments, and the bounds of load and friction at the crank, of the gear at the drive."""
     former, crank, twist, w, first = motion.former, y[CRANK], y[TWIST], y[SPEED], y[DRIVE]
@@ -136,7 +112,7 @@ def evaluate_former(motion: FormerMotion, t: float, y: Array, regimes: Indices, 
         at.low[1], at.high[1] = -passed.friction_nm, passed.friction_nm
 
 
-@declares(accumulate, FormerMotion)
+@laws.declares(laws.accumulate, FormerMotion)
 def accumulate_work(motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     """Fill the rate of the twist (rad/s), and the power of motor, damping, load and friction (W)."""
     former, w, first = motion.former, y[SPEED], y[DRIVE]
@@ -157,7 +133,7 @@ def accumulate_work(motion: FormerMotion, t: float, y: Array, regimes: Indices, 
     out[7] = friction * w
 
 
-@declares(fill_signals, FormerMotion)
+@laws.declares(laws.fill_signals, FormerMotion)
 def signal_events(
     motion: FormerMotion, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
@@ -198,7 +174,7 @@ def setting_off(motion: FormerMotion, y: Array, regimes: Indices) -> float:
     return float(-load if rises_from_nothing else driving)
 
 
-@declares(begin_piece, FormerMotion)
+@laws.declares(laws.begin_piece, FormerMotion)
 def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> None:
     """Store the dead centres on both sides of the crank angle, and the half turn of each cart.
 
@@ -218,7 +194,7 @@ def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> No
     kept[LOW_RAD], kept[HIGH_RAD], kept[PASSED] = low, high, 0.0
 
 
-@declares(end_piece, FormerMotion)
+@laws.declares(laws.end_piece, FormerMotion)
 def count_time(motion: FormerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Store the load's share at the end of a piece, and the time (s) the motor is below its stall threshold."""
     kept, span = motion.kept, t - motion.kept[SINCE_S]
@@ -236,7 +212,7 @@ def log_former(motion: FormerMotion, t: float, kind: int, crank_rad: float, log:
     return count + 1
 
 
-@declares(pass_signal, FormerMotion)
+@laws.declares(laws.pass_signal, FormerMotion)
 def pass_event(motion: FormerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
     """Pass a dead centre, apply the load, stop, or cross the stall threshold; log what is an event for users."""
     former, kept = motion.former, motion.kept
@@ -267,7 +243,7 @@ def pass_event(motion: FormerMotion, which: int, t: float, y: Array, regimes: In
     return count
 
 
-@declares(change_regimes, FormerMotion)
+@laws.declares(laws.change_regimes, FormerMotion)
 def change_sense(
     motion: FormerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
@@ -280,7 +256,7 @@ def change_sense(
     return count
 
 
-@declares(note_impact, FormerMotion)
+@laws.declares(laws.note_impact, FormerMotion)
 def no_impact(motion: FormerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Log nothing: the roller former has no impacts."""
     return count

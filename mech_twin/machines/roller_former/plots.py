@@ -9,19 +9,9 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, INK, RED, Picture, published, sheet, turn_axis
 from mech_twin.machines.roller_former.cart_statics import cart_load, load_moments
-from mech_twin.machines.roller_former.drive_choice import (
-    STUDIED_DAMPING,
-    SWEEP_DAMPING,
-    damping_sweep,
-)
+from mech_twin.machines.roller_former.drive_choice import STUDIED_DAMPING, SWEEP_DAMPING, damping_sweep
 from mech_twin.machines.roller_former.parameters import RollerFormer, bank_of, former_of
-from mech_twin.machines.roller_former.published import (
-    MAX_NM,
-    TABLE_2,
-    table_1_case,
-    table_2_case,
-    table_2_metrics,
-)
+from mech_twin.machines.roller_former.published import MAX_NM, TABLE_2, table_1_case, table_2_case, table_2_metrics
 from mech_twin.machines.roller_former.steady import steady_turn
 
 DEGREES = np.arange(0.0, 360.5, 0.5)

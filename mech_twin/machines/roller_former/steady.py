@@ -27,12 +27,7 @@ from mech_twin.machines.roller_former.dynamics import (
     state_array,
     state_of,
 )
-from mech_twin.machines.roller_former.integration import (
-    Advance,
-    advance_motion,
-    ending,
-    twist_acceleration,
-)
+from mech_twin.machines.roller_former.integration import Advance, advance_motion, ending, twist_acceleration
 from mech_twin.parts.induction_motor import supplied_motor
 
 TURN = 2.0 * pi

@@ -12,25 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_steps import fill_event
+from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import (
-    HIGH,
-    HOLD,
-    LOW,
-    Array,
-    Equations,
-    Indices,
-    accumulate,
-    begin_piece,
-    change_regimes,
-    declares,
-    end_piece,
-    evaluate,
-    fill_signals,
-    note_impact,
-    of_size,
-    pass_signal,
-)
+from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
@@ -58,7 +42,7 @@ END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
 PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
 
 
-@of_size(1, LAWS)
+@laws.of_size(1, LAWS)
 class DrumSystem(NamedTuple):
     """The system: constants, the package at the start of the step; yarn speed theta + a t, remaining yarn ``left_m``.
 
@@ -105,7 +89,7 @@ def sense_law(omega: float) -> int:
     return LOW if omega > 0.0 else HIGH if omega < 0.0 else HOLD
 
 
-@declares(evaluate, DrumSystem)
+@laws.declares(laws.evaluate, DrumSystem)
 def evaluate_drum(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill inertia, moment, and the bounds of the shaft's law: infinite with the yarn, which sets the acceleration."""
     p, phi = motion.package, y[ANGLE]
@@ -121,7 +105,7 @@ def evaluate_drum(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: 
     at.bias[SHAFT], at.low[SHAFT], at.high[SHAFT] = 0.0, -p.coulomb_nm, p.coulomb_nm
 
 
-@declares(accumulate, DrumSystem)
+@laws.declares(laws.accumulate, DrumSystem)
 def accumulate_work(motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     """Fill the power of drive, gravity and friction (W); with the yarn also the drum's speed that it sets (rad/s)."""
     p, phi, omega = motion.package, y[ANGLE], y[SPEED]
@@ -137,7 +121,7 @@ def accumulate_work(motion: DrumSystem, t: float, y: Array, regimes: Indices, at
     out[FRICTION_LOSS] = (p.viscous_nms_per_rad * omega - at.multiplier[SHAFT]) * omega
 
 
-@declares(fill_signals, DrumSystem)
+@laws.declares(laws.fill_signals, DrumSystem)
 def signal_end(
     motion: DrumSystem, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array
 ) -> None:
@@ -147,12 +131,12 @@ def signal_end(
         values[2 * LAWS], rates[2 * LAWS] = motion.left_m - yarn_run(motion, t), -yarn_speed(motion, t)
 
 
-@declares(begin_piece, DrumSystem)
+@laws.declares(laws.begin_piece, DrumSystem)
 def begin_nothing(motion: DrumSystem, t: float, y: Array, regimes: Indices) -> None:
     """Do nothing: no values are stored from piece to piece."""
 
 
-@declares(end_piece, DrumSystem)
+@laws.declares(laws.end_piece, DrumSystem)
 def follow_yarn(motion: DrumSystem, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Set the drum's speed (rad/s) from the speed of the yarn."""
     if regimes[YARN_ON] == 1:
@@ -170,7 +154,7 @@ def log_drum(motion: DrumSystem, t: float, kind: int, contact: int, phi: float, 
     log[count, EVENT_WIDTH], log[count, EVENT_WIDTH + 3] = phi, phi
 
 
-@declares(pass_signal, DrumSystem)
+@laws.declares(laws.pass_signal, DrumSystem)
 def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
     """Release yarn and drive at the end of the package."""
     theta, last = yarn_speed(motion, t), motion.last
@@ -182,7 +166,7 @@ def let_go(motion: DrumSystem, which: int, t: float, y: Array, regimes: Indices,
     return count + 1
 
 
-@declares(change_regimes, DrumSystem)
+@laws.declares(laws.change_regimes, DrumSystem)
 def change_sense(
     motion: DrumSystem, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
@@ -193,7 +177,7 @@ def change_sense(
     return count + 1
 
 
-@declares(note_impact, DrumSystem)
+@laws.declares(laws.note_impact, DrumSystem)
 def no_impact(motion: DrumSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Log nothing: the drum has no impacts."""
     return count

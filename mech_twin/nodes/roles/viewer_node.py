@@ -23,15 +23,7 @@ from mech_twin.messages.step_codec import force as force_messages
 from mech_twin.messages.step_codec import linkage as linkage_messages
 from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_message import MessageError
-from mech_twin.messages.topics import (
-    EVERY,
-    SCENE,
-    STEP_BODY,
-    STEP_FORCES,
-    STEP_LINKAGE,
-    STEP_MOTOR,
-    step_topics,
-)
+from mech_twin.messages.topics import EVERY, SCENE, STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, step_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource

@@ -17,14 +17,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 import foxglove
-from foxglove.websocket import (
-    Capability,
-    MessageSchema,
-    Parameter,
-    ServerListener,
-    Service,
-    ServiceSchema,
-)
+from foxglove.websocket import Capability, MessageSchema, Parameter, ServerListener, Service, ServiceSchema
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 

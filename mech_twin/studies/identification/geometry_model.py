@@ -10,11 +10,7 @@ from typing import Any, get_args
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mech_twin.declarations.configuration_tree import (
-    ConfigurationError,
-    merged_tree,
-    tree_from_flat,
-)
+from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, validated

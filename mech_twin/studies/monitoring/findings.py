@@ -8,9 +8,7 @@ from typing import Literal, NamedTuple
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.charts import ChartValues
 from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.naming import (
-    Candidate,
-)
+from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.monitoring.operating import OperatingValue
 
 UNKNOWN = "unknown"

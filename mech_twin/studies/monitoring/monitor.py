@@ -24,20 +24,10 @@ from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState,
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.findings import FaultEvent, Findings, Verdict, finding_name
-from mech_twin.studies.monitoring.naming import (
-    Candidate,
-    Change,
-    Signature,
-    candidates,
-    estimated_change,
-)
+from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, candidates, estimated_change
 from mech_twin.studies.monitoring.operating import MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
 from mech_twin.studies.monitoring.origin import Origin
-from mech_twin.studies.monitoring.sensor_quality import (
-    SensorFinding,
-    SensorLimits,
-    sensor_findings,
-)
+from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
 SENSOR = "sensor_"
 CAP = 2.0  # upper bound of the CUSUMs, in thresholds

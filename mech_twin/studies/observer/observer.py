@@ -19,13 +19,7 @@ from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 from mech_twin.studies.observer.anchor_now import AnchorNow
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
-from mech_twin.studies.observer.filter_state import (
-    FilterState,
-    Prediction,
-    SaltedFilter,
-    observation,
-    output_variance,
-)
+from mech_twin.studies.observer.filter_state import FilterState, Prediction, SaltedFilter, observation, output_variance
 from mech_twin.studies.observer.lock_on import ACCEPTED, SeenSample, located
 from mech_twin.studies.observer.model_run import model_run
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys

@@ -11,18 +11,7 @@ import math
 
 import numpy as np
 import pytest
-from engine.hybrid.linear_system import (
-    AFTER,
-    BEFORE,
-    IMPULSE,
-    KIND,
-    LAW,
-    TIME,
-    TwoByTwo,
-    accelerations_of,
-    linear,
-    run,
-)
+from engine.hybrid.linear_system import AFTER, BEFORE, IMPULSE, KIND, LAW, TIME, TwoByTwo, accelerations_of, linear, run
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 

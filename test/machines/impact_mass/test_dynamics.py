@@ -28,11 +28,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     next_event_until,
     rests_for_good,
 )
-from mech_twin.machines.impact_mass.states import (
-    IMPACTS_SUMMED,
-    KIND_NAMES,
-    STUCK,
-)
+from mech_twin.machines.impact_mass.states import IMPACTS_SUMMED, KIND_NAMES, STUCK
 from mech_twin.parameters.load import machine, machine_parameters
 
 

@@ -7,12 +7,7 @@ import pytest
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.published import (
-    assumed_pulse,
-    compared_pulses,
-    excitation_picture,
-    pulse_summary,
-)
+from mech_twin.machines.mb10_breaker.published import assumed_pulse, compared_pulses, excitation_picture, pulse_summary
 from mech_twin.parameters.load import machine_parameters
 
 PARAMETERS = machine_parameters("mb10_breaker")

@@ -13,14 +13,7 @@ import numpy as np
 from machines.mb10_breaker.breaker_reference import BreakerReference
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
-from studies.identification.independent_machines import (
-    Bench,
-    Columns,
-    G,
-    NotThisMachineError,
-    Sensor,
-    impact_mass,
-)
+from studies.identification.independent_machines import Bench, Columns, G, NotThisMachineError, Sensor, impact_mass
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import machine_parameters

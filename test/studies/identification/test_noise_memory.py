@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import toeplitz
 
-from mech_twin.studies.identification.intervals import (
-    FEWEST,
-    Autoregression,
-    autoregression,
-    remembered_noise,
-)
+from mech_twin.studies.identification.intervals import FEWEST, Autoregression, autoregression, remembered_noise
 
 
 def series(coefficients: tuple[float, ...], count: int, seed: int) -> np.ndarray:
