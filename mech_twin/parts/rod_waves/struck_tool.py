@@ -165,11 +165,14 @@ def force_room(grid: WaveGrid) -> Array:
 
 
 def life_numbers(grid: WaveGrid, line: StressLine, found: RodBlow, forces: Array) -> dict[str, float]:
-    """Return the damage that a blow does to head, tool or foot, where, and how many such blows make 1."""
+    """Return the damage that a blow does to head, tool or foot, where, and how many such blows make 1.
+
+    It is at most 1: the first blow breaks the rod.
+    """
     pieces = (grid.head, grid.rod, grid.tip, grid.foot)
     area = np.repeat([piece.area_m2 for piece in pieces], [piece.cells for piece in pieces]).astype(np.float64)
     damage, cell = blow_damage(line, forces[: found.steps], area)
-    place = place_m(grid, (cell + 0.5) * grid.span_s)
+    damage, place = min(damage, 1.0), place_m(grid, (cell + 0.5) * grid.span_s)
     return {"damage_per_blow": damage, "damage_place_m": place, "life_blows": 1.0 / damage if damage > 0.0 else 0.0}
 
 

@@ -176,7 +176,7 @@ def test_energies_of_a_blow_add_up():
 
 
 def test_the_life_of_the_tool_is_the_damage_of_its_blows():
-    """Halving the S-N line takes 2^k of the life, and no line tells none."""
+    """Halving the S-N line takes 2^k of the life; a blow beyond the strength breaks the tool; no line tells none."""
     line = {"tool.wave.life.amplitude_pa": 2e8, "tool.wave.life.slope": 5.0}
     b, events = blows({"tool.wave.wall.kind": "loading"}, 0.5)
     lives = built(LAWS | line).parameters.tool.wave.life
@@ -185,6 +185,8 @@ def test_the_life_of_the_tool_is_the_damage_of_its_blows():
     assert told["life_blows"] == pytest.approx(2.0**5 * half["life_blows"], rel=1e-9)
     assert told["damage_per_blow"] * told["life_blows"] == pytest.approx(1.0)
     assert 0.0 <= told["damage_place_m"] <= 0.45
+    weak = blow_metrics(b, events[-1], lives.line._replace(amplitude_pa=1e5, ultimate_pa=1e6))
+    assert (weak["damage_per_blow"], weak["life_blows"]) == (1.0, 1.0)
     assert "life_blows" not in blow_metrics(b, events[-1])
 
 
