@@ -60,14 +60,16 @@ def test_a_configuration_with_many_values_at_corners_runs(name: str, number: int
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "number"),
+    ("name", "seed", "number"),
     [
-        *(("compaction_press", number) for number in (151, 651, 1378)),
-        *(("mb10_breaker", number) for number in (100, 293, 316, 352, 462, 1903)),
+        *(("compaction_press", 6, number) for number in (151, 651, 1378)),
+        *(("mb10_breaker", 6, number) for number in (100, 293, 316, 352, 462, 1903)),
+        *(("compaction_press", 31, number) for number in (967, 1606)),
+        *(("roller_former", 31, 306), ("impact_mass", 31, 197)),
     ],
 )
-def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, number: int) -> None:
-    found = drawn(name, 6, number)
+def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, seed: int, number: int) -> None:
+    found = drawn(name, seed, number)
     assert found.end != BROKEN, found.what
 
 

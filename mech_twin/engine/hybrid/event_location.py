@@ -176,7 +176,7 @@ def root_share(
             break
         before, last = here, value
         here += step if turn % 8 != 7 else math.inf
-    return here
+    return here if low <= here <= high else 0.5 * (low + high)
 
 
 @inline_kernel

@@ -267,8 +267,13 @@ def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[P
     )
     stroke = press_stroke(press, None if force.working_quarter else force.contact_fraction)
     depth = stroke.contact_y_m - stroke.bottom_y_m
-    if depth < LEAST_DEPTH * (stroke.top_y_m - stroke.bottom_y_m):
-        raise ValueError(f"working_force: the layer has no depth: first contact {depth:.3g} m above the bottom")
+    least = LEAST_DEPTH * (stroke.top_y_m - stroke.bottom_y_m)
+    if depth < least:
+        key = "working_quarter" if force.working_quarter else "contact_fraction"
+        raise ValueError(
+            f"working_force.{key}: the layer has no depth; expected its first contact at least {least:.3g} m above the "
+            f"bottom, found {depth:.3g} m"
+        )
     if stroke.risen_m > 0.0 and force.exponent < SMOOTH:
         raise ValueError(
             f"working_force.exponent must be at least {SMOOTH:g} where the loaded point rises above its first contact "

@@ -16,7 +16,7 @@ from mech_twin.engine.hybrid.impacts import CLOSED_M
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.motion import find_accelerations
 from mech_twin.engine.sample_vectors import IMPULSE, KIND, POST_VELOCITY, PRE_VELOCITY
-from mech_twin.kernels.kernel import embedded_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses, spring_moment, striker_travel
 from mech_twin.machines.mb10_breaker.event_rows import begin_row, end_row, log_bearings, log_contacts, log_row
 from mech_twin.machines.mb10_breaker.impacts import struck_tool
@@ -177,7 +177,7 @@ def torques_of(motion: BreakerMotion, regimes: Indices, at: Equations) -> Torque
     return reported_torques(motion.breaker, kept[BASE], kept[LOSS], kept[SLOPE], regimes, at.multiplier, at.low)
 
 
-@embedded_kernel
+@borrowing_kernel
 def torques_at(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> Torques:
     """Return the torques of drive and friction and the tool force in a state."""
     find_accelerations(motion, t, y, regimes, at)

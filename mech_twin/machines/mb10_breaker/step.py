@@ -189,7 +189,7 @@ def breaker_room() -> tuple[int, int]:
     return KEPT + size, LAWS + places
 
 
-@borrowing_kernel
+@inline_kernel
 def advance_step(
     b: Breaker, motor: MotorInStep, y: Array, row: Array, regime: int, total: Total, begin_s: float, step_s: float,
     log: Array, numbers: Array, marks: Indices,

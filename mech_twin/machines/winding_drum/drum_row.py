@@ -46,8 +46,9 @@ from mech_twin.parts.friction import sliding_torque
 
 RUNNING, ENDED, STUCK = 0, 1, 2
 FAILURES = (
-    f"winding_drum: more than {MOST_PIECES} changes of regime; friction or weight change too fast",
-    "winding_drum: no integration step of 1e-13 s or more is small enough for the drum; friction changes too fast",
+    f"winding_drum: more than {MOST_PIECES} changes of regime in a step; shorten coupling.step_s",
+    "winding_drum: no integration step of 1e-13 s or more is small enough: friction.coulomb_nm or "
+    "friction.viscous_nms_per_rad is too large for the drum's inertia",
     f"winding_drum: coupling.step_s takes more than {MOST_STEPS} steps of integration; shorten it",
 )
 
