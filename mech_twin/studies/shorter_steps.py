@@ -118,9 +118,9 @@ def common_digits(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
     >>> common_digits("gap_m", 2.0e-4, {"gap_m": 2.9e-4})
     '0.0002 to 0.00029'
     """
-    other = shorter.get(name, value)
-    if math.isclose(value, other, rel_tol=ROUNDING):
+    if name not in shorter or math.isclose(value, shorter[name], rel_tol=ROUNDING):
         return value
+    other = shorter[name]
     if not (math.isfinite(value) and math.isfinite(other)):
         return value if math.isnan(value) and math.isnan(other) else _both(value, other)
     last = math.ceil(math.log10(2.0 * FIRST_ORDER * abs(value - other)))

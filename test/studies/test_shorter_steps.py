@@ -137,6 +137,14 @@ def test_a_third_step_agrees_with_every_number_told(name: str) -> None:
     assert outside == {}
 
 
+def test_what_no_run_gave_is_told_as_it_is_and_a_difference_of_rounding_is_none() -> None:
+    assert common_digits("motor", "4A80A4U3", {}) == "4A80A4U3"
+    assert common_digits("length_m", 1.25, {"rod_m": 2.0}) == 1.25
+    value = 0.949653225548074
+    assert common_digits("share", value, {"share": value * (1.0 + 9e-15)}) == value
+    assert common_digits("share", value, {"share": value * (1.0 + 1e-9)}) == "0.94965"
+
+
 def test_figures_of_a_sizing_by_runs_are_told_in_digits_that_a_third_step_has_too() -> None:
     answer = size("mb10_breaker", tolerance=0.0)
     shorter = answer.in_shorter_steps

@@ -227,12 +227,8 @@ def advance_step(
     system = declared(motion, room.at)
     count = advance(system, 0.0, step_s, y, regimes, room, log, 0)
     if count < 0:
-        return (
-            regime,
-            count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3),
-            0.0,
-            total,
-        )
+        failure = count if count == LOG_FULL else -1 if count in (TOO_MANY, TOO_LONG) else max(count, -3)
+        return regime, failure, 0.0, total
     now = torques_at(motion, step_s, y, regimes, room.at)
     memory.tool_regime = reported_tool_regime(regimes)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm

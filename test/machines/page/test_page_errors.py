@@ -173,6 +173,16 @@ def test_a_series_of_impacts_without_end_names_page_and_contacts():
     assert run(BIT, 0.05, contacts={"nose": {"restitution": 0.0}})[0]  # what it advises helps
 
 
+def test_a_series_of_impacts_by_turns_settles_with_its_energy_accounted_for():
+    lighter = {"blow": {"restitution": 0.6}, "nose": {"restitution": 0.3}}
+    frames, _ = run(BIT, 0.05, contacts=lighter, loads={"operator": {"force_n": [150, 0]}, "air": {"force_n": [90, 0]}})
+    last = frames[-1].linkage
+    assert max(map(abs, last.velocity)) < 1e-12
+    assert abs(last.residuals["energy_balance"]) < 1e-12
+    forces = [last.memory[f"{name}_force_n"] for name in ("blow", "nose", "wall")]
+    assert forces == pytest.approx([90.0, 150.0, -240.0], rel=1e-9)  # statics: both press the bit on its wall
+
+
 def test_a_coupling_that_takes_the_last_freedom_is_told():
     rack = {"rack": {"kind": "rack", "joints": ["bearing", "guide"], "radius_m": 0.02}}
     assert "joints and couplings hold every body" in refused(SLIDER_CRANK, couplings=rack)
