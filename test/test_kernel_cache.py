@@ -24,6 +24,12 @@ from .constants import FACTOR
 @kernel
 def scaled(value):
     return FACTOR * value
+
+@kernel
+def root(value):
+    if value < 0.0:
+        raise ValueError("no root of", value)
+    return value ** 0.5
 """,
     "outer.py": """
 from numba import prange
@@ -33,6 +39,14 @@ from kernel_trial import inner
 @kernel
 def raised(value):
     return inner.scaled(value) + 1.0
+
+@kernel
+def root_raised(value):
+    return raised(inner.root(value))
+
+@kernel
+def root_lowered(value):
+    return inner.root(value) - 1.0
 
 @parallel_kernel
 def doubled(values):
@@ -80,6 +94,21 @@ kinds = (np.float64, np.float32, np.int64, np.int32, np.int16, np.uint8)
 kinds = kinds if sys.argv[2] == "up" else kinds[::-1]
 for kind in kinds:
     assert outer.raised(kind(3)) == 7.0, kind
+"""
+CALLED_BOTH_WAYS = """
+import json, sys
+from kernel_trial import inner, outer
+from mech_twin.kernels.kernel import compiled_count
+told = []
+for name in sys.argv[1:]:
+    function = getattr(inner, name, None) or getattr(outer, name)
+    told.append(function(4.0))
+    try:
+        told.append(function(-1.0))
+    except ValueError as error:
+        told.append(list(error.args))
+hits = {name: sum(getattr(inner, name).stats.cache_hits.values()) for name in ("scaled", "root")}
+print(json.dumps([told, hits, compiled_count()]))
 """
 EDIT_WHILE_RUNNING = """
 import sys
@@ -152,6 +181,24 @@ def test_code_of_a_run_during_which_a_file_was_edited_is_not_taken_for_that_of_t
     during = subprocess.run(command, env=surroundings, check=True, capture_output=True, text=True, timeout=200)
     assert float(during.stdout) == 4.0
     assert run(package, tmp_path / "cache")[0]["values"][0] == 76.0
+
+
+def test_a_kernel_that_kernels_call_is_called_from_python_too_and_its_errors_keep_their_numbers(package, tmp_path):
+    def told(*names):
+        command = [sys.executable, "-c", CALLED_BOTH_WAYS, *names]
+        surroundings = environment(package, tmp_path / "cache")
+        done = subprocess.run(command, check=True, env=surroundings, capture_output=True, text=True, timeout=200)
+        return json.loads(done.stdout)
+
+    error = ["no root of", -1.0]
+    compiled = told("root_raised", "root")
+    assert compiled == [[5.0, error, 2.0, error], {"scaled": 0, "root": 0}, 5]
+    loaded = told("root_raised", "root")
+    assert loaded == [[5.0, error, 2.0, error], {"scaled": 0, "root": 1}, 0]
+    linked_to_another = told("root_lowered")
+    assert linked_to_another == [[1.0, error], {"scaled": 0, "root": 1}, 1]
+    of_intermediate_code = told("raised", "scaled")
+    assert of_intermediate_code == [[9.0, -1.0, 8.0, -2.0], {"scaled": 1, "root": 0}, 2]
 
 
 def test_an_edit_out_of_reach_compiles_nothing(package, tmp_path):

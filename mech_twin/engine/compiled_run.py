@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.compiled_steps import body_step, force_step, linkage_step, motor_step
+from mech_twin.engine.compiled_steps import body_step, copy_numbers, copy_rows, force_step, linkage_step, motor_step
 from mech_twin.engine.sample_vectors import FEW_ROWS, LOAD_WIDTH, Array, Places
 from mech_twin.kernels.kernel import kernel, released_kernel
 
@@ -58,11 +58,11 @@ def keep_events(table: Array, filled: int, step: int, source: int, log: Array, c
     """Append the first ``count`` events of a step to the table of the run; return the table, enlarged if needed."""
     while filled + count > len(table):
         longer = np.zeros((2 * len(table), table.shape[1]))
-        longer[:filled] = table[:filled]
+        copy_rows(table, filled, longer, 0, 0)
         table = longer
     for i in range(count):
         table[filled + i, STEP], table[filled + i, SOURCE] = step, source
-        table[filled + i, TABLE_EXTRA : TABLE_EXTRA + log.shape[1]] = log[i]
+    copy_rows(log, count, table, filled, TABLE_EXTRA)
     return table
 
 
@@ -129,7 +129,7 @@ def run_steps(
         log, count = linkage_step(models.linkage, step - 1, linkage, motor, body, later, log)
         if count < 0:
             return table, filled, n, LINKAGE_FAILED, count
-        linkage[:] = later
+        copy_numbers(later, linkage)
         motor_step(models.motor, linkage, targets[n], motor)
         loads, loaded = force_step(models.forces, step, linkage, log, count, forces, loads)
         table = keep_events(table, filled, step, FROM_LINKAGE, log, count)
@@ -138,7 +138,7 @@ def run_steps(
             body_log, count = body_step(models.body, step, body, forces, loads, loaded, followed, body_log)
             if count < 0:
                 return table, filled, n, BODY_FAILED, count
-            body[:] = followed
+            copy_numbers(followed, body)
             table = keep_events(table, filled, step, FROM_BODY, body_log, count)
             filled += count
         row[0] = step * step_s

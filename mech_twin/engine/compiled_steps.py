@@ -120,8 +120,23 @@ def with_room(log: Array, count: int) -> Array:
     if count < len(log):
         return log
     longer = np.empty((2 * len(log), log.shape[1]))
-    longer[:count] = log[:count]
+    copy_rows(log, count, longer, 0, 0)
     return longer
+
+
+@borrowing_kernel
+def copy_rows(rows: Array, count: int, out: Array, row: int, column: int) -> None:
+    """Copy the first rows of a table to a place in another; numba takes seconds to compile an assignment of slices."""
+    for i in range(count):
+        for j in range(rows.shape[1]):
+            out[row + i, column + j] = rows[i, j]
+
+
+@borrowing_kernel
+def copy_numbers(numbers: Array, out: Array) -> None:
+    """Copy an array to another of its length."""
+    for i in range(len(numbers)):
+        out[i] = numbers[i]
 
 
 @borrowing_kernel

@@ -19,8 +19,9 @@ from typing import Any
 import llvmlite  # type: ignore[import-untyped]
 import numba
 import numpy as np
-from numba.core import compiler, config, serialize, types
+from numba.core import config, serialize, types
 
+from mech_twin.kernels.dispatcher import has_machine_code, restored
 from mech_twin.kernels.sources import has_known_sources, is_known_module, keep_sources, sources_digest
 from mech_twin.kernels.store import directories, load, save
 
@@ -32,7 +33,6 @@ Observer = Callable[[str, int], None]
 _types: Any = types
 _settings: Any = config
 _dumps: Any = serialize.dumps
-_rebuild: Any = compiler.CompileResult._rebuild
 
 _log = logging.getLogger("mech_twin.kernels")
 _observers: list[Observer] = []
@@ -58,6 +58,7 @@ class KernelCache:
         self._function = function
         self._options = options
         self._known = self._enabled = has_known_sources(function)
+        self.for_kernel = False
 
     @property
     def kernel_name(self) -> str:
@@ -81,7 +82,10 @@ class KernelCache:
         """Do nothing: what is stored stays right, and other processes may be using it."""
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
-        """Return the stored code for a signature, None if it is to be compiled."""
+        """Return the stored code for a signature, None if it is to be compiled.
+
+        Intermediate code is enough for a kernel that is being compiled (`for_kernel`).
+        """
         target_context.refresh()
         stored = self._stored(signature, target_context) if self._enabled else None
         if stored is None:
@@ -100,7 +104,8 @@ class KernelCache:
         if payload is None:
             return None
         try:
-            return _rebuild(target_context, *pickle.loads(payload))
+            reduced = pickle.loads(payload)
+            return restored(target_context, reduced) if self.for_kernel or has_machine_code(reduced) else None
         except Exception as error:  # noqa: BLE001 # unpickling can raise anything; the compiler does not need it
             _log.warning("%s: stored code not usable (%s), compiled anew", name, error)
             return None

@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from numba import njit
-from numba.core.dispatcher import Dispatcher
+from numba.core import config
 
 from mech_twin.kernels.cache import KernelCache, compiled_count, on_compile
+from mech_twin.kernels.dispatcher import KernelDispatcher
 
 __all__ = [
     "borrowing_kernel",
@@ -25,15 +25,17 @@ __all__ = [
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
+_settings: Any = config
+
 # strict arithmetic, so that runs repeat to the bit; whether references to arrays are counted is always said, since a
 # function that does not say so does as its first caller
-_STRICT: dict[str, Any] = {"fastmath": False, "_nrt": True}
-_BORROWING: dict[str, Any] = {"fastmath": False, "_nrt": False}
+_STRICT: dict[str, Any] = {"nopython": True, "fastmath": False, "no_cfunc_wrapper": True, "_nrt": True}
+_BORROWING: dict[str, Any] = {**_STRICT, "_nrt": False}
 
 
 def kernel(function: Function) -> Function:
     """Return the function compiled on first call and cached on disk; strict arithmetic, so runs repeat to the bit."""
-    return cast(Function, _cached(njit(**_STRICT)(function), "serial"))
+    return cast(Function, _compiled(function, "serial", _STRICT))
 
 
 def borrowing_kernel(function: Function) -> Function:
@@ -43,12 +45,12 @@ def borrowing_kernel(function: Function) -> Function:
     alive.  Such a function makes no array, returns none and copies none as a whole (``a[:] = b``); one that does is
     refused when it is compiled.
     """
-    return cast(Function, _cached(njit(**_BORROWING)(function), "borrowing", _BorrowingCache))
+    return cast(Function, _compiled(function, "borrowing", _BORROWING, _BorrowingCache))
 
 
 def straight_line_kernel(function: Function) -> Function:
     """Return the function compiled like `borrowing_kernel`, with division as IEEE 754 has it: no branch, no error."""
-    return cast(Function, _cached(njit(error_model="numpy", **_BORROWING)(function), "straight line", _BorrowingCache))
+    return cast(Function, _compiled(function, "straight line", {**_BORROWING, "error_model": "numpy"}, _BorrowingCache))
 
 
 def embedded_kernel(function: Function) -> Function:
@@ -56,7 +58,7 @@ def embedded_kernel(function: Function) -> Function:
 
     For what has large tuples among its arguments: a call would copy all their numbers.
     """
-    return cast(Function, _cached(njit(forceinline=True, **_BORROWING)(function), "embedded", _BorrowingCache))
+    return cast(Function, _compiled(function, "embedded", {**_BORROWING, "forceinline": True}, _BorrowingCache))
 
 
 def inline_kernel(function: Function) -> Function:
@@ -64,12 +66,12 @@ def inline_kernel(function: Function) -> Function:
 
     For what an equation of motion is made of: its constants stay where they are instead of being copied at each call.
     """
-    return cast(Function, _cached(njit(inline="always", **_BORROWING)(function), "inline", _BorrowingCache))
+    return cast(Function, _compiled(function, "inline", {**_BORROWING, "inline": "always"}, _BorrowingCache))
 
 
 def released_kernel(function: Function) -> Function:
     """Return the function compiled like `kernel`, running without the interpreter's lock: for calls from threads."""
-    return cast(Function, _cached(njit(nogil=True, **_STRICT)(function), "released"))
+    return cast(Function, _compiled(function, "released", {**_STRICT, "nogil": True}))
 
 
 def parallel_kernel(function: Function) -> Function:
@@ -77,7 +79,7 @@ def parallel_kernel(function: Function) -> Function:
 
     The same strict arithmetic; each result depends on its own iteration only, so the number of cores changes nothing.
     """
-    return cast(Function, _cached(njit(parallel=True, **_STRICT)(function), "parallel"))
+    return cast(Function, _compiled(function, "parallel", {**_STRICT, "parallel": True}))
 
 
 class _BorrowingCache(KernelCache):
@@ -101,9 +103,10 @@ class _BorrowingCache(KernelCache):
         super().save_overload(signature, result)
 
 
-def _cached(compiled: object, options: str, cache: type[KernelCache] = KernelCache) -> object:
-    """Attach the content-keyed cache to a numba dispatcher; with NUMBA_DISABLE_JIT there is none."""
-    if isinstance(compiled, Dispatcher):
-        dispatcher: Any = compiled
-        dispatcher._cache = cache(dispatcher.py_func, options)
-    return compiled
+def _compiled(function: Any, name: str, options: dict[str, Any], cache: type[KernelCache] = KernelCache) -> object:
+    """Return numba's dispatcher of a function, with the content-keyed cache; with NUMBA_DISABLE_JIT the function."""
+    if _settings.DISABLE_JIT:
+        return function
+    dispatcher = KernelDispatcher(function, targetoptions=options)
+    dispatcher._cache = cache(function, name)
+    return dispatcher

@@ -111,8 +111,7 @@ def _entry(typing_context: Any, system: Any, equations: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kinds = entry_types(system, equations)
-        enter.compile(kinds)
-        compiled = enter.overloads[kinds]
+        compiled = enter.compile_for_kernel(kinds)
         context.active_code_library.add_linking_library(compiled.library)
         return builder.ptrtoint(context.declare_function(builder.module, compiled.fndesc), ir.IntType(64))
 

@@ -221,7 +221,8 @@ def fill_forces(
     for i in range(len(quantities)):
         out[at + i] = quantities[i]
     at += len(quantities)
-    out[at : at + carts] = forces.rod
+    for cart in range(carts):
+        out[at + cart] = forces.rod[cart]
     out[at + carts] = residual
     return loads, 0
 

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Dispatcher of kernels that makes machine code only of those that Python calls.
+
+numba optimises a kernel and makes machine code of it before it compiles the one that calls it, so what is at the end
+of ten calls is optimised eleven times.  Here a kernel called by another stays intermediate code: it is optimised with
+its caller, and made machine code when Python calls it or asks for its address.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import llvmlite.binding as llvm  # type: ignore[import-untyped]
+from numba.core import codegen, compiler, compiler_lock, registry, sigutils
+from numba.core import dispatcher as dispatchers
+
+# numba has type hints for its front only
+_Compiler: Any = compiler.Compiler
+_Dispatcher: Any = registry.CPUDispatcher
+_dispatchers: Any = dispatchers
+_FunctionCompiler: Any = _dispatchers._FunctionCompiler
+_Library: Any = codegen.JITCodeLibrary
+_compile_result: Any = compiler.compile_result
+_lock: Any = compiler_lock.global_compiler_lock
+_normalize: Any = sigutils.normalize_signature
+
+INTERMEDIATE = "intermediate"
+
+
+class Uncalled:
+    """Stands for the entry point of a kernel without machine code."""
+
+
+class IntermediateLibrary(_Library):  # type: ignore[misc]
+    """Code of a kernel that is linked into its callers and has no address."""
+
+    def serialize_using_object_code(self) -> Any:
+        """Return the code in the form that is stored; see `restored`."""
+        return self.name, INTERMEDIATE, self._final_module.as_bitcode()
+
+    def restore(self, bitcode: bytes) -> None:
+        """Take stored code."""
+        self._final_module = llvm.parse_bitcode(bitcode)
+        self._finalize_final_module()
+
+    def _optimize_final_module(self) -> None:
+        """Drop counts of references and merge what is always merged; all else is done once, in the callers."""
+        passes, builder = self._codegen._module_pass_manager(
+            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
+        )
+        passes.run(self._final_module, builder)
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
+def has_machine_code(reduced: tuple[Any, ...]) -> bool:
+    """Return whether a stored compile result can be called by Python."""
+    return bool(reduced[0][1] != INTERMEDIATE)
+
+
+def restored(target_context: Any, reduced: tuple[Any, ...]) -> Any:
+    """Return the compile result of `CompileResult._reduce`, with the code in the form in which it was stored."""
+    (name, _, code), fndesc, environment, signature, objectmode, lifted, annotation, reloads, environments = reduced
+    if has_machine_code(reduced):
+        return compiler.CompileResult._rebuild(target_context, *reduced)  # type: ignore[no-untyped-call]
+    for reload in reloads:
+        reload()
+    library = IntermediateLibrary(target_context.codegen(), name)
+    library.restore(code)
+    return _compile_result(
+        target_context=target_context, typing_context=target_context.typing_context, library=library,
+        environment=environment, entry_point=Uncalled(), fndesc=fndesc, type_annotation=annotation,
+        signature=signature, objectmode=objectmode, lifted=lifted, reload_init=reloads, referenced_envs=environments,
+    )  # fmt: skip
+
+
+class _KernelCompiler(_Compiler):  # type: ignore[misc]
+    """numba's pipeline; a kernel without an entry point stays intermediate code."""
+
+    def compile_extra(self, function: Callable[..., object]) -> Any:
+        if self.state.flags.no_compile:
+            self.state.library = IntermediateLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        return super().compile_extra(function)
+
+
+class _SignatureCompiler(_FunctionCompiler):  # type: ignore[misc]
+    """Compiler of one kernel: with an entry point for Python, or without."""
+
+    for_kernel = False
+
+    def _customize_flags(self, flags: Any) -> Any:
+        flags.no_compile = flags.no_cpython_wrapper = self.for_kernel
+        return flags
+
+
+class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
+    """numba's dispatcher for the processor; kernels called by kernels alone stay intermediate code."""
+
+    def __init__(  # names and order are numba's, which makes one anew with them
+        self, py_func: Callable[..., object], locals: Any = None, targetoptions: Any = None,  # noqa: A002
+        pipeline_class: Any = _KernelCompiler,
+    ) -> None:  # fmt: skip
+        super().__init__(py_func, locals, targetoptions, pipeline_class)
+        self._compiler = _SignatureCompiler(py_func, self.targetdescr, self.targetoptions, self.locals, pipeline_class)
+        self._for_kernel = False
+
+    def get_call_template(self, arguments: Any, keywords: Any) -> Any:
+        """Return how a kernel that is being compiled calls this one."""
+        with self._called_by_kernel():
+            return super().get_call_template(arguments, keywords)
+
+    def compile_for_kernel(self, signature: Any) -> Any:
+        """Compile for a kernel that is being compiled; return the result."""
+        with self._called_by_kernel():
+            self.compile(signature)
+        return self.overloads[tuple(_normalize(signature)[0])]
+
+    def compile(self, signature: Any) -> Any:
+        """Compile or load; return the entry point."""
+        with _lock:
+            for_kernel, self._for_kernel = self._for_kernel, False
+            arguments = tuple(_normalize(signature)[0])
+            found = self.overloads.get(arguments)
+            if found is not None and not for_kernel and isinstance(found.entry_point, Uncalled):
+                self.targetctx.remove_user_function(found.entry_point)
+                del self.overloads[arguments]
+            self._compiler.for_kernel = self._cache.for_kernel = for_kernel
+            return super().compile(signature)
+
+    def add_overload(self, result: Any) -> None:
+        """Know a compiled signature; one without machine code is for kernels alone."""
+        if result.entry_point is None:
+            result = result._replace(entry_point=Uncalled())
+            self.targetctx.insert_user_function(result.entry_point, result.fndesc, [result.library])
+        if isinstance(result.entry_point, Uncalled):
+            self.overloads[tuple(result.signature.args)] = result
+            return
+        super().add_overload(result)
+        # what the code of its callees refers to, such as texts of errors
+        for environment in result._find_referenced_environments():
+            result.library.codegen.set_env(environment.env_name, environment)
+
+    @contextmanager
+    def _called_by_kernel(self) -> Iterator[None]:
+        with _lock:
+            self._for_kernel = True
+            try:
+                yield
+            finally:
+                self._for_kernel = False
