@@ -20,11 +20,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
 from mech_twin.engine.integration import declared_kernel
 from mech_twin.engine.sample_vectors import SIDES
+from mech_twin.kernels.dispatcher import overload
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def step_of(
         def call(model: Any, *arguments: Any) -> Any:
             return compiled(model, *arguments)
 
-        @overload(generic, jit_options={"forceinline": compiler is embedded_kernel})
+        @overload(generic, forceinline=compiler is embedded_kernel)
         def implementation(model: Any, *arguments: Any) -> Any:  # numba asks with types
             return call if getattr(model, "instance_class", None) is model_type else None
 

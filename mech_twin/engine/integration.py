@@ -26,9 +26,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
+from mech_twin.kernels.dispatcher import overload
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 
 Array = NDArray[np.float64]

@@ -13,8 +13,9 @@ from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
-from numba.core import codegen, compiler, compiler_lock, registry, sigutils
+from numba.core import codegen, compiler, compiler_lock, registry, sigutils, types
 from numba.core import dispatcher as dispatchers
+from numba.core.typing import templates
 
 # numba has type hints for its front only
 _Compiler: Any = compiler.Compiler
@@ -25,6 +26,8 @@ _Library: Any = codegen.JITCodeLibrary
 _compile_result: Any = compiler.compile_result
 _lock: Any = compiler_lock.global_compiler_lock
 _normalize: Any = sigutils.normalize_signature
+_templates: Any = templates
+_types: Any = types
 
 INTERMEDIATE = "intermediate"
 
@@ -153,3 +156,25 @@ class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
                 yield
             finally:
                 self._for_kernel = False
+
+
+def overload(
+    generic: Callable[..., Any], inline: str = "never", forceinline: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Declare what a function is in kernels, for types of arguments, as `numba.extending.overload` does.
+
+    The function that is chosen for the types is compiled like a kernel that kernels call.
+    """
+    options = {"nopython": True, "forceinline": forceinline}
+
+    def dispatched(**options: Any) -> Callable[[Callable[..., Any]], KernelDispatcher]:
+        return lambda function: KernelDispatcher(function, targetoptions=options)
+
+    def declare(choose: Callable[..., Any]) -> Callable[..., Any]:
+        template = _templates.make_overload_template(generic, choose, options, True, inline, False)
+        template._get_jit_decorator = lambda _: dispatched
+        _templates.infer(template)
+        _templates.infer_global(generic, _types.Function(template))
+        return choose
+
+    return declare

@@ -32,11 +32,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numba.extending import overload
 from numpy.typing import NDArray
 
 from mech_twin.engine.addresses import view_as
 from mech_twin.engine.compiled_steps import chosen, is_declared, step_of
+from mech_twin.kernels.dispatcher import overload
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 Array = NDArray[np.float64]
@@ -117,7 +117,7 @@ def sized(system: Any, at: Equations) -> Equations:
     return at
 
 
-@overload(sized, jit_options={"forceinline": True})
+@overload(sized, forceinline=True)
 def _sized(system: Any, at: Any) -> Any:
     def same(system: Any, at: Any) -> Any:
         return at
@@ -197,7 +197,7 @@ def begin_impact(system: Any, t: float, y: Array, regimes: Indices, at: Equation
         chosen(begin_impact, system)(system, t, y, regimes, at)
 
 
-@overload(begin_impact, jit_options={"forceinline": True})
+@overload(begin_impact, forceinline=True)
 def _given_restitutions(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> Any:
     kind = getattr(system, "instance_class", None)
 

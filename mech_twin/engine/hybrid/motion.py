@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba.extending import overload
-
 from mech_twin.engine.addresses import value_at
 from mech_twin.engine.compiled_steps import chosen, is_declared
 from mech_twin.engine.hybrid.complementarity import (
@@ -36,6 +34,7 @@ from mech_twin.engine.hybrid.laws import (
     sized,
 )
 from mech_twin.engine.integration import rates_of
+from mech_twin.kernels.dispatcher import overload
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 UNKNOWN = math.nan  # derivative of a signal, where it is not available
@@ -214,7 +213,7 @@ def fill_rates(system: Any, t: float, y: Array, regimes: Indices, at: Equations,
     fill(system, t, y, regimes, at, out)
 
 
-@overload(fill_rates, jit_options={"forceinline": True})
+@overload(fill_rates, forceinline=True)
 def _rates_of_motion(system: Any, t: Any, y: Any, regimes: Any, at: Any, out: Any) -> Any:
     kind = getattr(system, "instance_class", None)
 
