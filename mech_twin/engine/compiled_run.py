@@ -15,7 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.compiled_steps import body_step, copy_numbers, copy_rows, force_step, linkage_step, motor_step
+from mech_twin.engine.compiled_steps import (
+    body_step,
+    copy_numbers,
+    copy_rows,
+    force_step,
+    motor_step,
+    whole_linkage_step,
+)  # fmt: skip
 from mech_twin.engine.sample_vectors import FEW_ROWS, LOAD_WIDTH, Array, Places
 from mech_twin.kernels.kernel import kernel, released_kernel
 
@@ -126,7 +133,7 @@ def run_steps(
     table, filled = np.zeros((FEW_ROWS, widths.table)), 0
     for n in range(len(targets)):
         step = first + n + 1
-        log, count = linkage_step(models.linkage, step - 1, linkage, motor, body, later, log)
+        log, count = whole_linkage_step(models.linkage, step - 1, linkage, motor, body, later, log)
         if count < 0:
             return table, filled, n, LINKAGE_FAILED, count
         copy_numbers(later, linkage)

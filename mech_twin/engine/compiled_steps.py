@@ -11,7 +11,8 @@ A role's author declares its constants as a `NamedTuple` and, with `step_of`, th
 
 The role calls that kernel (`compiled_roles`), and the compiled run calls the same one (`rollout`).
 Rows are those of `sample_vectors`.  A kernel fills every number of ``out``.  ``log`` is a table of events that may be
-replaced by a longer one (`with_room`); the count returned with it is negative if the step failed.
+replaced by a longer one (`with_room`); the count returned with it is negative if the step failed.  A linkage that
+returns `LOG_FULL` is asked again with a longer table.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+LOG_FULL = -100  # the table of events is too short
 
 
 def motor_step(model: Any, linkage: Array, target: float, out: Array) -> None:
@@ -122,6 +125,18 @@ def with_room(log: Array, count: int) -> Array:
     longer = np.empty((2 * len(log), log.shape[1]))
     copy_rows(log, count, longer, 0, 0)
     return longer
+
+
+@kernel
+def whole_linkage_step(
+    model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` as `linkage_step` does, with a table that is long enough."""
+    while True:
+        log, count = linkage_step(model, step, linkage, motor, body, out, log)
+        if count != LOG_FULL:
+            return log, count
+        log = np.empty((2 * len(log) + 8, log.shape[1]))
 
 
 @borrowing_kernel

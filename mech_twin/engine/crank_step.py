@@ -49,7 +49,6 @@ from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import Array, Indices
 from mech_twin.engine.hybrid.loop import (
     CONTRADICTS,
-    LOG_FULL,
     MOST_PIECES,
     MOST_STEPS,
     TOO_LONG,
@@ -185,8 +184,4 @@ def crank_step(
     """Fill ``out`` with the linkage one step later; changes of regime and stops are located within the step."""
     size, places = room_sizes(1, 1, 1, STATE_SIZE)
     numbers, marks = np.zeros(BEGIN_ROOM + size), np.zeros(2 + places, dtype=np.int64)
-    count = try_step(model, step, linkage, motor, out, log, numbers, marks)
-    while count == LOG_FULL:
-        log = np.empty((2 * len(log) + 8, log.shape[1]))
-        count = try_step(model, step, linkage, motor, out, log, numbers, marks)
-    return log, count
+    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)

@@ -14,7 +14,7 @@ from numba.core import config, types
 from numba.experimental import structref
 from numpy.typing import NDArray
 
-from mech_twin.engine.compiled_steps import body_step, force_step, linkage_step, motor_step
+from mech_twin.engine.compiled_steps import body_step, force_step, motor_step, whole_linkage_step
 from mech_twin.kernels.kernel import kernel
 
 Array = NDArray[np.float64]
@@ -62,7 +62,7 @@ def held_linkage_step(
     held: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
     """Fill ``out`` as `linkage_step` does."""
-    return linkage_step(held.model, step, linkage, motor, body, out, log)
+    return whole_linkage_step(held.model, step, linkage, motor, body, out, log)
 
 
 @kernel

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.addresses import place_of, view_as
+from mech_twin.engine.compiled_steps import LOG_FULL
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
 from mech_twin.engine.hybrid.impacts import CLOSED, STRUCK, halt, strike
@@ -37,7 +38,7 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 
 TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4
-LOG_FULL, ENDED = -100, -101  # table of events too short; ended by the system
+ENDED = -101  # by the system
 MOST_PIECES = 10_000  # of one coupling step
 MOST_STEPS = 20_000  # of one piece
 SHORTEST_SERIES_S = 1e-10  # a series of impacts with less time left is replaced by its limit

@@ -10,7 +10,6 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import linkage_step, motor_step, step_of
 from mech_twin.engine.hybrid.laws import Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL
 from mech_twin.engine.records import record_at
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
@@ -25,7 +24,7 @@ from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.drives import KlossMotor, fill_motor
 from mech_twin.machines.mb10_breaker.dynamics import HELD, REST, Breaker, spring_moment
 from mech_twin.machines.mb10_breaker.motion import rotor_speed
-from mech_twin.machines.mb10_breaker.state import LAWS, MEMORY, STATES, BreakerMemory, named
+from mech_twin.machines.mb10_breaker.state import MEMORY, STATES, BreakerMemory, named
 from mech_twin.machines.mb10_breaker.step import Total, advance_step, breaker_room, take_body, total_of
 from mech_twin.parts.four_bar import closure_error, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import MotorConstants, motor_in_step
@@ -161,9 +160,4 @@ def breaker_step(
     """Fill ``out`` with the linkage one step later; angle and rate of the body are taken from its own row."""
     size, places = breaker_room()
     numbers, marks = np.zeros(STATES + size), np.zeros(places, dtype=np.int64)
-    count = try_step(model, step, linkage, motor, body, out, log, numbers, marks)
-    while count == LOG_FULL:
-        log = np.empty((2 * len(log) + 2 * LAWS + 2, log.shape[1]))
-        numbers[:], marks[:] = 0.0, 0
-        count = try_step(model, step, linkage, motor, body, out, log, numbers, marks)
-    return log, count
+    return log, try_step(model, step, linkage, motor, body, out, log, numbers, marks)

@@ -11,7 +11,7 @@ from mech_twin.engine.compiled_steps import force_step, linkage_step, motor_step
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL, Room, advance, let_open, room_in, room_sizes
+from mech_twin.engine.hybrid.loop import Room, advance, let_open, room_in, room_sizes
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
 from mech_twin.engine.integration import Workspace
 from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, PINS, REGIME
@@ -327,11 +327,7 @@ def page_step(
     length, places = room_sizes(s.free, s.law_count, s.switches, size)
     numbers, marks = np.zeros(size + length), np.zeros(places, dtype=np.int64)
     y, regimes = np.empty(size), np.empty(s.law_count + s.switches, dtype=np.int64)
-    count = try_step(model, step, linkage, motor, out, log, numbers, marks, y, regimes)
-    while count == LOG_FULL:
-        log = np.empty((2 * len(log) + 8, log.shape[1]))
-        count = try_step(model, step, linkage, motor, out, log, numbers, marks, y, regimes)
-    return log, count
+    return log, try_step(model, step, linkage, motor, out, log, numbers, marks, y, regimes)
 
 
 @kernel

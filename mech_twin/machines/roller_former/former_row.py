@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import linkage_step, step_of
+from mech_twin.engine.compiled_steps import LOG_FULL, linkage_step, step_of
 from mech_twin.engine.hybrid.laws import Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_STEPS, UNSTEADY
+from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import cart_load, cart_motion, load_moment, rod_weight_moment
@@ -213,9 +213,4 @@ def former_step(
     carts = model.former.bank.offset_rad.size
     size, places = former_room(carts)
     numbers, marks = np.zeros(STATE_SIZE + carts + size), np.zeros(places, dtype=np.int64)
-    count = try_step(model, step, linkage, motor, out, log, numbers, marks)
-    while count == LOG_FULL:
-        log = np.empty((2 * len(log) + 8, log.shape[1]))
-        numbers[:], marks[:] = 0.0, 0
-        count = try_step(model, step, linkage, motor, out, log, numbers, marks)
-    return log, count
+    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)

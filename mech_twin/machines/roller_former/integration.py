@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.compiled_steps import LOG_FULL
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import Array, Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_PIECES, MOST_STEPS, UNSTEADY, advance, room_in, room_sizes
+from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.integration import SHORTEST_S
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel

@@ -10,7 +10,7 @@ import numpy as np
 
 from mech_twin.engine.compiled_steps import force_step, linkage_step, step_of
 from mech_twin.engine.hybrid.laws import HOLD, Indices
-from mech_twin.engine.hybrid.loop import LOG_FULL, MOST_PIECES, MOST_STEPS
+from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.winding_drum.dynamics import (
@@ -167,11 +167,7 @@ def drum_step(
     """Fill ``out`` with the drum one step later; the end of the package is located exactly within the step."""
     size, places = drum_room()
     numbers, marks = np.zeros(STATE_SIZE + size), np.zeros(2 + places, dtype=np.int64)
-    count = try_step(model, step, linkage, motor, out, log, numbers, marks)
-    while count == LOG_FULL:
-        log = np.empty((2 * len(log) + 8, log.shape[1]))
-        count = try_step(model, step, linkage, motor, out, log, numbers, marks)
-    return log, count
+    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)
 
 
 @step_of(force_step, LoadedDrum)
