@@ -73,7 +73,7 @@ def closure(module: str) -> dict[str, Path]:
     while waiting:
         name = waiting.pop()
         for imported in _imports(name, found[name]):
-            file = None if imported in found else _file(imported, module)
+            file = None if imported in found else _file(imported, module.partition(".")[0])
             if file is not None:
                 found[imported] = file
                 waiting.append(imported)
@@ -107,11 +107,12 @@ def _loaded_statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
             yield from _loaded_statements(handler.body)
 
 
-def _file(name: str, asking: str) -> Path | None:
-    """Return the source file of a module of this package or of the asking kernel's, None for anything else."""
+@cache
+def _file(name: str, package: str) -> Path | None:
+    """Return the source file of a module of this package or of the kernel's, None for anything else."""
     top, *rest = name.split(".")
     root = getattr(sys.modules.get(top), "__file__", None)
-    if root is None or top not in {OWN_PACKAGE, asking.partition(".")[0]}:
+    if root is None or top not in {OWN_PACKAGE, package}:
         return None
     if not rest:
         return Path(root)
