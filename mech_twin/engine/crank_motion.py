@@ -35,7 +35,7 @@ from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indi
 from mech_twin.engine.hybrid.loop import Room
 from mech_twin.engine.hybrid.motion import settle_regimes
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, SIDES
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.parts.gear import gear_split
 from mech_twin.parts.induction_motor import torque_in_step
 
@@ -62,25 +62,25 @@ class TurningCrank(NamedTuple):
     kept: Array
 
 
-@inline_kernel
+@embedded_kernel
 def sign_of(value: float) -> float:
     """Return the sign of a number, 0 of 0."""
     return 0.0 if value == 0.0 else math.copysign(1.0, value)
 
 
-@inline_kernel
+@embedded_kernel
 def turning_sense(regime: int) -> float:
     """Return the sense of rotation (+1, -1, 0 at rest) of a regime of the crank's law."""
     return 1.0 if regime == LOW else -1.0 if regime == HIGH else 0.0
 
 
-@inline_kernel
+@embedded_kernel
 def law_of(sense: float) -> int:
     """Return the regime of the crank's law for a sense of rotation."""
     return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
 
 
-@inline_kernel
+@embedded_kernel
 def resisting_row(crank: Crank, regime: int) -> int:
     """Return the row of the purely resisting load of a regime, -1 where there is none."""
     for i in range(len(crank.resisting)):
@@ -89,7 +89,7 @@ def resisting_row(crank: Crank, regime: int) -> int:
     return -1
 
 
-@inline_kernel
+@embedded_kernel
 def load_torque(mechanism: Any, f: float, regime: int) -> float:
     """Return the torque (N m) that holds the mechanism at rest."""
     return float(count_torque_energy(mechanism, f, 0.0, 0.0, regime)[1])
@@ -272,7 +272,7 @@ def note_stall(motion: TurningCrank, system: Declared, y: Array, regimes: Indice
     return log_crank(motion, motion.drive.start_s, STALLED, CRANK_CONTACT, (0.0, 0.0, 0.0), (held, held), log, 0)
 
 
-@inline_kernel
+@embedded_kernel
 def turned_over(y: Array, load_work: float) -> float:
     """Return the largest of drive, load and friction work (J), at least 1: the scale of the energy balance."""
     return float(max(1.0, abs(y[DRIVE_WORK]), abs(load_work), y[FRICTION_LOSS]))

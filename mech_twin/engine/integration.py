@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernels.dispatcher import overload
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -147,7 +147,7 @@ def start_step(system: Any, t: float, y: Array, work: Workspace) -> None:
     rates(system, t, y, work.rates[0])
 
 
-@inline_kernel
+@embedded_kernel
 def combine(y: Array, h: float, weights: Array, count: int, slopes: Array, out: Array) -> None:
     """Fill ``out`` with y + h times the weighted sum of the first ``count`` rates."""
     for i in range(len(out)):

@@ -56,7 +56,7 @@ def straight_line_kernel(function: Function) -> Function:
 def embedded_kernel(function: Function) -> Function:
     """Return the function compiled like `borrowing_kernel`, and merged into its callers by the optimiser.
 
-    For what has large tuples among its arguments: a call would copy all their numbers.
+    For what an equation of motion is made of: a call would copy all numbers of its constants.
     """
     return cast(Function, _compiled(function, "embedded", {**_BORROWING, "forceinline": True}, _BorrowingCache))
 
@@ -64,7 +64,8 @@ def embedded_kernel(function: Function) -> Function:
 def inline_kernel(function: Function) -> Function:
     """Return the function compiled like `borrowing_kernel`, and put in line in its callers before they are typed.
 
-    For what an equation of motion is made of: its constants stay where they are instead of being copied at each call.
+    For views and addresses of what the caller has.  Each caller is typed with it, which takes longer than merging; but
+    of the breaker's equations merging made ten times the code.
     """
     return cast(Function, _compiled(function, "inline", {**_BORROWING, "inline": "always"}, _BorrowingCache))
 

@@ -24,7 +24,7 @@ import math
 from typing import NamedTuple
 
 from mech_twin.declarations.proposed_value import at_least, at_most
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 OPEN = 1.0
 CROSSED = -1.0
@@ -107,7 +107,7 @@ class Reactions(NamedTuple):
     moment: float
 
 
-@inline_kernel
+@embedded_kernel
 def position(bar: FourBar, f: float) -> Position:
     """Return the joints at crank angle ``f`` (rad): d = C - A, B = A + p d + q (d_y, -d_x).
 
@@ -161,7 +161,7 @@ def acute_angles(at: Position) -> tuple[float, float, float]:
     return alpha, beta, abs(math.atan2(at.u_y, at.u_x))
 
 
-@inline_kernel
+@embedded_kernel
 def dyad_rates(at: Position, t_x: float, t_y: float) -> tuple[float, float]:
     """Return (x2, x3) of k x (x2 u - x3 v) + t = 0: x2 = -(t . v)/D, x3 = -(t . u)/D.
 
@@ -171,7 +171,7 @@ def dyad_rates(at: Position, t_x: float, t_y: float) -> tuple[float, float]:
     return (t_x * at.v_x + t_y * at.v_y) * share, (t_x * at.u_x + t_y * at.u_y) * share
 
 
-@inline_kernel
+@embedded_kernel
 def coefficients(at: Position) -> Coefficients:
     """Return the velocity coefficients of links 2 and 3 and their first two derivatives in the crank angle.
 
@@ -189,20 +189,20 @@ def coefficients(at: Position) -> Coefficients:
     return Coefficients(g2, g3, g2_1, g3_1, g2_2, g3_2)
 
 
-@inline_kernel
+@embedded_kernel
 def offset(link: Link, x: float, y: float, length: float) -> tuple[float, float]:
     """Return the centroid of a link seen from its first pin (m); (x, y) is the link as a vector of that length."""
     share = 1.0 / length
     return (link.along_m * x - link.across_m * y) * share, (link.along_m * y + link.across_m * x) * share
 
 
-@inline_kernel
+@embedded_kernel
 def point_acceleration(x: float, y: float, w: float, e: float) -> tuple[float, float]:
     """Return e k x (x, y) - w^2 (x, y): the acceleration of a point of a turning link seen from its pin (m/s^2)."""
     return -e * y - w * w * x, e * x - w * w * y
 
 
-@inline_kernel
+@embedded_kernel
 def motion(
     bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position, by: Coefficients, w1: float, e1: float
 ) -> FourBarRates:
@@ -221,7 +221,7 @@ def motion(
     return FourBarRates(w2, w3, e2, e3, s1_ax, s1_ay, a_ax + b_ax, a_ay + b_ay, s3_ax, s3_ay)
 
 
-@inline_kernel
+@embedded_kernel
 def dyad_reactions(
     at: Position,
     force2_x: float,
@@ -241,7 +241,7 @@ def dyad_reactions(
     return -b_x - force2_x, -b_y - force2_y, b_x, b_y, b_x - force3_x, b_y - force3_y
 
 
-@inline_kernel
+@embedded_kernel
 def pin_forces(
     bar: FourBar,
     crank: Link,
@@ -285,7 +285,7 @@ def pin_forces(
     return Reactions(a_x - f1_x, a_y - f1_y, a_x, a_y, b_x, b_y, c_x, c_y, moment)
 
 
-@inline_kernel
+@embedded_kernel
 def reduced_inertia(
     bar: FourBar, crank: Link, coupler: Link, rocker: Link, at: Position, by: Coefficients
 ) -> tuple[float, float]:

@@ -13,7 +13,7 @@ r"""Friction of a turning joint: Coulomb and viscous, with sticking and release 
 from __future__ import annotations
 
 from mech_twin.declarations.quantity import Parameters, quantity
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 
 class Friction(Parameters):
@@ -27,7 +27,7 @@ class Friction(Parameters):
     )
 
 
-@inline_kernel
+@embedded_kernel
 def sliding_torque(coulomb: float, viscous: float, speed: float, direction: float) -> float:
     """Return the friction torque on a sliding joint (N m): -c sign u - v u.
 

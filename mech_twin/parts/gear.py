@@ -19,7 +19,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from mech_twin.declarations.quantity import Parameters, quantity
-from mech_twin.kernels.kernel import inline_kernel
+from mech_twin.kernels.kernel import embedded_kernel
 
 
 class Gear(Parameters):
@@ -38,7 +38,7 @@ class GearTorque(NamedTuple):
     friction_nm: float
 
 
-@inline_kernel
+@embedded_kernel
 def gear_split(ratio: float, efficiency: float, torque: float) -> GearTorque:
     """Return a motor torque (N m) at the crank as mean and friction: tau (eta + 1/eta)/2 and |tau| (1/eta - eta)/2."""
     at_crank = ratio * torque
@@ -47,7 +47,7 @@ def gear_split(ratio: float, efficiency: float, torque: float) -> GearTorque:
     )
 
 
-@inline_kernel
+@embedded_kernel
 def gear_torque(ratio: float, efficiency: float, torque: float, speed: float) -> float:
     """Return the crank torque (N m) of a motor torque at a crank speed: eta i M while it drives, i M/eta while driven.
 

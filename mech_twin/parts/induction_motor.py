@@ -41,7 +41,7 @@ from typing import Literal, NamedTuple
 from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 RPM = pi / 30.0
 LONGEST_RUN_UP_S = 1e3  # of the rotor alone at rated power; motors take a fraction of a second
@@ -319,13 +319,13 @@ def motor_in_step(
     return MotorInStep(curve, command, told, before, (command - before) / step_s)
 
 
-@inline_kernel
+@embedded_kernel
 def command_in_step(motor: MotorInStep, t: float) -> float:
     """Return the command at a time of the step (s)."""
     return motor.begin_command + motor.command_per_s * t
 
 
-@inline_kernel
+@embedded_kernel
 def torque_in_step(motor: MotorInStep, t: float, rotor_rad_per_s: float) -> float:
     """Return the torque (N m) at a time of the step (s) and a speed of the rotor."""
     return motor.told_nm + motor_torque(motor.curve, rotor_rad_per_s, command_in_step(motor, t))

@@ -14,14 +14,14 @@ from __future__ import annotations
 import math
 
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
-from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 SOLVED, CONTRADICTION = 0, -1
 DEPENDENT = 1e-11  # relative pivot below which a law counts as linearly dependent on earlier holding ones
 NEAR = 1e-11  # relative to the terms summed: a smaller acceleration or force is rounding
 
 
-@inline_kernel
+@embedded_kernel
 def factorise(matrix: Array, factor: Array) -> None:
     """Fill the LDL' factorisation of a symmetric positive definite matrix (n, n), with 1 / D on the diagonal."""
     for i in range(len(matrix)):
@@ -38,7 +38,7 @@ def factorise(matrix: Array, factor: Array) -> None:
         factor[i, i] = 1.0 / total
 
 
-@inline_kernel
+@embedded_kernel
 def back_substitute(factor: Array, vector: Array) -> None:
     """Solve a linear system in place with a factor of `factorise`."""
     n = len(vector)
@@ -72,13 +72,13 @@ def fill_mobilities(at: Equations, all_laws: bool) -> None:
                 at.matrix[i, j] = at.matrix[j, i] = total
 
 
-@inline_kernel
+@embedded_kernel
 def nearest_to_zero(low: float, high: float) -> float:
     """Return the number between the bounds that is nearest to zero."""
     return min(max(0.0, low), high)
 
 
-@inline_kernel
+@embedded_kernel
 def holds_by_itself(at: Equations, law: int) -> bool:
     """Return whether a law holds and is linearly independent of the holding laws before it."""
     return bool(at.status[law] == HOLD and at.hold_factor[law, law] != 0.0)
@@ -134,7 +134,7 @@ def solve_holding(at: Equations, force: Array) -> None:
             force[i] /= factor[i, i]
 
 
-@inline_kernel
+@embedded_kernel
 def acceleration_of(at: Equations, force: Array, law: int) -> tuple[float, float]:
     """Return the acceleration of a law under the forces, and the sum of the magnitudes of its terms (for rounding)."""
     total, size = at.free[law], abs(at.free[law])
@@ -155,7 +155,7 @@ def largest_terms(at: Equations, force: Array) -> float:
     return largest
 
 
-@inline_kernel
+@embedded_kernel
 def better_status(at: Equations, force: Array, law: int, terms: float) -> int:
     """Return the status a law changes to if it violates complementarity, else its present one.
 
@@ -178,7 +178,7 @@ def better_status(at: Equations, force: Array, law: int, terms: float) -> int:
     return better
 
 
-@inline_kernel
+@embedded_kernel
 def earlier_law(at: Equations, law: int) -> int:
     """Return the first earlier holding law that is coupled and may reach its lower bound, -1 for none."""
     for j in range(law):

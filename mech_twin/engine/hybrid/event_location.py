@@ -28,7 +28,7 @@ from mech_twin.engine.integration import (
     start_step,
     take_step,
 )
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 NOTHING = -1
 NEXT = 1e-13  # of a step: a root is no better known
@@ -65,13 +65,13 @@ def dense_signal(
     return search.now[which], search.now_rate[which]
 
 
-@inline_kernel
+@embedded_kernel
 def divided(value: float, shift: float, span: float, at_root: bool) -> float:
     """Return a signal, with its root at the start divided out where ``at_root``."""
     return (value - shift) / span if at_root else value
 
 
-@inline_kernel
+@embedded_kernel
 def lowest_share(first: float, rate: float, last: float, last_rate: float, h: float) -> tuple[float, float]:
     """Return place (share of the step, -1 for none) and value of the minimum of the cubic Hermite interpolant."""
     p0, p1 = rate * h, last_rate * h
@@ -95,7 +95,7 @@ def fill_middle(piece: PieceAt, t: float, y: Array, h: float, end: Array, work: 
     read_signals(piece, t + 0.5 * h, search.state, search.middle, search.now_rate)
 
 
-@inline_kernel
+@embedded_kernel
 def may_dip(search: Signals, which: int, h: float) -> bool:
     """Return whether a signal positive at both ends may have a minimum near zero within the step."""
     first, last, rate = search.start[which], search.end[which], search.start_rate[which]
@@ -179,7 +179,7 @@ def root_share(
     return here if low <= here <= high else 0.5 * (low + high)
 
 
-@inline_kernel
+@embedded_kernel
 def is_beyond(first: float, rate: float, last: float, at_root: bool) -> bool:
     """Return whether the event is at the start of the step already, from the signal at both ends and its rate."""
     if at_root:  # the rate alone may be rounding
@@ -189,7 +189,7 @@ def is_beyond(first: float, rate: float, last: float, at_root: bool) -> bool:
     return bool(first == 0.0 and (rate < 0.0 or last < 0.0))
 
 
-@inline_kernel
+@embedded_kernel
 def mark_roots(search: Signals) -> None:
     """Mark signals that are zero and rising at the start; they may return to zero within the step."""
     for which in range(len(search.start)):

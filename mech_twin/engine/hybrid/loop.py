@@ -35,7 +35,7 @@ from mech_twin.engine.hybrid.laws import (
 from mech_twin.engine.hybrid.motion import Piece, PieceAt, prepare_instant, settle_regimes
 from mech_twin.engine.integration import Tableau, Workspace
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
 
 TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4
 ENDED = -101  # by the system
@@ -119,14 +119,14 @@ def room_for(freedoms: int, laws: int, signals: int, size: int) -> Room:
     return room_in(np.zeros(numbers), places, freedoms, laws, signals, size, DORMAND_PRINCE_5)
 
 
-@inline_kernel
+@embedded_kernel
 def copy(source: Array, out: Array) -> None:
     """Copy an array into another."""
     for i in range(len(out)):
         out[i] = source[i]
 
 
-@inline_kernel
+@embedded_kernel
 def clear(out: Array) -> None:
     """Fill an array with zeros."""
     for i in range(len(out)):
@@ -186,7 +186,7 @@ def mark_turns(at: Equations, t: float, room: Room) -> None:
             series[ROUND, i], series[LAST, i], series[FASTEST, i] = t - series[LAST, i], t, -room.cut[i]
 
 
-@inline_kernel
+@embedded_kernel
 def moved_by_impact(regime: int, v: float, at: Equations, law: int) -> bool:
     """Return whether an impact has started a holding law without a gap, or reversed the velocity of a sliding one."""
     if regime == HOLD:

@@ -17,7 +17,7 @@ from mech_twin.engine.crank_state import (
     mechanism_state,
     under_load_share,
 )
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work, with_peak
 from mech_twin.parts.four_bar import (
     FourBar,
@@ -61,7 +61,7 @@ class Reduced(NamedTuple):
     force: float
 
 
-@inline_kernel
+@embedded_kernel
 def is_pressed(regime: int) -> bool:
     """Return whether the layer is in contact in a regime."""
     return regime in (CONTACT, CONTACT_REVERSED)
@@ -87,7 +87,7 @@ def loaded_heights(press: Press, angles: Array) -> Array:
     return heights
 
 
-@inline_kernel
+@embedded_kernel
 def press_reduced(press: Press, f: float, regime: int) -> Reduced:
     """Return inertia and moment reduced to the crank; the layer resists where the regime is one of contact.
 
@@ -120,7 +120,7 @@ def press_weights(press: Press, f: float) -> float:
     return press.gravity * (height + press.pendulum.mass_kg * (press.bar.pivot_y_m + s3_y))
 
 
-@inline_kernel
+@embedded_kernel
 def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reactions:
     """Return every pin force and the drive moment from equilibrium, under an upward force (N) on the plate."""
     at = position(press.bar, f)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 
 class StrokeLoad(NamedTuple):
@@ -34,7 +34,7 @@ def with_peak(load: StrokeLoad, peak_n: float) -> StrokeLoad:
     return StrokeLoad(peak_n, load.contact_y_m, load.bottom_y_m, load.exponent)
 
 
-@inline_kernel
+@embedded_kernel
 def layer_force(load: StrokeLoad, y: float) -> float:
     """Return the force (N) at height ``y`` (m) while the layer is in contact.
 

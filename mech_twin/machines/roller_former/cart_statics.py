@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 from mech_twin.machines.roller_former.cart_parameters import NONE, PRINTED, RECTIFIED, RESIST, REVERSING, CartBank
 
 LOOK_AHEAD_RAD = 1e-9
@@ -171,7 +171,7 @@ def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]
     return low, high
 
 
-@inline_kernel
+@embedded_kernel
 def plain_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
@@ -268,7 +268,7 @@ def has_kinks(bank: CartBank) -> bool:
     return bank.load not in (NONE, PRINTED)
 
 
-@inline_kernel
+@embedded_kernel
 def rod_weight_moment(bank: CartBank, crank_rad: float) -> float:
     """Return the moment (N m) against forward rotation of the weight of the rods' halves at the crank pins."""
     return bank.rod_weight_cosine_nm * cos(crank_rad) - bank.rod_weight_sine_nm * sin(crank_rad)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import rod_weight_energy, shaft_terms
 from mech_twin.parts.gear import gear_torque
@@ -90,7 +90,7 @@ class Modes(NamedTuple):
     stalled: bool
 
 
-@inline_kernel
+@embedded_kernel
 def state_of(y: Array) -> FormerState:
     """Return the state by its names."""
     return FormerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
@@ -126,7 +126,7 @@ def gear_may_stick(former: Former) -> bool:
     return former.loss_by_power and former.efficiency < 1.0
 
 
-@inline_kernel
+@embedded_kernel
 def shaft_torque(former: Former, torque: MotorInStep, t: float, speed: float) -> float:
     """Return the torque on the motor's shaft (N m) at a time and a speed of the first mass (rad/s, at the crank)."""
     return torque_in_step(torque, t, speed * former.ratio)
@@ -151,7 +151,7 @@ def at_motor(former: Former, moment_nm: float, direction: float) -> float:
     return moment_nm / (former.ratio * former.efficiency)
 
 
-@inline_kernel
+@embedded_kernel
 def coupling_moment(former: Former, now: FormerState) -> float:
     """Return ``T = c (phi1 - phi2) + k (phi1' - phi2')`` (N m)."""
     return former.stiffness_nm_per_rad * now.twist_rad + former.damping_nms_per_rad * now.twist_rate_rad_per_s

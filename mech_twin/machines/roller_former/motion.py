@@ -16,7 +16,7 @@ from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import ENDED
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     has_kinks,
@@ -53,13 +53,13 @@ class FormerMotion(NamedTuple):
     sides: Array
 
 
-@inline_kernel
+@embedded_kernel
 def sense_of(regime: int) -> float:
     """Return the direction of rotation: 0 while sticking, 1 for a shaft that cannot stick."""
     return -1.0 if regime == HIGH else 0.0 if regime == HOLD else 1.0
 
 
-@inline_kernel
+@embedded_kernel
 def law_of(sticks: bool, speed: float, sense: float) -> int:
     """Return the regime of a law; at rest that of the stored direction."""
     if not sticks:
@@ -69,14 +69,14 @@ def law_of(sticks: bool, speed: float, sense: float) -> int:
     return LOW if sense > 0.0 else HIGH if sense < 0.0 else HOLD
 
 
-@inline_kernel
+@embedded_kernel
 def share_rate(motion: FormerMotion, regimes: Indices) -> float:
     """Return the rate of the load's rise (1/s)."""
     rises = regimes[LOAD_ON] == 1 and motion.kept[SHARE] < 1.0
     return 1.0 / motion.former.load_rise_s if rises else 0.0
 
 
-@inline_kernel
+@embedded_kernel
 def load_share(motion: FormerMotion, t: float, regimes: Indices) -> float:
     """Return the share of the load that acts (0 to 1)."""
     return float(motion.kept[SHARE] + share_rate(motion, regimes) * (t - motion.kept[SINCE_S]))

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 INFINITE_ROD, FINITE_ROD, BOOM = 0, 1, 2
 
@@ -76,7 +76,7 @@ class SliderCrankPins(NamedTuple):
     acceleration_y: float
 
 
-@inline_kernel
+@embedded_kernel
 def follower(s: SliderCrank, th: float) -> Follower:
     """Return the follower at crank angle ``th`` (rad)."""
     a_x, a_y = s.crank_m * math.cos(th), s.crank_m * math.sin(th)
@@ -113,7 +113,7 @@ def rod_error(s: SliderCrank, th: float) -> float:
     return abs(math.hypot(at.x - s.crank_m * math.cos(th), at.y - s.crank_m * math.sin(th)) - s.rod_m)
 
 
-@inline_kernel
+@embedded_kernel
 def follower_inertia(s: SliderCrank) -> float:
     """Return the follower's inertia in its own coordinate (kg or kg m2)."""
     if s.kind == BOOM:
@@ -121,7 +121,7 @@ def follower_inertia(s: SliderCrank) -> float:
     return s.joint_mass + s.load_mass
 
 
-@inline_kernel
+@embedded_kernel
 def follower_load(s: SliderCrank, z: float) -> float:
     """Return weight and working force against the follower's coordinate (N or N m)."""
     if s.kind == BOOM:
@@ -130,7 +130,7 @@ def follower_load(s: SliderCrank, z: float) -> float:
     return (s.joint_mass + s.load_mass) * s.gravity + s.working_force
 
 
-@inline_kernel
+@embedded_kernel
 def reduced(s: SliderCrank, th: float) -> tuple[float, float, float]:
     """Return I_pr (kg m2), dI_pr/dth (kg m2) and M_pr (N m) of the crank.
 
@@ -166,7 +166,7 @@ def stored_energy(s: SliderCrank, th: float, w: float) -> float:
     return 0.5 * inertia * w * w + weights + turning
 
 
-@inline_kernel
+@embedded_kernel
 def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankPins:
     """Return every pin force from equilibrium, follower first, then the crank; independent of `reduced`."""
     a_x, a_y = s.crank_m * math.cos(th), s.crank_m * math.sin(th)

@@ -18,7 +18,7 @@ from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indi
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
 from mech_twin.engine.tableaus import DORMAND_PRINCE_8
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel
 from mech_twin.machines.winding_drum.wound_package import (
     Package,
     Wound,
@@ -58,7 +58,7 @@ class DrumSystem(NamedTuple):
     begin_s: float
 
 
-@inline_kernel
+@embedded_kernel
 def drive_torque(p: Package, wound: Wound, phi: float, theta: float, a: float) -> float:
     """Return the drive torque (N m): the dynamic torque, less gravity's moment, plus friction.
 
@@ -71,19 +71,19 @@ def drive_torque(p: Package, wound: Wound, phi: float, theta: float, a: float) -
     return wanted - min(max(wanted, -p.coulomb_nm), p.coulomb_nm)
 
 
-@inline_kernel
+@embedded_kernel
 def yarn_run(motion: DrumSystem, t: float) -> float:
     """Return the length of yarn (m) that has run since the start of the step."""
     return (motion.theta_m_per_s + 0.5 * motion.acceleration_m_per_s2 * t) * t
 
 
-@inline_kernel
+@embedded_kernel
 def yarn_speed(motion: DrumSystem, t: float) -> float:
     """Return the speed of the yarn (m/s)."""
     return motion.theta_m_per_s + motion.acceleration_m_per_s2 * t
 
 
-@inline_kernel
+@embedded_kernel
 def sense_law(omega: float) -> int:
     """Return the regime of Coulomb friction at a speed."""
     return LOW if omega > 0.0 else HIGH if omega < 0.0 else HOLD

@@ -22,7 +22,7 @@ from __future__ import annotations
 from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
-from mech_twin.kernels.kernel import inline_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 
 class Package(NamedTuple):
@@ -60,38 +60,38 @@ class PackageTorque(NamedTuple):
     total: float
 
 
-@inline_kernel
+@embedded_kernel
 def wound_at(p: Package, radius: float) -> Wound:
     """Return the size of the package at a radius (m)."""
     return Wound(radius, (radius - p.core_m) * (radius + p.core_m))
 
 
-@inline_kernel
+@embedded_kernel
 def wound_after(p: Package, wound: Wound, length: float) -> Wound:
     """Return the size of the package after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
     return Wound(radius_after(p, wound.radius_m, length), wound.square_m2 - 2.0 * p.layer_m * length)
 
 
-@inline_kernel
+@embedded_kernel
 def package_inertia(p: Package, wound: Wound) -> float:
     """Return the moment of inertia J0 of drum and package (kg m2), by R^4 - c^4 from the area; e^2 is neglected."""
     quartic = wound.square_m2 * (wound.square_m2 + 2.0 * p.core_m * p.core_m)
     return p.drum_inertia + 0.5 * pi * p.density * p.width_m * quartic
 
 
-@inline_kernel
+@embedded_kernel
 def package_mass(p: Package, wound: Wound) -> float:
     """Return the mass of the yarn on the drum (kg)."""
     return pi * p.density * p.width_m * wound.square_m2
 
 
-@inline_kernel
+@embedded_kernel
 def tangent_arm(p: Package, radius: float, phi: float) -> float:
     """Return rho = R + e cos(phi), the arm of the yarn (m)."""
     return radius + p.eccentricity_m * cos(phi)
 
 
-@inline_kernel
+@embedded_kernel
 def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> tuple[float, float, float]:
     """Return the terms of d(omega)/dt (rad/s2): a/rho, theta^2 L/(rho^2 R), theta^2 e sin(phi)/rho^3."""
     rho = tangent_arm(p, radius, phi)
@@ -99,7 +99,7 @@ def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -
     return a / rho, square * p.layer_m / (rho * rho * radius), square * p.eccentricity_m * sin(phi) / rho**3
 
 
-@inline_kernel
+@embedded_kernel
 def torque_terms(p: Package, wound: Wound, phi: float, theta: float, a: float) -> PackageTorque:
     """Return the torque on drum and package, each term by itself.
 
@@ -142,13 +142,13 @@ def rate_of_momentum(p: Package, wound: Wound, phi: float, theta: float, a: floa
     return package_inertia(p, wound) * (a - omega * rho_rate) / rho + 0.5 * omega * inertia_rate
 
 
-@inline_kernel
+@embedded_kernel
 def radius_after(p: Package, radius: float, length: float) -> float:
     """Return the radius (m) after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
     return sqrt(radius * radius - 2.0 * p.layer_m * length)
 
 
-@inline_kernel
+@embedded_kernel
 def gravity_moment(p: Package, wound: Wound, phi: float) -> float:
     """Return the moment of the offset package's weight about the axis, m g e sin(phi), counter-clockwise (N m)."""
     return package_mass(p, wound) * p.gravity * p.eccentricity_m * sin(phi)
