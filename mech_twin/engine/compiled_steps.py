@@ -147,7 +147,7 @@ def copy_rows(rows: Array, count: int, out: Array, row: int, column: int) -> Non
             out[row + i, column + j] = rows[i, j]
 
 
-@borrowing_kernel
+@embedded_kernel
 def copy_numbers(numbers: Array, out: Array) -> None:
     """Copy an array to another of its length."""
     for i in range(len(numbers)):

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.addresses import place_of, view_as
-from mech_twin.engine.compiled_steps import LOG_FULL
+from mech_twin.engine.compiled_steps import LOG_FULL, copy_numbers
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
 from mech_twin.engine.hybrid.impacts import CLOSED, STRUCK, halt, strike
@@ -120,13 +120,6 @@ def room_for(freedoms: int, laws: int, signals: int, size: int) -> Room:
 
 
 @embedded_kernel
-def copy(source: Array, out: Array) -> None:
-    """Copy an array into another."""
-    for i in range(len(out)):
-        out[i] = source[i]
-
-
-@embedded_kernel
 def clear(out: Array) -> None:
     """Fill an array with zeros."""
     for i in range(len(out)):
@@ -213,7 +206,7 @@ def mark_stopped(at: Equations, regimes: Indices, candidates: Indices) -> None:
 def close_gaps(system: Any, t: float, y: Array, regimes: Indices, room: Room) -> int:
     """Apply the impacts of closing contacts, end series that are negligibly short, and find the new regimes."""
     at, m = room.at, len(room.candidates)
-    copy(at.velocity, room.cut)
+    copy_numbers(at.velocity, room.cut)
     answer = strike(y, regimes, at, room.struck)
     for i in range(m):
         room.ended[i] = 0
@@ -274,10 +267,10 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
     if held:
         regimes[law], room.candidates[law] = HIGH if upper else LOW, 0
     else:
-        copy(y, room.before)
+        copy_numbers(y, room.before)
         halt(y, regimes, at, room.struck, at.multiplier)
         if leaps(y, room.before, room.tolerance, len(at.force)):
-            copy(room.before, y)
+            copy_numbers(room.before, y)
             regimes[law], room.candidates[law] = LOW + HIGH - regimes[law], 0
         else:
             mark_stopped(at, regimes, room.candidates)
@@ -295,7 +288,7 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
     clear(search.at_root)
     if regimes[law] == OPEN and at.velocity[law] < 0.0:
         at.gap[law] = 0.0
-        copy(y, room.before)
+        copy_numbers(y, room.before)
         begin_impact(system, t, y, regimes, at)
         answer = close_gaps(system, t, y, regimes, room)
         count = note_impact(system, t, room.before, y, at, log, count)
@@ -345,7 +338,7 @@ def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room
     clear(room.search.at_root)
     begin_piece(system, t, y, regimes)
     for _ in range(MOST_PIECES):
-        copy(y, room.before)
+        copy_numbers(y, room.before)
         length, wanted, which, steps = advance_piece(
             piece, light, t + done, y, span - done, wanted, room.tolerance, MOST_STEPS, room.work, room.search
         )
