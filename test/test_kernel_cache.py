@@ -99,16 +99,16 @@ CALLED_BOTH_WAYS = """
 import json, sys
 from kernel_trial import inner, outer
 from mech_twin.kernels.kernel import compiled_count
-told = []
+results = []
 for name in sys.argv[1:]:
     function = getattr(inner, name, None) or getattr(outer, name)
-    told.append(function(4.0))
+    results.append(function(4.0))
     try:
-        told.append(function(-1.0))
+        results.append(function(-1.0))
     except ValueError as error:
-        told.append(list(error.args))
+        results.append(list(error.args))
 hits = {name: sum(getattr(inner, name).stats.cache_hits.values()) for name in ("scaled", "root")}
-print(json.dumps([told, hits, compiled_count()]))
+print(json.dumps([results, hits, compiled_count()]))
 """
 EDIT_WHILE_RUNNING = """
 import sys
@@ -184,20 +184,20 @@ def test_code_of_a_run_during_which_a_file_was_edited_is_not_taken_for_that_of_t
 
 
 def test_a_kernel_that_kernels_call_is_called_from_python_too_and_its_errors_keep_their_numbers(package, tmp_path):
-    def told(*names):
+    def results(*names):
         command = [sys.executable, "-c", CALLED_BOTH_WAYS, *names]
         surroundings = environment(package, tmp_path / "cache")
         done = subprocess.run(command, check=True, env=surroundings, capture_output=True, text=True, timeout=200)
         return json.loads(done.stdout)
 
     error = ["no root of", -1.0]
-    compiled = told("root_raised", "root")
+    compiled = results("root_raised", "root")
     assert compiled == [[5.0, error, 2.0, error], {"scaled": 0, "root": 0}, 5]
-    loaded = told("root_raised", "root")
+    loaded = results("root_raised", "root")
     assert loaded == [[5.0, error, 2.0, error], {"scaled": 0, "root": 1}, 0]
-    linked_to_another = told("root_lowered")
+    linked_to_another = results("root_lowered")
     assert linked_to_another == [[1.0, error], {"scaled": 0, "root": 1}, 1]
-    of_intermediate_code = told("raised", "scaled")
+    of_intermediate_code = results("raised", "scaled")
     assert of_intermediate_code == [[9.0, -1.0, 8.0, -2.0], {"scaled": 1, "root": 0}, 2]
 
 

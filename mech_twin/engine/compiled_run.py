@@ -22,7 +22,7 @@ from mech_twin.engine.compiled_steps import (
     force_step,
     motor_step,
     whole_linkage_step,
-)  # fmt: skip
+)
 from mech_twin.engine.sample_vectors import FEW_ROWS, LOAD_WIDTH, Array, Places
 from mech_twin.kernels.kernel import kernel, released_kernel
 
