@@ -6,6 +6,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Collection
 from pathlib import Path
 from types import TracebackType
@@ -86,8 +87,9 @@ class MixedRun(BenchRun):
         self._processes[role] = subprocess.Popen(command)
 
     def end(self, role: str) -> None:
-        """End the process of a role as a power cut would."""
+        """End the process of a role as a power cut would, once it has sent its answers (docs/proof/reliability.md)."""
         process = self._processes.pop(role)
+        time.sleep(0.05)  # one killed while it sends keeps a lock, on which a participant that ends soon may crash
         process.kill()
         process.wait()
 
