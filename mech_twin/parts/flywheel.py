@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 Array = NDArray[np.float64]
 
@@ -89,5 +88,7 @@ def non_uniformity(work: Array, inertia: Array, mean_speed: float, flywheel: flo
 
     if missing(2.0) >= 0.0:
         return 2.0
+    from scipy.optimize import brentq  # 0.2 s
+
     low = 1e-9
     return low if missing(low) <= 0.0 else float(brentq(missing, low, 2.0, xtol=1e-14))

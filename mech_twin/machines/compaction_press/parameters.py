@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
-from scipy.optimize import brentq
 
+from mech_twin.capabilities.root import root_between
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, loaded_heights
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
@@ -182,7 +182,7 @@ def _dead_centre(press: Press, guess: float, step: float) -> float:
         return loaded_height(press, f)[1]
 
     low, high = guess - step, guess + step
-    return float(brentq(rate, low, high, xtol=1e-15)) if rate(low) * rate(high) < 0.0 else guess
+    return root_between(rate, low, high) if rate(low) * rate(high) < 0.0 else guess
 
 
 def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
@@ -206,7 +206,7 @@ def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
     met, risen = [], 0.0
     for last in (top + (bottom - top) % TURN, top - (top - bottom) % TURN):
         about, rise = _first_contact(angles, heights - y_c, top, last)
-        met.append(float(brentq(lambda f: loaded_height(press, f)[0] - y_c, *about, xtol=1e-15)))
+        met.append(root_between(lambda f: loaded_height(press, f)[0] - y_c, *about))
         risen = max(risen, rise)
     return Stroke(top, bottom, met[0] % TURN, met[1] % TURN, y_t, y_b, y_c, risen)
 

@@ -6,8 +6,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from scipy.optimize import brentq
-
+from mech_twin.capabilities.root import root_between
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, turn_rocker_rates
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, link_angles, position
 from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
@@ -30,9 +29,7 @@ def extremes(bar: FourBar) -> tuple[float, float]:
     striking = retreating = math.nan
     for i in range(count):
         if values[i] * values[i + 1] <= 0.0 and values[i] != values[i + 1]:
-            found = float(
-                brentq(lambda q: coefficients(position(bar, q)).g3, angles[i], angles[i + 1], xtol=1e-15, rtol=1e-15)
-            )
+            found = root_between(lambda q: coefficients(position(bar, q)).g3, angles[i], angles[i + 1])
             if values[i] > values[i + 1]:
                 striking = found
             else:

@@ -16,9 +16,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
+from mech_twin.capabilities.root import root_between
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
@@ -55,7 +55,7 @@ TURN = 2.0 * math.pi
 def striking_angle(b: Breaker) -> float:
     """Return the crank angle (rad, 0 to 2 pi) at which the striker meets the seated tool, the body at rest."""
     start = b.striking_crank_rad - (b.striking_crank_rad - b.retreating_crank_rad) % TURN
-    return float(brentq(lambda q: striker(b, q)[0], start, b.striking_crank_rad, xtol=1e-14)) % TURN
+    return root_between(lambda q: striker(b, q)[0], start, b.striking_crank_rad) % TURN
 
 
 def rated_crank_speed(p: BreakerParameters) -> float:

@@ -7,8 +7,6 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from scipy.optimize import brentq
-
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     BLOW,
@@ -233,6 +231,8 @@ def preload_range(body: PressedBody, k: float | None = None) -> PreloadRange:
 
     def returns_late(ratio: float) -> float:
         return first_return_after_blow(with_preload(body, ratio, k))
+
+    from scipy.optimize import brentq  # 0.2 s
 
     low, high = 1e-3, 1.0 - 1e-9
     settled = low if settles_late(low) < 0.0 else brentq(settles_late, low, high, xtol=1e-13, rtol=1e-13)
