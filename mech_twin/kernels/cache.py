@@ -13,7 +13,6 @@ import platform
 import sys
 from collections.abc import Callable
 from functools import cache
-from importlib.metadata import version
 from typing import Any
 
 import llvmlite  # type: ignore[import-untyped]
@@ -131,7 +130,7 @@ def module_key(module: str) -> str:
     """Return a digest of the sources and of the versions and settings that decide what the compiler makes of them."""
     key = (
         sources_digest(module), numba.__version__, llvmlite.__version__, np.__version__,
-        version("scipy"),  # coefficients of its methods are frozen into kernels
+        sources_digest(restored.__module__),  # how code is stored
         platform.python_implementation(), sys.version_info[:3], platform.machine(),
         _settings.OPT, _settings.BOUNDSCHECK, _settings.USING_SVML, _settings.DEBUGINFO_DEFAULT,
     )  # fmt: skip

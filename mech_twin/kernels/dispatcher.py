@@ -41,7 +41,7 @@ class IntermediateLibrary(_Library):  # type: ignore[misc]
 
     def serialize_using_object_code(self) -> Any:
         """Return the code in the form that is stored; see `restored`."""
-        return self.name, INTERMEDIATE, self._final_module.as_bitcode()
+        return self.name, INTERMEDIATE, (self._final_module.as_bitcode(),)
 
     def restore(self, bitcode: bytes) -> None:
         """Take stored code."""
@@ -61,6 +61,32 @@ class IntermediateLibrary(_Library):  # type: ignore[misc]
         self._finalized = True
 
 
+class MachineLibrary(_Library):  # type: ignore[misc]
+    """Machine code of a kernel, and its intermediate code for kernels that call it, parsed when the first does."""
+
+    _bitcode = b""
+    _shared_module: Any
+
+    def serialize_using_object_code(self) -> Any:
+        """Return the code in the form that is stored; see `restored`."""
+        name, kind, code = super().serialize_using_object_code()
+        defined = (*self._shared_module.functions, *self._shared_module.global_variables)
+        return name, kind, (*code, sorted(value.name for value in defined if not value.is_declaration))
+
+    def restore(self, machine_code: bytes, bitcode: bytes, symbols: list[str]) -> None:
+        """Take stored code."""
+        self.enable_object_caching()
+        self._set_compiled_object(machine_code)
+        self._bitcode = bitcode
+        self._finalize_final_module()
+        self._codegen._engine._defined_symbols.update(symbols)
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None and self._bitcode:
+            self._shared_module = llvm.parse_bitcode(self._bitcode)
+        return super()._get_module_for_linking()
+
+
 def has_machine_code(reduced: tuple[Any, ...]) -> bool:
     """Return whether a stored compile result can be called by Python."""
     return bool(reduced[0][1] != INTERMEDIATE)
@@ -69,15 +95,17 @@ def has_machine_code(reduced: tuple[Any, ...]) -> bool:
 def restored(target_context: Any, reduced: tuple[Any, ...]) -> Any:
     """Return the compile result of `CompileResult._reduce`, with the code in the form in which it was stored."""
     (name, _, code), fndesc, environment, signature, objectmode, lifted, annotation, reloads, environments = reduced
-    if has_machine_code(reduced):
-        return compiler.CompileResult._rebuild(target_context, *reduced)  # type: ignore[no-untyped-call]
     for reload in reloads:
         reload()
-    library = IntermediateLibrary(target_context.codegen(), name)
-    library.restore(code)
+    called = has_machine_code(reduced)
+    library = (MachineLibrary if called else IntermediateLibrary)(target_context.codegen(), name)
+    library.restore(*code)
+    entry_point = target_context.get_executable(library, fndesc, environment) if called else Uncalled()
+    for referenced in environments if called else ():
+        library.codegen.set_env(referenced.env_name, referenced)
     return _compile_result(
         target_context=target_context, typing_context=target_context.typing_context, library=library,
-        environment=environment, entry_point=Uncalled(), fndesc=fndesc, type_annotation=annotation,
+        environment=environment, entry_point=entry_point, fndesc=fndesc, type_annotation=annotation,
         signature=signature, objectmode=objectmode, lifted=lifted, reload_init=reloads, referenced_envs=environments,
     )  # fmt: skip
 
@@ -86,8 +114,9 @@ class _KernelCompiler(_Compiler):  # type: ignore[misc]
     """numba's pipeline; a kernel without an entry point stays intermediate code."""
 
     def compile_extra(self, function: Callable[..., object]) -> Any:
-        if self.state.flags.no_compile:
-            self.state.library = IntermediateLibrary(self.state.targetctx.codegen(), function.__qualname__)
+        library = IntermediateLibrary if self.state.flags.no_compile else MachineLibrary
+        self.state.library = library(self.state.targetctx.codegen(), function.__qualname__)
+        self.state.library.enable_object_caching()  # or it cannot be stored
         return super().compile_extra(function)
 
 
