@@ -4,12 +4,15 @@
 Importing the libraries takes up to 1 s.  No file is open then, so a signal ends the process at once; later code sets
 its own handlers (`mech_twin.process.stop_signal`).
 
+A fifth of that time would go into looking for garbage that loading does not leave, so the collector runs less often.
+
 Linear algebra runs in the calling thread unless the user says otherwise: matrices here are small, and further threads
 wait for each other, beside a study's own on all cores three times as long as they compute.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from functools import partial
@@ -30,10 +33,15 @@ def end_by_signal() -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
 
 
-def command() -> None:
-    """Run the ``mech-twin`` command; after it has closed its files, end without the interpreter's shutdown."""
+def _begin() -> None:
     end_by_signal()
     outlive_terminal()
+    gc.set_threshold(50_000, 20, 50)
+
+
+def command() -> None:
+    """Run the ``mech-twin`` command; after it has closed its files, end without the interpreter's shutdown."""
+    _begin()
     from mech_twin.cli.main import main
 
     try:
@@ -51,8 +59,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def _node(name: str) -> Any:
-    end_by_signal()
-    outlive_terminal()
+    _begin()
     from mech_twin.nodes.run import executables
 
     return getattr(executables, name)()
