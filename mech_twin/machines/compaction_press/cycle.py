@@ -202,3 +202,12 @@ def gains(press: Press, f: float) -> tuple[float, float, float, float]:
     k1, normal, vertical = _gains(press, f)
     k2 = press.bar.coupler_m / max(press.bar.coupler_m - press.along_m, 1e-300)
     return k1, k2, 1.0 / max(normal, 1e-300), 1.0 / max(vertical, 1e-300)
+
+
+@kernel
+def gain_rows(press: Press, angles: Array) -> Array:
+    """Return `gains` at crank angles (rad), shape (4, n)."""
+    rows = np.empty((4, angles.size))
+    for i in range(angles.size):
+        rows[0, i], rows[1, i], rows[2, i], rows[3, i] = gains(press, angles[i])
+    return rows

@@ -46,6 +46,8 @@ from mech_twin.machines.compaction_press.dynamics import FREE, Press, loaded_hei
 from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
 from mech_twin.parts.four_bar import acute_angles, position
 
+FEW = 8  # designs that one thread evaluates: beside other work, waiting for further ones takes 8 ms
+
 
 class Samples(NamedTuple):
     """Columns in the order of motion: reduced inertia, its slope, M_pr, height of the loaded point, its slope."""
@@ -184,24 +186,32 @@ def continuous_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, M
     return continuous_press(press, lengths, stroke, duty, problem.limits)
 
 
+@kernel
+def _evaluate(d: Array, flat: Array, continuous: bool, objectives: Array, margins: Array) -> None:
+    """Fill objectives (3,) and margins (8,) of one design."""
+    problem, lengths = unpacked(flat), Lengths(d[0], d[1], d[2], d[3])
+    objectives[:], margins[:] = np.inf, -np.inf
+    turning = turning_margins(lengths, 0.0)
+    for k in range(len(turning)):
+        margins[len(CONSTRAINTS) - len(turning) + k] = turning[k] - problem.limits.spare_m
+    if turning[0] > 0.0 and turning[1] > 0.0:
+        reached, held = continuous_design(lengths, problem) if continuous else sampled_design(lengths, problem)
+        for k in range(len(OBJECTIVES)):
+            objectives[k] = reached[k]
+        for k in range(len(CONSTRAINTS)):
+            margins[k] = held[k]
+
+
+@kernel
+def _evaluate_in_turn(designs: Array, flat: Array, continuous: bool, objectives: Array, margins: Array) -> None:
+    for i in range(designs.shape[0]):
+        _evaluate(designs[i], flat, continuous, objectives[i], margins[i])
+
+
 @parallel_kernel
-def _evaluated(designs: Array, flat: Array, continuous: bool) -> tuple[Array, Array]:
-    objectives = np.full((designs.shape[0], len(OBJECTIVES)), np.inf)
-    margins = np.full((designs.shape[0], len(CONSTRAINTS)), -np.inf)
+def _evaluate_together(designs: Array, flat: Array, continuous: bool, objectives: Array, margins: Array) -> None:
     for i in prange(designs.shape[0]):
-        d, problem = designs[i], unpacked(flat)
-        lengths = Lengths(d[0], d[1], d[2], d[3])
-        turning = turning_margins(lengths, 0.0)
-        for k in range(len(turning)):
-            margins[i, len(CONSTRAINTS) - len(turning) + k] = turning[k] - problem.limits.spare_m
-        if turning[0] > 0.0 and turning[1] > 0.0:
-            found = continuous_design(lengths, problem) if continuous else sampled_design(lengths, problem)
-            reached, held = found
-            for k in range(len(OBJECTIVES)):
-                objectives[i, k] = reached[k]
-            for k in range(len(CONSTRAINTS)):
-                margins[i, k] = held[k]
-    return objectives, margins
+        _evaluate(designs[i], flat, continuous, objectives[i], margins[i])
 
 
 def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) -> Evaluation:
@@ -220,4 +230,7 @@ def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) ->
         On the continuous curve; else at 72 crank positions, work by trapezoid, heights and angles of the stroke those
         of the samples but in the mean press force.
     """
-    return Evaluation(*_evaluated(np.ascontiguousarray(designs, dtype=np.float64), packed(problem), continuous))
+    evaluate = _evaluate_in_turn if len(designs) < FEW else _evaluate_together
+    objectives, margins = np.empty((len(designs), len(OBJECTIVES))), np.empty((len(designs), len(CONSTRAINTS)))
+    evaluate(np.ascontiguousarray(designs, dtype=np.float64), packed(problem), continuous, objectives, margins)
+    return Evaluation(objectives, margins)

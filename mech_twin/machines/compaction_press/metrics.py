@@ -10,11 +10,13 @@ import numpy as np
 
 from mech_twin.machines.compaction_press.cycle import (
     flywheel_metrics,
+    gain_rows,
     gains,
     layer_work_on_the_way,
     mean_torque,
     regime_at,
     turn_at,
+    turn_flywheel,
 )
 from mech_twin.machines.compaction_press.cycle_extremes import cycle_extremes, transmission_range
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
@@ -99,8 +101,8 @@ def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
 
 def working_quarter(press: Press, count: int = 9000) -> dict[str, float]:
     """Return the smallest gains over 180-270 degrees, and the share of it on which each exact gain is two or more."""
-    angles = pi + (np.arange(count) + 0.5) * (0.5 * pi / count)
-    k1, k2, normal, vertical = np.array([gains(press, f) for f in angles]).T
+    angles = np.asarray(pi + (np.arange(count) + 0.5) * (0.5 * pi / count), dtype=np.float64)
+    k1, k2, normal, vertical = gain_rows(press, angles)
     return {
         "paper_gain_min_in_quarter": float((k1 * k2).min()),
         "normal_gain_min_in_quarter": float(normal.min()),
@@ -117,11 +119,11 @@ def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
     keeps the asked non-uniformity without one (then nothing is missing).
     """
     press, stroke = press_constants(parameters)
-    turn = turn_at(stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
+    speed, delta = parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity
+    turn = turn_at(stroke, speed, delta)
     gamma = degrees(cycle_extremes(press, turn).gamma_max_rad)
     alpha = degrees(acute_angles(position(press.bar, stroke.bottom))[0])
-    metrics = flywheel_metrics(press, stroke, parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity)
-    missing = max(0.0, metrics["flywheel_inertia_kg_m2"])
+    missing = max(0.0, turn_flywheel(press, stroke, speed, delta))
     return (
         Check("gamma_max_deg", gamma, GAMMA_LIMIT_DEG, GAMMA_LIMIT_DEG - gamma),
         Check("alpha_at_bottom_deg", alpha, 90.0 - ALPHA_TOLERANCE_DEG, alpha - (90.0 - ALPHA_TOLERANCE_DEG)),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREEN, GREY, ORANGE, OWN, RED, Picture, sheet, turn_axis
-from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gains, press_cycle, regime_at
+from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gain_rows, press_cycle, regime_at
 from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
 from mech_twin.parts.flywheel import Tangents, wittenbauer
@@ -29,11 +29,11 @@ def pictures(parameters: CompactionPress) -> Iterator[Picture]:
 
 def _gain(press: Press) -> Picture:
     degrees = np.linspace(182.0, 268.0, 345)
-    table = np.array([gains(press, f) for f in np.radians(degrees)])
+    k1, k2, normal, vertical = gain_rows(press, np.radians(degrees))
     figure, (axes,) = sheet()
-    axes.plot(degrees, table[:, 0] * table[:, 1], color=RED, label=r"paper: $k_1 k_2$ (B at rest)")
-    axes.plot(degrees, table[:, 2], color=BLUE, label="exact, load normal to the plate")
-    axes.plot(degrees, table[:, 3], color=GREEN, label="exact, vertical load")
+    axes.plot(degrees, k1 * k2, color=RED, label=r"paper: $k_1 k_2$ (B at rest)")
+    axes.plot(degrees, normal, color=BLUE, label="exact, load normal to the plate")
+    axes.plot(degrees, vertical, color=GREEN, label="exact, vertical load")
     axes.axhline(2.0, color=GREY, linewidth=0.9, linestyle="--")
     axes.text(264.0, 2.07, "two-fold", color=GREY, fontsize=8)
     axes.set_xlim(180.0, 270.0)
