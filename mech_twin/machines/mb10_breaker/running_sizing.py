@@ -22,13 +22,13 @@ from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
 from mech_twin.capabilities.tolerance_box import Factors, inner_points, neighbours, scaled
 from mech_twin.capabilities.variation import varied
-from mech_twin.engine.run import frames, rated, shorter_step_s, steps_for
+from mech_twin.engine.rollout import roll_out
+from mech_twin.engine.run import frames, shorter_step_s
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.run_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.sizing import LIMITS
 from mech_twin.machines.mb10_breaker.state import EventSide
-from mech_twin.samples import LinkageSample
 
 SETTLED_S = 8.0  # of a run from standstill: some eighty blows, the last twenty of which count
 COUNTED_S = 6.0  # from then on a cycle counts as steady in a seating run of SETTLED_S
@@ -55,36 +55,36 @@ def settled_run_metrics(parameters: BreakerParameters, duration_s: float = SETTL
 
 
 def seating(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> Seating:
-    """Return the seating of the tool in a run, from motor and linkage alone.
+    """Return the seating of the tool in a run.
 
-    The linkage solves crank and body together, so the roles of forces and body are not needed: four times as fast as
-    `settled_run_metrics`.  Gap, flight and misses are of all blows from standstill; return speed and force are of the
-    last quarter.
+    Gap, flight and misses are of all blows from standstill; return speed and force are of the last quarter.
+
+    Raises
+    ------
+    MotionError
+        If the run ends early.
     """
-    machine = build(parameters)
-    linkage = machine.linkage.start()
-    radius, body = parameters.body.tool_radius_m, parameters.body
+    machine, body = build(parameters), parameters.body
+    run = roll_out(machine, duration_s, columns=("linkage.body.position",))
+    if run.error is not None:
+        raise run.error
+    steady_s = duration_s * COUNTED_S / SETTLED_S
     blows = missed = 0
-    gap = flight = returned = lift = 0.0
+    gap = flight = returned = 0.0
     cycle = BodyCycle(0.0, 0.0)
-    for step in range(1, steps_for(machine, duration_s) + 1):
-        motor = machine.motor.respond(linkage, rated(step - 1))
-        linkage = machine.linkage.advance(linkage, motor, None)
-        steady = linkage.time_s > duration_s * COUNTED_S / SETTLED_S
-        for event in linkage.events:
-            if event.contact == "collar":
-                cycle.take_event(event)
-            if event.contact == "tool":
-                blows += event.kind == "blow"
-                missed += event.kind in {"missed", "stalled"}
-                if event.kind == "blow":
-                    gap = max(gap, radius * EventSide(*event.pre).body.position)
-                    flight = max(flight, 1.0 - cycle.contact_share(event.time_s))
-                    cycle = cycle.next(event)
-            elif steady and event.kind in {"touchdown", "settled"}:
-                returned = max(returned, abs(event.pre_velocity_m_per_s))
-        if steady:
-            lift = max(lift, _body_angle(linkage))
+    for step, event in run.stepped_events:
+        if event.contact == "collar":
+            cycle.take_event(event)
+        if event.contact == "tool":
+            blows += event.kind == "blow"
+            missed += event.kind in {"missed", "stalled"}
+            if event.kind == "blow":
+                gap = max(gap, body.tool_radius_m * EventSide(*event.pre).body.position)
+                flight = max(flight, 1.0 - cycle.contact_share(event.time_s))
+                cycle = cycle.next(event)
+        elif step * machine.coupling_step_s > steady_s and event.kind in {"touchdown", "settled"}:
+            returned = max(returned, abs(event.pre_velocity_m_per_s))
+    lift = float(run["linkage.body.position"][run["time_s"] > steady_s].max(initial=0.0))
     force = body.spring_rate_n_per_m * (body.spring_arm_m * lift + body.preload_deflection_m)
     return Seating(blows, missed, gap, flight, returned, force)
 
@@ -95,10 +95,6 @@ def in_shorter_steps(parameters: BreakerParameters, duration_s: float = SETTLED_
         return varied(parameters, {"coupling.step_s": shorter_step_s(build(parameters), duration_s)})
     except ValidationError:
         return parameters
-
-
-def _body_angle(linkage: LinkageSample) -> float:
-    return linkage.position[linkage.joints.index("body")]
 
 
 def with_rest_force(parameters: BreakerParameters, rest_force_n: float) -> BreakerParameters:
