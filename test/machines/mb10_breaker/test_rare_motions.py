@@ -384,18 +384,17 @@ def test_tool_that_outweighs_crank_and_body_takes_no_momentum_unseen():
 
 
 def test_series_of_striker_and_body_by_turns_ends_at_rest():
-    """The energy of each round is a hundredth of the last; slower than 1e-6 m/s the crank stands on the tool.
-
-    The gap before the last of them is rounding.
-    """
+    """The energy of each round is a hundredth of the last; slower than 1e-6 m/s gaps are rounding, and it ends soon."""
     built = machine("mb10_breaker", overrides=ROUND_BY_ROUND)
     run = list(frames(built, 0.48))
     assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
     kinds = ("push_begins", "catch_up")
     speeds = [event.pre_velocity_m_per_s for frame in run for event in frame.linkage.events if event.kind in kinds]
-    ratios = [later / speed for speed, later in itertools.pairwise(speeds[-4:-1])]
+    known = [speed for speed in speeds if speed > 1e-6]
+    ratios = [later / speed for speed, later in itertools.pairwise(known[-3:])]
     assert ratios == pytest.approx([0.1, 0.1], rel=0.02)
-    assert speeds[-1] < 1e-6 < speeds[-2]
+    assert max(speeds[len(known) :]) < 1e-6
+    assert 1 <= len(speeds) - len(known) <= 3
     crank, body = run[-1].linkage.joint("crank"), run[-1].body
     assert (crank.velocity, body.position, body.velocity) == (0.0, (0.0,), (0.0,))
     assert run[-1].linkage.events == ()
