@@ -19,7 +19,7 @@ READERS := test/recording/npm
 QUIET_ROOMS := studies engine fmi golden literature machines measurements mechanics messages packaging parameters parts
 QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py measurement_commands.py monitor.py pages.py \
     plain_recordings.py readme.py recording_losses.py reproduce.py run_options.py simulate_residuals.py story_recording.py study.py tables.py) \
-  $(addprefix recording/test_,bag_samples.py bag_writer.py compressed_bags.py false_index.py foreign_readers.py fuzz.py \
+  $(addprefix recording/test_,bag_samples.py bag_writer.py compressed_bags.py false_index.py foreign_readers.py fuzz.py joint_states.py \
     message_writer.py recovery.py ros_distro.py schemas.py sqlite_bag.py) \
   $(addprefix reliability/test_,extreme_configurations.py mutated_configurations.py mutated_files.py mutated_messages.py \
     poor_surroundings.py soak_report.py) \

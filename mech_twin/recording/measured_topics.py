@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mech_twin.recording.bag_contents import RecordingReader, TopicInfo
-from mech_twin.recording.decode import MessageDecoder
+from mech_twin.recording.decode import JOINT_STATE, MessageDecoder
 from mech_twin.recording.errors import BagError, DecodeError
 
 Array = npt.NDArray[np.float64]
-JOINT_STATE = "sensor_msgs/msg/JointState"
 JOINT_FIELDS = ("position", "velocity", "effort")
 SCALAR_TYPES: Mapping[str, tuple[str, ...]] = {
     "geometry_msgs/msg/WrenchStamped": tuple(f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"),

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states are decoded as by the decoder of their definition, whatever came before them on their topic."""
+
+from __future__ import annotations
+
+import math
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
+
+from mech_twin.recording import decode
+from mech_twin.recording.bag_contents import BagMessage, TopicInfo
+from mech_twin.recording.decode import JOINT_STATE, MessageDecoder
+from mech_twin.recording.errors import DecodeError
+from mech_twin.recording.schemas import message_schema
+
+TEXT = message_schema(JOINT_STATE).definition
+ENCODE = serialize_dynamic(JOINT_STATE, TEXT)[JOINT_STATE]
+names = some.lists(some.text(max_size=5), max_size=4)
+numbers = some.lists(some.floats() | some.sampled_from([math.nan, -0.0]), max_size=4)
+messages = some.builds(
+    lambda sec, nanosec, frame, name, position, velocity, effort: SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id=frame),
+        name=name, position=position, velocity=velocity, effort=effort,
+    ),
+    some.integers(-(2**31), 2**31 - 1), some.integers(0, 2**32 - 1), some.text(max_size=5), names,
+    numbers, numbers, numbers,
+)  # fmt: skip
+
+
+def decoder(text: str = TEXT) -> MessageDecoder:
+    return MessageDecoder({"/j": TopicInfo("/j", JOINT_STATE, 1, "", "", text, "ros2msg", "cdr")})
+
+
+def message(raw: bytes) -> BagMessage:
+    return BagMessage("/j", JOINT_STATE, 0, 0, raw)
+
+
+def later(like: SimpleNamespace, by: float) -> SimpleNamespace:
+    """Return a message with the same names and as many other numbers, a second later."""
+    stamp = SimpleNamespace(sec=like.header.stamp.sec // 2, nanosec=1)
+    moved = {name: [x + by for x in getattr(like, name)] for name in ("position", "velocity", "effort")}
+    header = SimpleNamespace(stamp=stamp, frame_id=like.header.frame_id)
+    return SimpleNamespace(header=header, name=like.name, **moved)
+
+
+@given(some.lists(messages, min_size=1, max_size=6), some.binary(max_size=8))
+def test_each_message_is_that_of_its_definition(sent: list[SimpleNamespace], left_behind: bytes) -> None:
+    plain, ours = generate_dynamic(JOINT_STATE, TEXT)[JOINT_STATE], decoder()
+    for raw in map(ENCODE, [m for one in sent for m in (one, later(one, 1.0), one)]):
+        expected, found = plain(raw), ours.decode(message(raw + left_behind))
+        assert repr(found) == repr(expected)
+        assert type(found).__slots__ == type(expected).__slots__
+
+
+@given(messages, some.data())
+def test_changed_bytes_are_decoded_or_refused_as_by_the_definition(sent: SimpleNamespace, data: Any) -> None:
+    plain, ours, raw = generate_dynamic(JOINT_STATE, TEXT)[JOINT_STATE], decoder(), bytearray(ENCODE(sent))
+    ours.decode(message(bytes(raw)))
+    raw[data.draw(some.integers(0, len(raw) - 1))] ^= 1 << data.draw(some.integers(0, 7))
+    try:
+        expected = repr(plain(bytes(raw)))
+    except (struct.error, ValueError, IndexError, OverflowError, MemoryError, UnicodeDecodeError):
+        with pytest.raises(DecodeError):
+            ours.decode(message(bytes(raw)))
+    else:
+        assert repr(ours.decode(message(bytes(raw)))) == expected
+
+
+def test_numbers_of_known_names_are_read_by_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    stamp = SimpleNamespace(sec=3, nanosec=4)
+    first = SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp, frame_id="f"),
+        name=["a", "bc"],
+        position=[1.0, 2.0],
+        velocity=[],
+        effort=[3.0],
+    )
+    ours, calls = decoder(), []
+    build = decode._function
+    monkeypatch.setattr(decode, "_function", lambda topic: lambda raw: calls.append(raw) or build(topic)(raw))
+    for shift in range(5):
+        found = ours.decode(message(ENCODE(later(first, float(shift))) + b"left"))
+        assert (found.name, found.position, found.effort) == (["a", "bc"], [1.0 + shift, 2.0 + shift], [3.0 + shift])
+    assert len(calls) == 1
+
+
+def test_a_definition_of_another_order_is_obeyed() -> None:
+    turned = TEXT.replace("float64[] position", "float64[] kept").replace("float64[] velocity", "float64[] position")
+    turned = turned.replace("float64[] kept", "float64[] velocity")
+    ours = decoder(turned)
+    header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id="")
+    like = SimpleNamespace(header=header, name=[], position=[1.0], velocity=[2.0], effort=[])
+    for shift in (0.0, 1.0, 2.0):
+        found = ours.decode(message(ENCODE(later(like, shift))))
+        assert (found.velocity, found.position) == ([1.0 + shift], [2.0 + shift])
