@@ -21,8 +21,8 @@ NAME, ROUNDS = "mb10_breaker", 5
 MACHINES = ("mb10_breaker", "compaction_press", "vibration_crank", "impact_mass", "roller_former", "winding_drum")
 RUN_SHARES = (
     "interpreter, search path of the ROS wheels",
-    "command line: typer, options",
-    "configuration: numpy, numba, pydantic, YAML",
+    "command line: typer, options, numpy, numba",
+    "configuration: pydantic, YAML, the machine",
     "nodes: rclpy, message types",
     "rclpy.init",
     "nodes made",
