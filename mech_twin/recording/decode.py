@@ -100,9 +100,10 @@ class _JointStates:
         content = None if layout is None else layout.read(raw)
         if content is None:
             content = self._decode(raw)
-            if len(self._layouts) == _MOST_LAYOUTS:
-                self._layouts.clear()
-            self._layouts[len(raw)] = _layout(raw, content)
+            if layout is not None or len(raw) not in self._layouts:
+                if len(self._layouts) == _MOST_LAYOUTS:
+                    self._layouts.clear()
+                self._layouts[len(raw)] = _layout(raw, content)
         return content
 
 
