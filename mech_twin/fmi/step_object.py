@@ -46,6 +46,8 @@ PROCESSOR = "x86-64"  # the oldest; without contraction (FMA), results do not de
 EVENT_FIELDS = ("count", "time_s", "pre_velocity_m_per_s", "post_velocity_m_per_s", "impulse_ns")
 
 _PICKLED = re.compile(r'^(@\.const\.pickle\S+ = .* constant \[\d+ x i8\]) c"[^"\n]*"', re.MULTILINE)
+# names of blocks that LLVM makes in merging functions, and whose text it does not read
+_LONG_NAME = re.compile(r"(?<=%)[\w.]{200,}|^[\w.]{200,}(?=:)", re.MULTILINE)
 
 # arguments of a call: constants, whether to begin, step, command, frame vector, and the last event of each kind
 _SOURCE = """
@@ -163,7 +165,7 @@ class StepCode:
             llvm.add_symbol(symbol, function.address())  # for this process, which links the compiled code
         found = compiler(named[SYMBOL]).overloads[arguments]
         # unused exception texts contain file names of the exporting computer: blank them
-        text = _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str())
+        text = _LONG_NAME.sub(_short_name, _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str()))
         generated = {symbol: function.code() for symbol, function in packed.generated.items()}
         return _StepText(found.fndesc.llvm_func_name, text, generated)
 
@@ -188,6 +190,10 @@ class StepCode:
         functions = sorted(each.name for each in module.functions if each.is_declaration)
         variables = sorted(each.name for each in module.global_variables if each.is_declaration)
         return ObjectFile(machine.emit_object(module), tuple(functions), tuple(variables))
+
+
+def _short_name(found: re.Match[str]) -> str:
+    return f"block_{hashlib.sha256(found.group().encode()).hexdigest()[:32]}"
 
 
 def _identity(code: CodeType) -> tuple[object, ...]:
