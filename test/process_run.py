@@ -220,12 +220,15 @@ class ProcessRun:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for process in self.processes.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGCONT)
-                process.kill()
-            process.wait()
+        alive = [process for process in self.processes.values() if process.poll() is None]
+        for process in alive:
+            process.send_signal(signal.SIGCONT)
+        # before they are killed: one killed while it sends keeps a lock, on which a participant that ends may crash
         self._executor.remove_node(self.witness)
         self._executor.shutdown()
         self.witness.destroy_node()
+        for process in alive:
+            process.kill()
+        for process in self.processes.values():
+            process.wait()
         rclpy.try_shutdown()

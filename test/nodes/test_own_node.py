@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,16 +53,14 @@ def test_a_node_of_ones_own_takes_the_place_of_ours(program: str, tmp_path: Path
     name, role, topic = REPLACED[program]
     file = tmp_path / program
     file.write_text(PROGRAMS[program], encoding="utf-8")
-    with BenchRun(name) as run:
+    with ExitStack() as after_the_run, BenchRun(name) as run:
         run.steps(20)
         heard: list[JointState] = []
         run.client.create_subscription(JointState, topic.name, heard.append, topic.qos)
         run.kill(role)
-        with subprocess.Popen([sys.executable, str(file)], stderr=subprocess.PIPE) as process:
-            try:
-                run.steps(STEPS)
-            finally:
-                process.kill()
+        process = after_the_run.enter_context(subprocess.Popen([sys.executable, str(file)], stderr=subprocess.PIPE))
+        after_the_run.callback(process.kill)
+        run.steps(STEPS)
         total = run.linkage.statistics.total
         assert total[topic.name, "malformed"] == 0
         assert any("~source" not in message.name for message in heard), "only ours was heard"
