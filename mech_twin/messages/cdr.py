@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import struct
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
+if TYPE_CHECKING:
+    from sensor_msgs.msg import JointState
 
 HEAD = b"\x00\x01\x00\x00"  # plain CDR, little endian
 STAMP = struct.Struct("<iI")
@@ -88,20 +88,63 @@ class StepMessage(NamedTuple):
     raw: bytes = b""
 
 
-AnyStep: TypeAlias = JointState | StepMessage
+AnyStep: TypeAlias = "JointState | StepMessage"
 
 
 @lru_cache(maxsize=MOST_LAYOUTS)
 def row_layout(names: tuple[str, ...], frame: str = "") -> tuple[bytes, struct.Struct]:
     """Return the bytes from the frame to the gap of messages with these row names, and the struct of the columns."""
-    rows = len(names)
-    count = struct.pack("<I", rows)
-    block = words(frame) + count + words(*names) + count
-    gap, between = (-(STAMP.size + len(block)) % 8, 4) if rows else (0, 0)
-    return block, struct.Struct(f"<{gap}x{rows}dI{between}x{rows}dI{between}x{rows}d")
+    return _layout(names, (len(names),) * 3, frame)
 
 
-_layouts: dict[int, list[tuple[Any, bytes, struct.Struct]]] = {}  # names and layouts of messages read, by length
+def _layout(names: tuple[str, ...], counts: tuple[int, ...], frame: str) -> tuple[bytes, struct.Struct]:
+    """Return the same for columns of any lengths."""
+    block = words(frame) + struct.pack("<I", len(names)) + words(*names) + struct.pack("<I", counts[0])
+    form, end = "", STAMP.size + len(block)
+    for count in counts:
+        if count > 0:
+            form += f"{-end % 8}x{count}d"
+            end += -end % 8 + 8 * count
+        form += "I"
+        end += 4
+    return block, struct.Struct(f"<{form[:-1]}")
+
+
+class _Layout(NamedTuple):
+    """Where the numbers of messages with the same names, and as many numbers, stand."""
+
+    names: tuple[str, ...]
+    frame: str
+    counts: tuple[int, ...]
+    block: bytes
+    columns: struct.Struct
+
+
+_layouts: dict[int, list[_Layout]] = {}  # of messages read, by length
+
+
+def known_message(raw: bytes) -> StepMessage | None:
+    """Return a JointState with the names of an earlier one, read by the places of its numbers; None of any other."""
+    for names, frame, (positions, velocities, efforts), block, columns in _layouts.get(len(raw), ()):
+        if raw.startswith(block, BLOCK_AT) and raw.startswith(HEAD):
+            values, second = columns.unpack_from(raw, BLOCK_AT + len(block)), positions + 1 + velocities
+            if values[positions] == velocities and values[second] == efforts:
+                header = Header(Stamp(*STAMP.unpack_from(raw, STAMP_AT)), frame)
+                velocity = values[positions + 1 : second]
+                return StepMessage(header, names, values[:positions], velocity, values[second + 1 :], raw)
+    return None
+
+
+def learn_layout(raw: bytes, message: Any) -> None:
+    """Store where the numbers of a decoded JointState stand in its bytes."""
+    counts = len(message.position), len(message.velocity), len(message.effort)
+    names, frame = tuple(message.name), message.header.frame_id
+    block, columns = _layout(names, counts, frame)
+    # a middleware may leave bytes behind the end
+    if len(raw) >= BLOCK_AT + len(block) + columns.size and raw.startswith(block, BLOCK_AT):
+        if sum(map(len, _layouts.values())) >= MOST_LAYOUTS:  # bounds the memory for a stream of ever new names
+            _layouts.clear()
+        _layouts.setdefault(len(raw), []).append(_Layout(names, frame, counts, block, columns))
 
 
 @lru_cache(maxsize=8)
@@ -113,32 +156,23 @@ def received_message(raw: bytes) -> StepMessage:
     CdrError
         If the bytes are not a JointState.
     """
-    for names, block, columns in _layouts.get(len(raw), ()):
-        if raw.startswith(block, BLOCK_AT) and raw.startswith(HEAD):
-            rows = len(names)
-            values = columns.unpack_from(raw, BLOCK_AT + len(block))
-            if values[rows] == values[2 * rows + 1] == rows:
-                header = Header(Stamp(*STAMP.unpack_from(raw, STAMP_AT)))
-                velocity = values[rows + 1 : 2 * rows + 1]
-                return StepMessage(header, names, values[:rows], velocity, values[2 * rows + 2 :], raw)
-    return _converted(raw)
+    return known_message(raw) or _converted(raw)
 
 
 def _converted(raw: bytes) -> StepMessage:
     """Return the step message decoded by the middleware's converter, and store its layout."""
+    from rclpy.serialization import deserialize_message  # what reads recordings works without ROS
+    from sensor_msgs.msg import JointState
+
     try:
         message: JointState = deserialize_message(raw, JointState)
     except RuntimeError as error:
         reason = str(error).partition("\n")[0]
         raise CdrError(f"{len(raw)} bytes that are no JointState: {reason}") from error
-    names, stamp = tuple(message.name), message.header.stamp
-    block, columns = row_layout(names, message.header.frame_id)
-    if len(raw) == BLOCK_AT + len(block) + columns.size and raw.startswith(block, BLOCK_AT):
-        if sum(map(len, _layouts.values())) >= MOST_LAYOUTS:  # bounds the memory for a stream of ever new names
-            _layouts.clear()
-        _layouts.setdefault(len(raw), []).append((names, block, columns))
-    header = Header(Stamp(stamp.sec, stamp.nanosec))
-    return StepMessage(header, names, tuple(message.position), tuple(message.velocity), tuple(message.effort), raw)
+    learn_layout(raw, message)
+    stamp, name = message.header.stamp, tuple(message.name)
+    header = Header(Stamp(stamp.sec, stamp.nanosec), message.header.frame_id)
+    return StepMessage(header, name, tuple(message.position), tuple(message.velocity), tuple(message.effort), raw)
 
 
 def encoded(message: StepMessage) -> bytes:

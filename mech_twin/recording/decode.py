@@ -5,21 +5,31 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
-import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
+from mech_twin.messages.cdr import Header, known_message, learn_layout
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
 from mech_twin.recording.errors import DecodeError
 
+
+class JointColumns(NamedTuple):
+    """A joint state that was read by the places of its numbers."""
+
+    header: Header
+    name: tuple[str, ...]
+    position: tuple[float, ...]
+    velocity: tuple[float, ...]
+    effort: tuple[float, ...]
+
+
 JOINT_STATE = "sensor_msgs/msg/JointState"
+_JOINT_STATE_FIELDS = ["std_msgs/Header header", "string[] name", *(f"float64[] {x}" for x in JointColumns._fields[2:])]
 _SEPARATOR = "=" * 80
-_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
-_FIELDS = ("header", "name", "position", "velocity", "effort")
-_MOST_LAYOUTS = 16  # of one topic: several publishers, or events in some of the messages
 
 
 class MessageDecoder:
@@ -45,9 +55,10 @@ class MessageDecoder:
         """
         function = self._functions.get(message.topic)
         if function is None:
-            function = _function(self._topics[message.topic])
-            if message.type_name == JOINT_STATE:
-                function = _JointStates(function)
+            topic = self._topics[message.topic]
+            function = _function(topic)
+            if topic.type_name == JOINT_STATE and _fields(topic) == _JOINT_STATE_FIELDS:
+                function = partial(_joint_state, function)
             self._functions[message.topic] = function
         try:
             return function(message.raw)
@@ -83,81 +94,22 @@ def _function(topic: TopicInfo) -> Callable[[bytes], Any]:
     return function
 
 
+def _fields(topic: TopicInfo) -> list[str]:
+    """Return type and name of each field of a topic's messages."""
+    lines = topic.definition.partition(_SEPARATOR)[0].splitlines()
+    return [" ".join(line.partition("#")[0].split()) for line in lines if _is_field(line)]
+
+
 def _is_field(line: str) -> bool:
     text = line.partition("#")[0].strip()
     return bool(text) and "=" not in text.replace("<=", "")
 
 
-class _JointStates:
-    """Decodes the joint states of a topic; the numbers of one with known names are read by their places."""
-
-    def __init__(self, decode: Callable[[bytes], Any]) -> None:
-        self._decode = decode
-        self._layouts: dict[int, _Layout | None] = {}  # by the size of a message
-
-    def __call__(self, raw: bytes) -> Any:
-        layout = self._layouts.get(len(raw))
-        content = None if layout is None else layout.read(raw)
-        if content is None:
-            content = self._decode(raw)
-            if layout is not None or len(raw) not in self._layouts:
-                if len(self._layouts) == _MOST_LAYOUTS:
-                    self._layouts.clear()
-                self._layouts[len(raw)] = _layout(raw, content)
-        return content
-
-
-class _Layout:
-    """Places of the numbers in messages that have the names, and as many numbers, as a decoded one."""
-
-    def __init__(self, raw: bytes, like: Any) -> None:
-        self._like = like
-        self._counts = [len(getattr(like, field)) for field in _FIELDS[2:]]
-        end = _after_text(8, like.header.frame_id)  # after the stamp, places counted from the fifth byte
-        end += -end % 4 + 4
-        for name in like.name:
-            end = _after_text(end + -end % 4, name)
-        self._same = raw[12 : 4 + end]
-        places = f"<4xiI{end - 8}x"
-        for count in self._counts:
-            places += f"{-end % 4}xI"
-            end += -end % 4 + 4
-            if count > 0:
-                places += f"{-end % 8}x{count}d"
-                end += -end % 8 + 8 * count
-        self._places = struct.Struct(places)
-
-    def read(self, raw: bytes) -> Any:
-        """Return a message of the same size, None if it has other names or counts."""
-        if raw[:4] != _LITTLE_ENDIAN or raw[12 : 12 + len(self._same)] != self._same:
-            return None
-        sec, nanosec, *numbers = self._places.unpack_from(raw)  # a middleware may leave bytes behind its end
-        like, place = self._like, 0
-        content, header, stamp = type(like)(), type(like.header)(), type(like.header.stamp)()
-        for field, count in zip(_FIELDS[2:], self._counts, strict=True):
-            if numbers[place] != count:
-                return None
-            setattr(content, field, numbers[place + 1 : place + 1 + count])
-            place += 1 + count
-        stamp.sec, stamp.nanosec = sec, nanosec
-        header.stamp, header.frame_id = stamp, like.header.frame_id
-        content.header, content.name = header, like.name
-        return content
-
-
-def _after_text(place: int, text: str) -> int:
-    return place + 4 + len(text.encode()) + 1
-
-
-def _layout(raw: bytes, content: Any) -> _Layout | None:
-    """Return the layout of a decoded message; None if it does not give the same message, as of another definition."""
-    try:
-        layout = _Layout(raw, content)
-        again = layout.read(raw)
-        same = again is not None and (again.header, again.name) == (content.header, content.name)
-    except (AttributeError, TypeError, struct.error):
-        return None
-    equal = same and all(
-        np.array_equal(getattr(again, field), getattr(content, field), equal_nan=True) for field in _FIELDS[2:]
-    )
-    return layout if equal else None
+def _joint_state(decode: Callable[[bytes], Any], raw: bytes) -> Any:
+    """Return a joint state; the numbers of one with the names of an earlier one are read by their places."""
+    known = known_message(raw)
+    if known is not None:
+        return JointColumns(*known[:5])
+    content = decode(raw)
+    learn_layout(raw, content)
+    return content

@@ -213,7 +213,9 @@ def _dotted(content: Any, field: str, topic: str, path: Path) -> float:
     for word in field.split("."):
         known = word.isdigit() and isinstance(value, Sequence) and int(word) < len(value)
         if not known and (word.startswith("_") or not hasattr(value, word)):
-            slots = [slot for slot in getattr(value, "__slots__", ()) if not slot.startswith("_")]
+            slots = [
+                slot for slot in getattr(value, "_fields", getattr(value, "__slots__", ())) if not slot.startswith("_")
+            ]
             raise BagError(
                 path, f"topic {topic!r} has no field {field!r}; expected {', '.join(slots) or 'a number'} at {word!r}"
             )

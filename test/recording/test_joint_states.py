@@ -41,6 +41,13 @@ def message(raw: bytes) -> BagMessage:
     return BagMessage("/j", JOINT_STATE, 0, 0, raw)
 
 
+def content(found: Any) -> tuple[object, ...]:
+    """Return what a message says, numbers as bits: not-a-number is equal to itself."""
+    header, columns = found.header, (found.position, found.velocity, found.effort)
+    stamp = header.stamp.sec, header.stamp.nanosec, header.frame_id
+    return (*stamp, tuple(found.name), *(struct.pack(f"{len(column)}d", *column) for column in columns))
+
+
 def later(like: SimpleNamespace, by: float) -> SimpleNamespace:
     """Return a message with the same names and as many other numbers, a second later."""
     stamp = SimpleNamespace(sec=like.header.stamp.sec // 2, nanosec=1)
@@ -54,8 +61,7 @@ def test_each_message_is_that_of_its_definition(sent: list[SimpleNamespace], lef
     plain, ours = generate_dynamic(JOINT_STATE, TEXT)[JOINT_STATE], decoder()
     for raw in map(ENCODE, [m for one in sent for m in (one, later(one, 1.0), one)]):
         expected, found = plain(raw), ours.decode(message(raw + left_behind))
-        assert repr(found) == repr(expected)
-        assert type(found).__slots__ == type(expected).__slots__
+        assert content(found) == content(expected)
 
 
 @given(messages, some.data())
@@ -64,12 +70,12 @@ def test_changed_bytes_are_decoded_or_refused_as_by_the_definition(sent: SimpleN
     ours.decode(message(bytes(raw)))
     raw[data.draw(some.integers(0, len(raw) - 1))] ^= 1 << data.draw(some.integers(0, 7))
     try:
-        expected = repr(plain(bytes(raw)))
+        expected = content(plain(bytes(raw)))
     except (struct.error, ValueError, IndexError, OverflowError, MemoryError, UnicodeDecodeError):
         with pytest.raises(DecodeError):
             ours.decode(message(bytes(raw)))
     else:
-        assert repr(ours.decode(message(bytes(raw)))) == expected
+        assert content(ours.decode(message(bytes(raw)))) == expected
 
 
 def test_numbers_of_known_names_are_read_by_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -86,7 +92,7 @@ def test_numbers_of_known_names_are_read_by_their_places(monkeypatch: pytest.Mon
     monkeypatch.setattr(decode, "_function", lambda topic: lambda raw: calls.append(raw) or build(topic)(raw))
     for shift in range(5):
         found = ours.decode(message(ENCODE(later(first, float(shift))) + b"left"))
-        assert (found.name, found.position, found.effort) == (["a", "bc"], [1.0 + shift, 2.0 + shift], [3.0 + shift])
+        assert (*found.name, *found.position, *found.effort) == ("a", "bc", 1.0 + shift, 2.0 + shift, 3.0 + shift)
     assert len(calls) == 1
 
 
