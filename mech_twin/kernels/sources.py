@@ -24,18 +24,10 @@ _taken: set[str] = set()
 
 _TYPING_ONLY = ("TYPE_CHECKING", "typing.TYPE_CHECKING")
 
-# Imports as they stand alone, and what may be one: parsing whole files would take a tenth of the start of a command.
-_IMPORT = re.compile(
-    rb"^(?:import \w[\w.]*(?: as \w+)?(?:, \w[\w.]*(?: as \w+)?)*|from [\w.]+ import (?:\([^()]*\)|\*|[\w, ]+))"
-    rb"(?= *(?:#.*)?$)",
-    re.MULTILINE,
-)
-_MAY_IMPORT = re.compile(rb"^(?:import |from \S+ *(?:import\b|\\$))", re.MULTILINE)
-_BLOCK = re.compile(  # of a condition, or of a class
-    rb"^(?:(?:try|with|for|while|match|elif|else|if(?! TYPE_CHECKING:))\b"
-    rb"|class .*\n(?:(?: {4}.*)?\n)*? {4}(?:from|import) )",
-    re.MULTILINE,
-)
+# Imports stand before the first definition; parsing whole files would take a tenth of the start of a command.
+_DEFINITION = re.compile(rb"^(?:def|class|async def|@)", re.MULTILINE)
+_BLOCK = rb"(?:from|import|try|if|elif|else|with|for|while|match)\b"
+_MAY_IMPORT = re.compile(rb"^" + _BLOCK + rb"|^class .*\n(?:(?: {4}.*)?\n)*? {4}" + _BLOCK, re.MULTILINE)
 
 
 def keep_sources(module: str) -> None:
@@ -109,11 +101,11 @@ def _imports(module: str, file: Path) -> tuple[str, ...]:
 
 
 def _statements(content: bytes) -> list[ast.stmt]:
-    """Return the statements of a source: all, or those that import where they alone stand apart."""
-    imports = [found.group() for found in _IMPORT.finditer(content)]
-    if not _BLOCK.search(content) and len(imports) == len(_MAY_IMPORT.findall(content)):
+    """Return the statements of a source, without its definitions where nothing after the first may import."""
+    first = _DEFINITION.search(content)
+    if first and not _MAY_IMPORT.search(content, first.start()):
         try:
-            return ast.parse(b"\n".join(imports)).body
+            return ast.parse(content[: first.start()]).body
         except SyntaxError:  # a line of a text
             pass
     return ast.parse(content).body
