@@ -94,8 +94,9 @@ class MixedRun(BenchRun):
         process.wait()
 
     def stall(self, role: str) -> subprocess.Popen[bytes]:
-        """Give the process of a role no time; return it."""
+        """Give the process of a role no time, once it has taken what it was sent; return it."""
         process = self._processes.pop(role)
+        time.sleep(0.05)  # one that stands still with a lock keeps others from sending (docs/proof/reliability.md)
         process.send_signal(signal.SIGSTOP)
         return process
 
