@@ -30,6 +30,8 @@ SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
 ALONE := -n 2 --dist loadfile test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
 FAULTS := test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
+PYTEST := $(BIN)/python -m pytest
+BESIDE := $(BIN)/python test/side_by_side.py
 MAIN := not browser and not slow
 REST := not browser and slow
 ARGS ?=
@@ -47,20 +49,16 @@ run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
 test: lint kernels # every room, without the slow tests
-	$(BIN)/python -m pytest -m "$(MAIN)" $(SHARED) $(ARGS)
-	$(BIN)/python -m pytest -m "$(MAIN)" $(ALONE) $(ARGS)
-	$(BIN)/python -m pytest -m "$(MAIN)" $(FAULTS) $(ARGS)
+	$(BESIDE) $(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS) beside \
+	  $(PYTEST) -m "$(MAIN)" $(ALONE) $(ARGS) then $(PYTEST) -m "$(MAIN)" $(FAULTS) $(ARGS)
 
 test-fast: $(VENV)/.test # of those the ones without topics
-	$(BIN)/python -m pytest -m "$(MAIN)" $(SHARED) $(ARGS)
+	$(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS)
 
 test-rest: $(VENV)/.test # what `make test` leaves out
-	$(BIN)/python -m pytest -m "$(REST)" $(SHARED) $(ARGS)
-	$(BIN)/python -m pytest -m "$(REST)" $(ALONE) $(ARGS)
-	$(BIN)/python -m pytest -m "$(REST)" -n 2 --dist loadfile $(FAULTS) $(ARGS)
-	$(MAKE) test-browser
-	$(MAKE) colcon
-	$(MAKE) test-ros ROS=kilted
+	$(BESIDE) $(PYTEST) -m "$(REST)" $(SHARED) $(ARGS) beside \
+	  $(PYTEST) -m "$(REST)" $(ALONE) $(ARGS) then $(PYTEST) -m "$(REST)" -n 2 --dist loadfile $(FAULTS) $(ARGS) then \
+	  make test-browser then make colcon then make test-ros ROS=kilted
 
 test-all:
 	$(MAKE) test
@@ -70,13 +68,13 @@ kernels: $(VENV)/.test # all cores compile, and no kernel twice, before tests ru
 	$(BIN)/python test/compile_kernels.py
 
 explore: $(VENV)/.test # the property tests with examples of their own each time
-	$(BIN)/python -m pytest -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)
+	$(PYTEST) -m "not browser" $(SHARED) --hypothesis-profile=explore $(ARGS)
 
 test-browser: $(VENV)/.test
-	$(BIN)/python -m pytest -m browser test/view $(ARGS)
+	$(PYTEST) -m browser test/view $(ARGS)
 
 test-ros: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2 --dist loadfile test/messages test/nodes -m "not slow" $(ARGS)
+	$(PYTEST) -n 2 --dist loadfile test/messages test/nodes -m "not slow" $(ARGS)
 
 test-oldest: $(TOOLS)/.tools # the fast tests with the oldest versions that setup.py allows
 	PYTHON=$(PYTHON) bash .ci/oldest $(TOOLS)/bin $(ARGS)
@@ -89,7 +87,7 @@ lint: $(VENV)/.test
 	$(BIN)/python .ci/plain_words.py
 
 coverage: $(VENV)/.test # without the slow tests; lines inside compiled kernels are not seen, mutation testing looks at those
-	$(BIN)/python -m pytest -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
+	$(PYTEST) -m "not browser and not slow" --timeout=600 --cov --cov-report=term:skip-covered --cov-report=xml $(ARGS)
 
 bench: $(VENV)/.bench # writes the tables of docs/proof/performance.md; ARGS: groups, all without; --list names them
 	$(BIN)/python benchmarks/performance.py $(ARGS)
@@ -99,7 +97,7 @@ colcon: $(VENV)/.test
 
 test-launch: $(VENV)/.test # launch library, tf2_msgs and fmusim come from their sources, the library for Windows runs where wine is
 	bash .ci/launch_tests.sh $(BIN) $(ARGS)
-	$(BIN)/python -m pytest -q test/fmi -k needs_no_python
+	$(PYTEST) -q test/fmi -k needs_no_python
 	bash .ci/fmusim.sh $(BIN)
 	bash .ci/tf_tests.sh $(BIN) $(ARGS)
 
