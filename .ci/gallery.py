@@ -10,8 +10,7 @@ from moving_picture import COLOURS_SMALL, small_pictures, write
 from mech_twin.capabilities.plots import written
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.studies.plots import machine_pictures
-from mech_twin.studies.reproduction import machines_with_published_values
+from mech_twin.studies.declared_studies import machine_pictures, machines_with_published_values
 
 DOCS = Path(__file__).parents[1] / "docs"
 CONFIG = DOCS.parent / "config"

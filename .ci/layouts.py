@@ -13,7 +13,7 @@ import yaml
 from mech_twin.capabilities.mechanism import ROOT as ROOT_FRAME
 from mech_twin.capabilities.mechanism import poses
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.messages.frames import frame_id
+from mech_twin.messages.scene import frame_id
 from mech_twin.messages.topics import (
     DIAGNOSTICS,
     IMPACTS,

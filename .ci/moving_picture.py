@@ -26,8 +26,7 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame, Shape
 from mech_twin.view.annotations import Annotations, lost_energy
-from mech_twin.view.extent import ASPECT, MARGIN, Bounds
-from mech_twin.view.labels import written_beside
+from mech_twin.view.extent import ASPECT, MARGIN, Bounds, written_beside
 
 RUN_S = 3.0  # by then the motion repeats itself
 PICTURES, PICTURES_SMALL = 60, 30

@@ -22,8 +22,8 @@ from comparison import Table, Task, in_turn, measure, ratio
 from fast_exudyn import exudyn
 
 from mech_twin.engine.rollout import roll_out
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine
 from mech_twin.parts.induction_motor import motor_constants
 

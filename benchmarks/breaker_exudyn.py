@@ -22,7 +22,7 @@ from fast_exudyn import exudyn
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses_at, striker
 from mech_twin.parts.contact import damping_ratio_without_pull
 from mech_twin.parts.four_bar import Link, offset, position
-from mech_twin.parts.gear import gear_torque
+from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 
 item = exudyn.itemInterface

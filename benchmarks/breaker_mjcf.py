@@ -21,7 +21,7 @@ import numpy as np
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.parts.contact import damping_ratio_without_pull
 from mech_twin.parts.four_bar import position
-from mech_twin.parts.gear import gear_torque
+from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, motor_torque
 
 STIFF = ".9999 .9999 .001"  # of MuJoCo's impedance: the constraint takes this share of the acceleration

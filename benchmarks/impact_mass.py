@@ -22,8 +22,7 @@ from comparison import Table, in_turn, measure, ratio
 from scipy.integrate import solve_ivp
 
 from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
-from mech_twin.machines.impact_mass.dynamics import impact_system, initial_motion, next_event
-from mech_twin.machines.impact_mass.states import IMPACT
+from mech_twin.machines.impact_mass.dynamics import IMPACT, impact_system, initial_motion, next_event
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 from literature.impact_reference import number, walk

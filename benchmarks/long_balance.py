@@ -19,8 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.engine.invariants import NO_LIMIT, Residual, broken_lines
 from mech_twin.engine.rollout import roll_out
+from mech_twin.engine.trajectory import NO_LIMIT, Residual, broken_lines
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine
 from mech_twin.roles import Machine

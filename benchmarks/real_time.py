@@ -51,7 +51,7 @@ def ran(pace: str, duration_s: float) -> Run:
 def worst_lag_s(bag: Path) -> float:
     """Return how late the latest step was, as the linkage said."""
     from mech_twin.recording.bag_reader import BagReader
-    from mech_twin.recording.decode import MessageDecoder
+    from mech_twin.recording.measured_topics import MessageDecoder
 
     with BagReader(bag) as reader:
         decoder = MessageDecoder(reader.topics)

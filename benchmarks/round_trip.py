@@ -24,7 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.step_codec import linkage
+from mech_twin.messages.step_message import linkage
 from mech_twin.messages.topics import DATA
 from mech_twin.parameters.load import machine
 

@@ -18,8 +18,7 @@ import numpy as np
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry, machine_parameters
-from mech_twin.studies.observer.estimate import SensedChannel
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample, SensedChannel
 from mech_twin.studies.observer.model_run import without_turns
 from mech_twin.studies.observer.observer import PhaseLockedObserver
 from mech_twin.studies.observer.parameter_error import wrong_machine

@@ -18,8 +18,7 @@ from comparison import Table, measure, ratio, told_in_turn
 
 from mech_twin.engine.coupling import next_body
 from mech_twin.engine.run import frames
-from mech_twin.messages.step_codec import body, force, linkage, motor
-from mech_twin.messages.step_message import Row
+from mech_twin.messages.step_message import Row, body, force, linkage, motor
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.run.composition import run_in_process

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mech_twin.capabilities.arguments import real_number, several
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import LONGEST_RUN_S
+from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
@@ -25,7 +25,7 @@ from mech_twin.results.objects import Analysis, Columns, Numbers, Run, RunCompar
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
     from mech_twin.capabilities.published import PublishedRow
-    from mech_twin.studies.identification.saved_identification import SavedIdentification
+    from mech_twin.studies.identification.written_identification import SavedIdentification
 
 Settings = Mapping[str, Any]
 FilePath = str | PathLike[str]
@@ -78,7 +78,7 @@ def simulate(
     from contextlib import closing, nullcontext
 
     from mech_twin.engine.run import frames
-    from mech_twin.measurements.machine_columns import shown_units
+    from mech_twin.measurements.units import shown_units
     from mech_twin.studies.simulation import Simulation
 
     duration_s = real_number(
@@ -88,7 +88,7 @@ def simulate(
     simulation = Simulation(built)
     recording: Any = nullcontext()
     if bag is not None:
-        from mech_twin.recording.output_directory import check_recording_directory
+        from mech_twin.recording.bag_metadata import check_recording_directory
         from mech_twin.results.opened_runs import recorded_to
 
         check_recording_directory(Path(bag), force=force)
@@ -122,8 +122,7 @@ def analyse(
     positions : int
         Number of crank angles in the columns, evenly over one turn.
     """
-    from mech_twin.studies.asking import counted_within
-    from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
+    from mech_twin.studies.declared_studies import analysed_columns, counted_within, cycle_positions
 
     counted_within("positions", positions, MOST_POSITIONS)
     built = built_machine(machine, _path(config), settings)
@@ -282,8 +281,8 @@ def identify(
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.identification import identified
     from mech_twin.studies.identification.keyed_configuration import assumed_keys
-    from mech_twin.studies.identification.question import IdentificationQuestion
-    from mech_twin.studies.identification.saved_identification import SavedIdentification
+    from mech_twin.studies.identification.unknowns import IdentificationQuestion
+    from mech_twin.studies.identification.written_identification import SavedIdentification
 
     built = built_machine(machine, _path(config), settings)
     runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")

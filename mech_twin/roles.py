@@ -3,6 +3,8 @@
 
 A role is a pure function between samples.  It holds immutable parameters and nothing else: all state is in the samples,
 so a role can be rebuilt, restarted in another process or given new parameters between any two steps.
+
+A motion computed from its last event has its state in that event's memory, not in the joints (`AnchoredMotion`).
 """
 
 from __future__ import annotations
@@ -17,17 +19,40 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample, Shape
 
 if TYPE_CHECKING:
-    from mech_twin.capabilities.anchored_motion import AnchoredMotion
+    import numpy as np
+    from numpy.typing import NDArray
+
     from mech_twin.capabilities.blow_gauge import BlowGauge
     from mech_twin.capabilities.cycle import CycleFeatures
     from mech_twin.capabilities.design import DesignQuestion
-    from mech_twin.capabilities.faults import MachineFault
+    from mech_twin.capabilities.faults import MachineFault, OperatingVariable
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.capabilities.mechanism import FrameTree
-    from mech_twin.capabilities.operating_point import OperatingVariable
     from mech_twin.capabilities.plots import Picture
     from mech_twin.capabilities.published import PublishedRow
     from mech_twin.capabilities.sizing import SizingQuestion
+
+
+class AnchoredMotion(NamedTuple):
+    """Columns of that state, and the function that moves its time origin.
+
+    Attributes
+    ----------
+    later : mapping
+        For each state column: the column that holds it one step later, and the sign.
+    origin, tau : str
+        Columns of the step at which the anchor's time is 0, which is a state too, and of that time (s).
+    not_below_zero : tuple of str
+        State columns that cannot be negative.
+    anchor_at : callable
+        ``anchor_at(model, row, step)`` moves the anchor of a linkage row to this step; the motion is unchanged.
+    """
+
+    later: Mapping[str, tuple[str, float]]
+    origin: str
+    tau: str
+    not_below_zero: tuple[str, ...]
+    anchor_at: Callable[[Any, NDArray[np.float64], int], None]
 
 
 class Invariant(NamedTuple):

@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.run import frames
 from mech_twin.messages.cdr import received_message
-from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, STEP_LINKAGE, Topic, full_name
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.roles import Machine

@@ -15,8 +15,7 @@ from mech_twin.parameters.load import description_text
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.frame_recorder import FrameRecorder
-from mech_twin.recording.message_types import message_class
-from mech_twin.recording.schemas import offered_qos
+from mech_twin.recording.schemas import message_class, offered_qos
 from mech_twin.samples import Frame
 
 LATCHED_QOS = offered_qos(durability="transient_local", depth=1)

@@ -19,7 +19,7 @@ import pyarrow as pa
 from pyarrow import compute as pc
 from pyarrow import parquet
 
-from mech_twin.kernels.store import DIRECTORY_VARIABLE
+from mech_twin.kernels.cache import DIRECTORY_VARIABLE
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.errors import BagError
 

@@ -16,7 +16,7 @@ from mech_twin.nodes.roles.stepping import LOGGED_FROM_S
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.bag_samples import FIELDS, BagSamples
 from mech_twin.roles import Machine
-from mech_twin.studies.first_difference import Difference, first_difference
+from mech_twin.studies.resimulation import Difference, first_difference
 
 SERVER = "view server"
 GROWTH_LIMIT_MIB = 10.0  # of the settled time

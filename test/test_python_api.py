@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mech_twin as mt
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
+from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.results.objects import Columns
@@ -111,7 +111,7 @@ def test_a_picture_has_one_unit_in_a_panel():
 
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_every_joint_of_a_run_has_the_unit_of_what_slides_or_turns(name):
-    from mech_twin.measurements.machine_columns import sliding_in
+    from mech_twin.measurements.units import sliding_in
 
     units, sliding = mt.simulate(name, 0.0).samples.units, sliding_in(built_machine(name))
     for joint in built_machine(name).linkage.joints:

@@ -15,8 +15,8 @@ from draws.keys import leaves, value_at
 from draws.outcomes import BROKEN, RAN, REFUSED_IN_RUN, Outcome, bad_refusal, outcome_of, run, worst_margin
 from draws.random_draw import CORNERS, Draw
 
-from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
+from mech_twin.errors import MotionError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text
 

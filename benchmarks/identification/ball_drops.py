@@ -17,7 +17,7 @@ import numpy as np
 from data_directory import given_directory
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.event_estimates import restitution_from_flights
+from mech_twin.studies.identification.bounces import restitution_from_flights
 
 DROPS = ("drop_1.csv", "drop_3.csv", "drop_5.csv", "drop_7.csv", "drop_9.csv")
 LEAST, MOST, LEAST_CLEAN = 0.90, 0.92, 3

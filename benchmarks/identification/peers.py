@@ -38,7 +38,7 @@ from mech_twin.studies.identification.channel_prediction import ColumnCurves, ne
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.identification import identified
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
 
 MACHINE, DURATION_S, ZERO, STEP_S = "vibration_crank", 1.2, 0.3, 0.008
 TRUE = {"crank_m": 0.131, "rod_m": 0.47}

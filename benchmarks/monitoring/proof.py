@@ -32,8 +32,7 @@ from typing import Any
 import numpy as np
 from plants import FAR, SENSORS, faulty_run, healthy_cycles, healthy_run, monitored_machine, seen_vectors, three_sizes
 
-from mech_twin.files.output_file import written_file
-from mech_twin.files.plain_values import of_plain, plain
+from mech_twin.files.output_file import of_plain, plain, written_file
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import setup_for_cycles
 from mech_twin.studies.monitoring.findings import Findings

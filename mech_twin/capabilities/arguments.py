@@ -10,7 +10,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 
 
 def is_number(value: Any) -> TypeGuard[float]:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One cycle of a machine as sampled channels, and the declaration of features computed from it.
+"""One cycle of a machine as sampled channels, and the features computed from it.
 
 A channel has its own instants.  Each sample is weighted by the phase interval it represents.  So a mean or a harmonic
 is one over the cycle's angle, for any rate and jitter of the sensor::
 
     weight_i = (phase_(i+1) - phase_(i-1))/(4 pi),   with the first and the last as neighbours
+
+Machines share the features of a turn of a crank (period, speed, torque) and those of a strain gauge on a struck rod.
 """
 
 from __future__ import annotations
@@ -234,3 +236,53 @@ def event_value(name: str, unit: str, column: str, meaning: str, pick: Literal["
     """Return the feature: largest value, or sum, of an event channel."""
     choose = np.max if pick == "largest" else np.sum
     return CycleFeature(name, unit, meaning, (column,), lambda c: float(choose(c.channels[column].values)))
+
+
+def speed_features(crank: str) -> tuple[CycleFeature, ...]:
+    """Return the features period and relative speed of a turn; ``crank`` is the column of its angle (rad)."""
+    return (
+        period(),
+        speed_harmonic("speed_cos_1", crank, 1, "cos", "relative crank speed, cosine of the turn"),
+        speed_harmonic("speed_sin_1", crank, 1, "sin", "relative crank speed, sine of the turn"),
+        speed_harmonic("speed_cos_2", crank, 2, "cos", "relative crank speed, cosine of half a turn"),
+        speed_harmonic("speed_sin_2", crank, 2, "sin", "relative crank speed, sine of half a turn"),
+    )
+
+
+def crank_features(crank: str, torque: str) -> tuple[CycleFeature, ...]:
+    """Return the features of period, speed and torque of a turn.
+
+    Parameters
+    ----------
+    crank, torque : str
+        Columns of the crank's angle (rad) and of the driving torque (N m).
+    """
+    return (
+        *speed_features(crank),
+        mean("torque_mean_nm", "N.m", torque, "mean driving torque"),
+        upper("torque_peak_nm", "N.m", torque, "largest driving torque"),
+        harmonic("torque_cos_1_nm", "N.m", torque, 1, "cos", "driving torque, cosine of the turn"),
+        harmonic("torque_sin_1_nm", "N.m", torque, 1, "sin", "driving torque, sine of the turn"),
+        harmonic("torque_cos_2_nm", "N.m", torque, 2, "cos", "driving torque, cosine of half a turn"),
+        harmonic("torque_sin_2_nm", "N.m", torque, 2, "sin", "driving torque, sine of half a turn"),
+    )
+
+
+def gauge_features(kind: str, rod: str) -> tuple[CycleFeature, ...]:
+    """Return the features of a gauge; a soft wall or a worn foot changes the reflected energy.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the events that it measures.
+    rod : str
+        Name of the rod: tool, stop.
+    """
+    incident, forward, reflected, peak = (
+        f"event.{kind}.{what}" for what in ("incident_energy", "forward_energy", "reflected_energy", "peak_force")
+    )
+    return (
+        event_value("incident_energy_j", "J", incident, f"energy of the first wave in the {rod}", "sum"),
+        event_ratio("reflected_share", reflected, forward, "energy that comes back over that going forward", 1.0),
+        event_value("gauge_peak_n", "N", peak, f"largest force in the {rod}", "largest"),
+    )

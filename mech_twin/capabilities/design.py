@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine's design problem: variables, constraints and objectives."""
+"""A machine's design problem: variables, constraints, objectives, and results repeated with a shorter coupling step."""
 
 from __future__ import annotations
 
@@ -11,11 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import StudyError
 
 Array = NDArray[np.float64]
+
+
+class InShorterSteps(NamedTuple):
+    """Results of a run by name with a coupling step (s), compared with one of a longer step (s)."""
+
+    step_s: float
+    beside_s: float
+    numbers: Mapping[str, float]
 
 
 class Evaluation(NamedTuple):

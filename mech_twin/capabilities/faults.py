@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of a machine as changes of its parameters, each with a size."""
+"""Faults of a machine as changes of its parameters, each with a size, and operating variables of a healthy one.
+
+An operating variable (supply, load, temperature, tolerance) moves within a range; beyond it is a fault.
+"""
 
 from __future__ import annotations
 
@@ -74,3 +77,104 @@ def supply_sag(sizes: Sequence[float] = (-0.2, -0.15, -0.1, -0.07)) -> MachineFa
         lambda parameters, size: {},
         lambda size: 1.0 + size,
     )
+
+
+class OperatingVariable(NamedTuple):
+    """A quantity that may vary within its range without being a fault.
+
+    Attributes
+    ----------
+    name, meaning : str
+        Name, and a description of one line for the operator.
+    range : float
+        Half-width of the range, as a share of the healthy value.
+    changes : callable
+        ``changes(parameters, share)``: configuration keys (dotted) and their values at that share.
+    beyond : str
+        Name of the fault that it is outside its range.
+    is_commanded : bool
+        Whether the command of a run has the same effect as ``changes``.
+    """
+
+    name: str
+    meaning: str
+    range: float
+    changes: Callable[[Any, float], Mapping[str, Any]]
+    beyond: str
+    is_commanded: bool = False
+
+
+def varying_key(
+    name: str, meaning: str, key: str, share: float, beyond: str, *more: str, is_commanded: bool = False
+) -> OperatingVariable:
+    """Return a variable that changes a key, and further ones with it, by a share of the healthy value."""
+
+    def changes(parameters: Parameters, size: float) -> dict[str, Any]:
+        return {each: float(value_at(parameters, each)) * (1.0 + size) for each in (key, *more)}
+
+    return OperatingVariable(name, meaning, share, changes, beyond, is_commanded)
+
+
+def prescribed_speed(key: str) -> OperatingVariable:
+    """Return the frequency of a supply that prescribes a speed as an operating variable."""
+    return varying_key(
+        "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, "supply_sag", is_commanded=True
+    )
+
+
+FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last: 40 K of copper temperature
+
+
+def motor_changes(
+    parameters: Parameters, motor_key: str = "motor", *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
+) -> dict[str, Any]:
+    """Return the changed keys of an induction motor for factors of its torque, slip speed and synchronous speed.
+
+    Printed values are scaled too; the catalogue name is removed.
+    """
+    motor = value_at(parameters, motor_key)
+    synchronous, rated = float(motor["synchronous_speed_rpm"]), float(motor["rated_speed_rpm"])
+    rated_later = field * synchronous - slip * (synchronous - rated)
+    found = {
+        "catalogue_name": None,
+        "synchronous_speed_rpm": field * synchronous,
+        "rated_speed_rpm": rated_later,
+        "rated_power_w": float(motor["rated_power_w"]) * torque * rated_later / rated,
+    }
+    printed = {"rated_torque_nm": torque, "breakdown_torque_nm": torque, "breakdown_slip": slip / field}
+    found |= {key: motor[key] * share for key, share in printed.items() if motor.get(key) is not None}
+    return {f"{motor_key}.{key}": value for key, value in found.items()}
+
+
+def motor_variables(motor_key: str = "motor") -> tuple[OperatingVariable, ...]:
+    """Return supply frequency and voltage, and rotor resistance of an induction motor as operating variables.
+
+    Voltage is proportional to frequency, as with a converter and nearly so in a weak grid: flux, and torque at a slip
+    in rad/s, are constant.  Torque at every slip is proportional to the square of the voltage; the slip at a torque is
+    proportional to the resistance.
+    """
+
+    def frequency(parameters: Parameters, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, motor_key, field=1.0 + size)
+
+    def voltage(parameters: Parameters, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, motor_key, torque=(1.0 + size) ** 2)
+
+    def resistance(parameters: Parameters, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, motor_key, slip=1.0 + size)
+
+    return (
+        OperatingVariable("supply_frequency", "frequency of the supply", FREQUENCY_RANGE, frequency, "supply_sag"),
+        OperatingVariable("supply_voltage", "voltage of the supply", VOLTAGE_RANGE, voltage, "supply_voltage_range"),
+        OperatingVariable(
+            "rotor_resistance", "resistance of the motor's rotor, by its temperature", RESISTANCE_RANGE, resistance,
+            "rotor_resistance_range",
+        ),
+    )  # fmt: skip
+
+
+def drive_variables(kind: str) -> tuple[OperatingVariable, ...]:
+    """Return the operating variables of a crank's drive: those of the motor, or the speed if it is prescribed."""
+    if kind == "kloss":
+        return motor_variables()
+    return (prescribed_speed("drive.speed_rpm"),)

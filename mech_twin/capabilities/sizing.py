@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
-from mech_twin.capabilities.shorter_steps import InShorterSteps
+from mech_twin.capabilities.design import InShorterSteps
 from mech_twin.declarations.quantity import Parameters
 
 Table = Callable[[str], Mapping[str, Any]]  # returns an installed table by its name

@@ -1,15 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration with some keys changed, validated again."""
+"""A configuration with some keys changed, and the box of tolerances about it.
+
+In the box each assumed number varies by up to a share of its value.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any, TypeVar
+
+import numpy as np
 
 from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
 
 Model = TypeVar("Model", bound=Parameters)
+Factors = dict[str, float]  # factor of the configured value, by dotted key
 
 
 def varied(parameters: Model, changes: Mapping[str, Any]) -> Model:
@@ -21,3 +28,40 @@ def varied(parameters: Model, changes: Mapping[str, Any]) -> Model:
         If the changed configuration is invalid.
     """
     return type(parameters).model_validate(merged_tree(configuration_tree(parameters), tree_from_flat(changes)))
+
+
+def scaled(parameters: Model, factors: Mapping[str, float]) -> Model:
+    """Return the configuration with these numbers multiplied by their factors.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If the scaled configuration is invalid.
+    """
+    tree = configuration_tree(parameters)
+    changes = {}
+    for key, factor in factors.items():
+        value = tree
+        for name in key.split("."):
+            value = value[name]
+        changes[key] = float(value) * factor  # type: ignore[arg-type]
+    return varied(parameters, changes)
+
+
+def corners(keys: Sequence[str], tolerance: float) -> Iterator[Factors]:
+    """Yield the 2^n corners of the box."""
+    for signs in product((-1.0, 1.0), repeat=len(keys)):
+        yield {key: 1.0 + sign * tolerance for key, sign in zip(keys, signs, strict=True)}
+
+
+def inner_points(keys: Sequence[str], tolerance: float, count: int, seed: int = 1) -> Iterator[Factors]:
+    """Yield random points of the box, reproducible by the seed."""
+    drawn = np.random.default_rng(seed).uniform(-tolerance, tolerance, (count, len(keys)))
+    for row in drawn:
+        yield {key: 1.0 + float(part) for key, part in zip(keys, row, strict=True)}
+
+
+def neighbours(corner: Mapping[str, float], tolerance: float) -> Iterator[Factors]:
+    """Yield the corners that differ from this one in a single number."""
+    for key, factor in corner.items():
+        yield {**corner, key: 1.0 - tolerance if factor > 1.0 else 1.0 + tolerance}

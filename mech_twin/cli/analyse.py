@@ -15,7 +15,7 @@ from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.studies.cycle_analysis import analysed_columns, cycle_positions
+from mech_twin.studies.declared_studies import analysed_columns, cycle_positions
 
 COMPONENTS = ("along x", "along y", "along z")
 EXTREMES = ("quantity", "least", "greatest", "unit")

@@ -17,12 +17,11 @@ from mech_twin.cli.live_view import NO_VIEW, hold_view, opened_bench
 from mech_twin.cli.verbs import CompareVerb
 from mech_twin.declarations.captions import caption
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
-from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for
-from mech_twin.engine.trajectory import frame_events
+from mech_twin.engine.trajectory import broken_lines, frame_events
 from mech_twin.files.output_file import YAML_SUFFIXES, written_file
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.measurements.units import shown_units
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import file_tree, machine_of_prefix
 from mech_twin.parameters.load import machine as built_machine
@@ -134,7 +133,7 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
     from mech_twin.recording.bag_samples import BagSamples
-    from mech_twin.studies.configuration_history import ConfigurationHistory
+    from mech_twin.studies.resimulation import ConfigurationHistory
 
     with open_bag(bag) as reader:
         samples = BagSamples(reader)

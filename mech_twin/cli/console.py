@@ -14,8 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mech_twin.files.output_file import written_file
-from mech_twin.files.plain_values import plain
+from mech_twin.files.output_file import plain, written_file
 from mech_twin.process.terminal_output import printable, printable_json
 
 Item = TypeVar("Item")

@@ -10,10 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from mech_twin.process.dependencies import missing_extra
+from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE
 from mech_twin.process.stop_signal import interruptible
-from mech_twin.process.system_limits import lacking
 from mech_twin.process.terminal_output import StandardOutputError, give_up_output, printable
 
 if TYPE_CHECKING:
@@ -97,14 +96,11 @@ def _told(error: Exception) -> str | None:
     """Return what is said of an error in the input; None of an internal one."""
     if isinstance(error, ImportError):
         return missing_extra(error)
-    from mech_twin.capabilities.errors import StudyError
     from mech_twin.declarations.configuration_tree import ConfigurationError
-    from mech_twin.engine.errors import MotionError
+    from mech_twin.errors import MeasurementError, MotionError, RerunSceneError, StudyError, ViewerError
     from mech_twin.files.output_file import OutputError
-    from mech_twin.measurements.errors import MeasurementError
     from mech_twin.nodes.run.domain import NodeEndedError
     from mech_twin.recording.errors import BagError
-    from mech_twin.view.errors import RerunSceneError, ViewerError
 
     kinds = (CommandError, StandardOutputError, NodeEndedError, ConfigurationError, MotionError, StudyError)
     known = isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))

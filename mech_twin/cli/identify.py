@@ -16,21 +16,19 @@ from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.process.dependencies import extra_needed
-from mech_twin.process.system_limits import FIT_BYTES, check_address_space
+from mech_twin.measurements.units import joint_column
+from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
 from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import GuidedLinkage
-from mech_twin.studies.identification.acting_keys import number_in
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.identification import Identification, identified
-from mech_twin.studies.identification.keyed_configuration import AUTO, assumed_keys, machine_keys
-from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.identification.saved_identification import SavedIdentification, check_out, is_file
+from mech_twin.studies.identification.keyed_configuration import AUTO, assumed_keys, machine_keys, number_in
 from mech_twin.studies.identification.sensor_plan import sensor_plan
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import IDENTIFIED
+from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 
 FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2

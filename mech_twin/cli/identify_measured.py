@@ -13,17 +13,16 @@ from mech_twin.cli.console import print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.identify import say_open, show_keys, split_runs
 from mech_twin.cli.measurement_verbs import IdentifyVerb
+from mech_twin.errors import MeasurementError
 from mech_twin.files.output_file import check_output_file
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, model_turn
 from mech_twin.measurements.runs import read_run
 from mech_twin.parameters.load import description_text
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
-from mech_twin.studies.identification.geometry_fit import GeometryData, geometry_data
-from mech_twin.studies.identification.geometry_model import GeometryModel, lengths
+from mech_twin.studies.identification.geometry_fit import GeometryData, GeometryModel, geometry_data, lengths
 from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
 from mech_twin.studies.identification.keyed_configuration import AUTO, KeyedConfiguration
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict

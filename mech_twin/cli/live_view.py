@@ -21,7 +21,7 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import PAGE, PAGE_SUFFIXES
 from mech_twin.process.dependencies import require_modules
-from mech_twin.process.parent_death import end_with_parent
+from mech_twin.process.interruption import end_with_parent
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.view.bench.link import BEGUN_BY, BenchLink

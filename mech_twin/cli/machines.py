@@ -31,8 +31,8 @@ from mech_twin.parameters.load import (
     machine_parameters,
     text_tree,
     validated,
+    with_catalogue_motor,
 )
-from mech_twin.parameters.motors import with_catalogue_motor
 
 
 def show_catalogue(request: ListVerb) -> None:

@@ -19,8 +19,8 @@ from mech_twin.cli import measurement_verbs, study_verbs, verbs
 from mech_twin.cli.console import compiling_shown
 from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
 from mech_twin.cli.verb import check_rules, command, in_library, verbs_in
+from mech_twin.process.dependencies import NUMERICS_BYTES, check_address_space
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
-from mech_twin.process.system_limits import NUMERICS_BYTES, check_address_space
 
 OF_THE_LIBRARY = {
     "help": "show this help",
@@ -281,7 +281,7 @@ def study(context: typer.Context, machine: str = MACHINE) -> None:
     """Sweep, size or optimise a machine."""
     context.obj = machine
     if context.invoked_subcommand is None:
-        from mech_twin.studies.asking import questions_of
+        from mech_twin.studies.declared_studies import questions_of
 
         raise CommandError(f"study {machine}: name a question after the machine: {', '.join(questions_of(machine))}")
 

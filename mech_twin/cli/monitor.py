@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import typer
 
 from mech_twin.capabilities.cycle import CycleFeature
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.cli.console import print_json, print_table, progress, rounded, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import FleetVerb, MonitorVerb
@@ -30,9 +29,9 @@ from mech_twin.cli.monitor_baseline import (
     write_setup,
 )
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.design import (
     DESIGN_CYCLES,
@@ -42,10 +41,17 @@ from mech_twin.studies.monitoring.design import (
     sensor_design,
     simulated_vectors,
 )
-from mech_twin.studies.monitoring.explanation import Explanation, drawn_explanation, explanation, known_fault
 from mech_twin.studies.monitoring.fleet import Fleet, FleetMember, Sister, fleet_of, judged_member
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.report import Alarm, JudgedRun, judged
+from mech_twin.studies.monitoring.report import (
+    Alarm,
+    Explanation,
+    JudgedRun,
+    drawn_explanation,
+    explanation,
+    judged,
+    known_fault,
+)
 from mech_twin.studies.monitoring.sensing import MonitoredMachine
 from mech_twin.studies.spreading import available_cores, spread
 

@@ -18,20 +18,17 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
 from mech_twin.files.input_file import opened_input
-from mech_twin.files.plain_values import plain
+from mech_twin.files.output_file import plain
 from mech_twin.measurements.blocks import RunReader
-from mech_twin.measurements.machine_columns import is_event, machine_columns
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
 from mech_twin.measurements.runs import read_parts
+from mech_twin.measurements.units import is_event, machine_columns
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, kind_of
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import Machine
-from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
-from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.origin import (
+from mech_twin.studies.monitoring.baseline import (
     OLD_DAYS,
     BaselineRun,
     configuration_hash,
@@ -39,6 +36,9 @@ from mech_twin.studies.monitoring.origin import (
     new_origin,
     sensors_hash,
 )
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
+from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.report import known_sensors, vectors_of_parts
 from mech_twin.studies.monitoring.sensing import MonitoredMachine
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord

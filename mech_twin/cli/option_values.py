@@ -93,7 +93,7 @@ def machines(incomplete: str) -> list[tuple[str, str]]:
 
 def settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
     """Return the configuration keys of the machine that begin so, ready for a value, with unit and meaning."""
-    from mech_twin.parameters.key_hints import key_units
+    from mech_twin.parameters.errors import key_units
 
     entry = _entry(context)
     return _ready({} if entry is None else key_units(entry.parameters), incomplete)

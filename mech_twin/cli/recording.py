@@ -18,12 +18,11 @@ from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.machines import check_page
 from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb, ReplayVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.files.bounded_yaml import bounded_yaml
+from mech_twin.files.input_file import bounded_yaml
 from mech_twin.measurements.tables import is_table
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, is_page, machine_parameters
-from mech_twin.studies.configuration_history import ConfigurationHistory
-from mech_twin.studies.resimulation import Verdict, analysed, resimulated
+from mech_twin.studies.resimulation import ConfigurationHistory, Verdict, analysed, resimulated
 
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode

@@ -17,7 +17,7 @@ from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import draw_figures, reproduce
-from mech_twin.studies.reproduction import all_hold, machines_with_published_values
+from mech_twin.studies.declared_studies import all_hold, machines_with_published_values
 
 
 def reproduce_machines(request: ReproduceVerb) -> None:

@@ -24,7 +24,7 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, catalogue_entry, is_page, run_group
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.stop_signal import StopSignal
-from mech_twin.recording.output_directory import check_recording_directory, remove_recording
+from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from mech_twin.capabilities.shorter_steps import InShorterSteps
+from mech_twin.capabilities.design import InShorterSteps
 from mech_twin.cli.console import numbered, print_table, say, say_result
 from mech_twin.declarations.captions import caption, unit_of
 from mech_twin.parameters.load import assignments

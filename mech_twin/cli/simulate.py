@@ -13,13 +13,12 @@ from mech_twin.cli.console import busy, numbered, print_csv, print_json, progres
 from mech_twin.cli.failure import FOUND, CommandError, report_losses
 from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers, show_residuals
 from mech_twin.cli.verbs import SimulateVerb
-from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.run import frames, steps_for, warm_up_run
-from mech_twin.engine.trajectory import frame_numbers
+from mech_twin.engine.trajectory import broken_lines, frame_numbers
 from mech_twin.files.output_file import written_file
-from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
+from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import catalogue_entry, description_text
@@ -110,7 +109,7 @@ def check_outputs(request: SimulateVerb) -> None:
             f"--sensors {request.sensors}: expected --bag or --table beside it, for what the sensors show"
         )
     if request.bag is not None:
-        from mech_twin.recording.output_directory import check_recording_directory
+        from mech_twin.recording.bag_metadata import check_recording_directory
 
         check_recording_directory(request.bag, force=request.force)
     if request.table is not None and request.table.suffix not in WRITTEN_SUFFIXES:
@@ -188,8 +187,8 @@ def _sensors(stack: ExitStack, request: SimulateVerb, machine: Machine, sensors:
 
 def _sensor_bag(stack: ExitStack, bag: Path, sensors: MeasurementMap) -> Callable[[Reading], None]:
     settle_domain()
-    from mech_twin.recording.output_directory import remove_recording
-    from mech_twin.recording.sensor_recorder import SensorRecorder
+    from mech_twin.recording.bag_metadata import remove_recording
+    from mech_twin.recording.frame_recorder import SensorRecorder
 
     def field(source: Source) -> TopicField:
         return topic_field(source, "the sensors")

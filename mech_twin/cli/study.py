@@ -29,7 +29,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError, config
 from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.yaml_text import scalar
-from mech_twin.studies.asking import asked_of
+from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.shorter_steps import common_digits as digits_told

@@ -38,11 +38,10 @@ from mech_twin.files.report_page import picture, section
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import designs, regimes, search, search_runs, size, sweep, synthesise
-from mech_twin.studies.asking import asked_of, searches_by_runs
+from mech_twin.studies.declared_studies import asked_of, searches_by_runs
 from mech_twin.studies.design_scan import asked_objectives, design_question
 from mech_twin.studies.parameter_sweep import Sweep
-from mech_twin.studies.sweep_points import Point
-from mech_twin.studies.sweep_table import varies
+from mech_twin.studies.sweep_table import Point, varies
 
 POINTS = 9  # of a Pareto front
 NO_QUESTION = "no design question; its runs are searched with --objective NAME and --bound KEY=LOW:HIGH"

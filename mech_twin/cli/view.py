@@ -23,7 +23,7 @@ from mech_twin.cli.live_view import opened_bench
 from mech_twin.cli.verbs import ViewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.engine.run import frames, steps_for
-from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.files.output_file import written_file
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import PAGE, is_page
@@ -64,7 +64,7 @@ def view_bag(request: ViewVerb) -> None:
             else:
                 from mech_twin.recording.bag_reader import open_bag
                 from mech_twin.recording.bag_samples import BagSamples
-                from mech_twin.studies.configuration_history import recorded_settings
+                from mech_twin.studies.resimulation import recorded_settings
 
                 samples = BagSamples(stack.enter_context(open_bag(bag)))
                 shown = _Shown(
@@ -155,7 +155,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
 
 def _metrics(samples: BagSamples) -> RunMetrics | None:
     """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
-    from mech_twin.studies.configuration_history import ConfigurationHistory
+    from mech_twin.studies.resimulation import ConfigurationHistory
 
     try:
         machine = ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0)

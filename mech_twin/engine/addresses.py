@@ -1,20 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pointers to values in compiled code: a call passes one address instead of all the numbers of a large tuple.
+"""Pointers to values, and rows with named numbers, in compiled code.
+
+A call passes one address instead of all the numbers of a large tuple.
 
 An address is valid while the kernel that took it runs; references to arrays of the value are not counted.
+
+A record names the numbers of a row and shares the memory of its array, in compiled and plain code.  It does not keep
+the array alive: create it only where the array is an argument or is still used later.
 """
 
 from __future__ import annotations
 
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
 
 types: Any = numba.types  # numba has type hints for its front only
 build: Any = cgutils
@@ -87,3 +94,26 @@ number_of: Any = _same if interpreted else intrinsic(_number)
 # in compiled code loops over constant lengths are unrolled
 view_as: Any = _seen_as if interpreted else intrinsic(_view)
 value_at: Any = _same if interpreted else intrinsic(_load)
+
+
+def record_of(fields: type[NamedTuple]) -> np.dtype[Any]:
+    """Return the numpy dtype of a record with the fields of a `NamedTuple`, all of them float64."""
+    return np.dtype((np.record, [(name, np.float64) for name in fields._fields]))
+
+
+def _sliced(row: NDArray[np.float64], place: int, kind: np.dtype[Any]) -> Any:
+    """Return the record at a place of a row."""
+    return row[place : place + kind.itemsize // row.itemsize].view(kind)[0]
+
+
+def _pointed(typing_context: Any, row: Any, place: Any, kind: Any) -> Any:
+    """Return the record at a place of a row, without counting a reference to it (numba intrinsic)."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        numbers = context.make_array(row)(context, builder, arguments[0]).data
+        return builder.bitcast(builder.gep(numbers, [arguments[1]]), context.get_value_type(kind.dtype))
+
+    return kind.dtype(row, place, kind), generate
+
+
+record_at: Any = _sliced if interpreted else intrinsic(_pointed)

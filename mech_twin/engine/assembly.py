@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Sample
 
 OPEN_STEPS = 64

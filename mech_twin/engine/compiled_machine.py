@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledBody, CompiledForces, CompiledLinkage, CompiledMotor, failed
-from mech_twin.engine.compiled_run import (
+from mech_twin.engine.compiled_steps import (
     DONE,
     FROM_BODY,
     LINKAGE_FAILED,
@@ -20,13 +20,12 @@ from mech_twin.engine.compiled_run import (
     TABLE_EXTRA,
     Indices,
     Models,
+    NoBody,
     RunEnd,
     Widths,
     run_steps,
 )
-from mech_twin.engine.compiled_steps import NoBody
 from mech_twin.engine.coupling import next_frame
-from mech_twin.engine.errors import MotionError
 from mech_twin.engine.sample_vectors import (
     EVENT_WIDTH,
     IMPULSE,
@@ -37,6 +36,7 @@ from mech_twin.engine.sample_vectors import (
     EventNumbers,
     FrameLayout,
 )
+from mech_twin.errors import MotionError
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 

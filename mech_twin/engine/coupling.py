@@ -9,20 +9,25 @@ At step n::
 
 The linkage leads each step and locates its own events; the body follows under the loads of that step.  The nodes
 call the same three functions, step index by step index, so a run over topics is bit for bit this one.
+
+Whether a machine starts when it is switched on is forecast by the same functions.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import Parameters, quantity
+from mech_twin.errors import StudyError
 from mech_twin.roles import BodyRole, EffortMotor, Machine
 from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, Frame, LinkageSample, MotorSample
 
 Target = float | EffortCommand  # asked fraction of rated supply frequency, or an effort in its place
 RESET = "reset"
 GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to the initial state is the linkage
+LOOK_AHEAD_S = 3.0
+STANDING_S = 1.0
+STANDING_REACH = 1e-3  # rad or m of the drive within the standing time
 
 
 def coupling_step(longest_s: float = 1.0) -> Any:
@@ -95,3 +100,38 @@ def next_frame(machine: Machine, frame: Frame, target: Target) -> Frame:
     """Return the frame one coupling step later."""
     linkage = machine.linkage.advance(frame.linkage, frame.motor, frame.body)
     return complete_frame(machine, linkage, frame.body, target)
+
+
+class StartForecast(NamedTuple):
+    """Whether the drive turns at the end of the look-ahead, and its position then (rad or m)."""
+
+    turns: bool
+    position: float
+
+
+def start_forecast(machine: Machine, linkage: LinkageSample, target: float) -> StartForecast:
+    """Return whether a machine switched on at a sample starts.
+
+    A drive that stays within `STANDING_REACH` for the last `STANDING_S` of `LOOK_AHEAD_S` does not turn.  One that
+    rests at times in normal operation (`Machine.rests_when_supplied`) always counts as turning.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine; its body starts at rest on its stop.
+    linkage : LinkageSample
+        State of the linkage at switching on.
+    target : float
+        Required fraction of rated supply frequency.
+    """
+    frame = complete_frame(machine, linkage, None, target)
+    steps = round(LOOK_AHEAD_S / machine.coupling_step_s)
+    judged_from = steps - round(STANDING_S / machine.coupling_step_s)
+    lowest = highest = frame.motor.position[0]
+    for step in range(1, steps + 1):
+        frame = next_frame(machine, frame, target)
+        position = frame.motor.position[0]
+        if step <= judged_from:
+            lowest = highest = position
+        lowest, highest = min(lowest, position), max(highest, position)
+    return StartForecast(machine.rests_when_supplied or highest - lowest > STANDING_REACH, position)

@@ -1,22 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 """Crank-driven linkage with one degree of freedom: prescribed speed or motor torque, with exact changes of regime.
 
-The step is in `crank_step`; the mechanism is given by the kernels listed in `crank_state`.
+Here is one coupling step as rows of numbers, and the force analysis, checked by two independent computations of the
+drive torque.  The motion is in `crank_motion`; the mechanism is given by the kernels listed in `crank_state`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isnan
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledLinkage, failed
-from mech_twin.engine.crank_motion import KINDS, sign_of
+from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage, failed
+from mech_twin.engine.compiled_steps import linkage_step, step_of
+from mech_twin.engine.crank_motion import (
+    ANGLE,
+    BEGIN_ROOM,
+    CRANK_LAW,
+    DRIVE_WORK,
+    FRICTION_LOSS,
+    GEAR_LOSS,
+    KINDS,
+    LOAD_WORK,
+    MECHANISM_REGIME,
+    SPEED,
+    STALLED_1,
+    STATE_SIZE,
+    TURNED,
+    TURNED_BACK,
+    TurningCrank,
+    fill_tolerance,
+    held_shares,
+    law_of,
+    load_torque,
+    note_stall,
+    sign_of,
+    turned_over,
+    turning_sense,
+)
 from mech_twin.engine.crank_state import (
+    MEMORY_SIZE,
     NO_FRICTION,
     TURN,
     Boundary,
@@ -25,17 +53,208 @@ from mech_twin.engine.crank_state import (
     Resisting,
     ShaftFriction,
     Transmission,
+    count_torque_energy,
     crank_drive,
+    fill_memory,
     mechanism_state,
+    memory_of,
+    shaft_drive,
+    under_load_share,
+    within_a_turn,
 )
-from mech_twin.engine.crank_step import NO_TORQUE, TurnedCrank, failures_at, start_row
-from mech_twin.engine.sample_vectors import EventLayout, LinkageLayout
+from mech_twin.engine.hybrid.declared import declared
+from mech_twin.engine.hybrid.laws import Array, Indices
+from mech_twin.engine.hybrid.loop import (
+    CONTRADICTS,
+    MOST_PIECES,
+    MOST_STEPS,
+    TOO_LONG,
+    TOO_MANY,
+    UNSTEADY,
+    advance,
+    room_in,
+    room_sizes,
+)
+from mech_twin.engine.hybrid.motion import find_accelerations
+from mech_twin.engine.sample_vectors import (
+    COMMAND,
+    LINKAGE_JOINTS,
+    MOTOR_COMMAND,
+    MOTOR_JOINTS,
+    REGIME,
+    EventLayout,
+    ForceLayout,
+    LinkageLayout,
+)
+from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
+RESIDUAL, LIMIT = "drive_torque_routes", 1e-10
+NO_TORQUE = -5
+FAILURES = {
+    TOO_MANY: f"more than {MOST_PIECES} changes of regime; expected fewer: shorten coupling.step_s, or soften friction "
+    "and load",
+    UNSTEADY: "no integration step of 1e-13 s or more is small enough for the crank; friction, load or speed change "
+    "too fast, or the mechanism does not turn through",
+    TOO_LONG: f"coupling.step_s = {{step_s:g}} s takes more than {MOST_STEPS} steps of integration, "
+    "loads are large for the crank's inertia; try {shorter_s:g}",
+    CONTRADICTS: "the friction at the crank contradicts itself",
+    NO_TORQUE: "the crank torque is not finite",
+}
 CRANK = "crank"  # the joint whose angle is integrated
 SCALE_ANGLES = 72
 RESIDUALS = ("loop_closure_m", "energy_balance")
+
+
+@kernel
+def route_miss(drive_nm: float, torque_nm: float, inertia: float, memory: Memory, scale_nm: float) -> float:
+    """Return the relative difference of two computations of the drive torque.
+
+    Its scale is the largest of the cycle's peak, the present torque and the inertia torque.
+
+    Parameters
+    ----------
+    drive_nm, torque_nm : float
+        Torque at the crank from the equilibrium of the links, and from the linkage's row, with friction (N m).
+    inertia : float
+        Inertia of the mechanism reduced to its crank (kg m2).
+    memory : Memory
+        Memory in the linkage's row.
+    scale_nm : float
+        Largest torque of a cycle (N m).
+    """
+    scale = max(scale_nm, abs(torque_nm), inertia * abs(memory.crank_acceleration_rad_per_s2), 1e-9)
+    return (drive_nm - torque_nm - memory.friction_torque_nm) / scale
+
+
+class CrankForces(CompiledForces):
+    """Pin forces from the equilibrium of the links; the residual is `route_miss`."""
+
+    QUANTITIES: ClassVar[tuple[str, ...]]
+    pins: tuple[str, ...]
+
+    @property
+    def residual_limits(self) -> Mapping[str, float]:
+        """Limit of the residual: relative difference of the two computations of the drive torque."""
+        return {RESIDUAL: LIMIT}
+
+    @cached_property
+    def layout(self) -> ForceLayout:
+        """Row of the samples."""
+        return ForceLayout(self.pins, self.QUANTITIES, (RESIDUAL,))
+
+
+def failures_at(step_s: float) -> tuple[str, ...]:
+    """Return the messages of the failures, for a coupling step (s)."""
+    return tuple(FAILURES[-1 - i].format(step_s=step_s, shorter_s=0.1 * step_s) for i in range(len(FAILURES)))
+
+
+class TurnedCrank(NamedTuple):
+    """A crank linkage: its constants, and those of its mechanism."""
+
+    crank: Crank
+    mechanism: Any
+
+
+@kernel
+def fill_row(
+    model: TurnedCrank, y: Array, turned: float, sense: float, regime: int, memory: Memory, command: float, out: Array
+) -> bool:
+    """Fill a linkage row from a state; return whether the crank torque is finite.
+
+    ``memory`` lacks sense, drive work, losses, kinetic friction and energy; a nan initial energy marks the start.
+    """
+    crank, mechanism = model.crank, under_load_share(model.mechanism, memory.load_share)
+    w, e = y[SPEED], memory.crank_acceleration_rad_per_s2
+    positions, velocities, torque, energy, closure = mechanism_state(mechanism, turned, w, e, regime)
+    friction, booked = memory.friction_torque_nm, memory.adjustment_work_j
+    if sense != 0.0:
+        friction = -crank.friction.coulomb_nm * sense - crank.friction.viscous_nms_per_rad * w
+    initial = energy if math.isnan(memory.initial_energy_j) else memory.initial_energy_j
+    miss = energy - initial - y[DRIVE_WORK] - memory.load_work_j + y[FRICTION_LOSS] - booked
+    scale = max(turned_over(y, memory.load_work_j), abs(initial), abs(energy), abs(booked), crank.energy_scale_j)
+    out[REGIME], out[COMMAND] = regime, command
+    at = LINKAGE_JOINTS
+    for i in range(len(positions)):
+        out[at], out[at + 1], out[at + 2] = positions[i], velocities[i], 0.0
+        at += 3
+    out[LINKAGE_JOINTS + 2] = torque - friction
+    memory = Memory(
+        e, friction, sense, memory.stalled_1, memory.load_share, memory.turned_back_rad, y[DRIVE_WORK], y[GEAR_LOSS],
+        y[FRICTION_LOSS], memory.load_work_j, booked, energy, initial,
+    )  # fmt: skip
+    fill_memory(memory, out, len(positions))
+    at += MEMORY_SIZE
+    out[at], out[at + 1] = closure, miss / scale
+    return math.isfinite(torque)
+
+
+@kernel
+def start_row(model: TurnedCrank, f: float, w: float, e: float, command: float, regime: int, out: Array) -> bool:
+    """Fill the row of a crank from angle, speed, acceleration (rad, s); return whether its torque is finite.
+
+    At rest friction carries the load up to its limit.
+    """
+    y, held, coulomb = np.zeros(STATE_SIZE), 0.0, model.crank.friction.coulomb_nm
+    y[ANGLE], y[SPEED] = f, w
+    if w == 0.0 and e == 0.0:
+        held = min(max(load_torque(model.mechanism, f, regime), -coulomb), coulomb)
+    memory = Memory(e, held, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan)
+    return fill_row(model, y, f, sign_of(w), regime, memory, command, out)
+
+
+@borrowing_kernel
+def try_step(
+    model: TurnedCrank, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
+) -> int:
+    """Fill ``out`` with the linkage one step later; return the number of events, negative for a failure."""
+    crank, y, kept, regimes = model.crank, numbers[:STATE_SIZE], numbers[STATE_SIZE:BEGIN_ROOM], marks[:2]
+    f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
+    joints, _, energy = count_torque_energy(model.mechanism, f, w, 0.0, regime)
+    past = memory_of(linkage, joints)
+    command, speed, torque = motor[MOTOR_COMMAND], motor[MOTOR_JOINTS + 1], motor[MOTOR_JOINTS + 2]
+    e, sense = (speed - w) / crank.step_s, past.turning_sense
+    if crank.drive.prescribed:
+        sense = sign_of(w) if w != 0.0 else sign_of(e)
+    drive = shaft_drive(crank, step * crank.step_s, w, linkage[COMMAND], torque, command)
+    y[ANGLE], y[SPEED], y[DRIVE_WORK] = within_a_turn(f), w, past.drive_work_j
+    y[GEAR_LOSS], y[FRICTION_LOSS] = past.gear_loss_j, past.friction_loss_j
+    kept[TURNED], kept[LOAD_WORK], kept[STALLED_1], kept[TURNED_BACK] = (
+        f, past.load_work_j, past.stalled_1, past.turned_back_rad,
+    )  # fmt: skip
+    regimes[CRANK_LAW], regimes[MECHANISM_REGIME] = law_of(sense), regime
+    motion = TurningCrank(model, drive, e, command, kept)
+    room = room_in(numbers[BEGIN_ROOM:], marks[2:], 1, 1, 1, STATE_SIZE, DORMAND_PRINCE_5)
+    system = declared(motion, room.at)
+    fill_tolerance(model, y, past.crank_acceleration_rad_per_s2, regime, past.load_work_j, room.tolerance)
+    count = note_stall(motion, system, y, regimes, room, log)
+    count = advance(system, 0.0, crank.step_s, y, regimes, room, log, count)
+    if count < 0:
+        return count
+    if crank.drive.prescribed:
+        y[SPEED] = speed
+    find_accelerations(system, crank.step_s, y, regimes, room.at)
+    held, share, sense = 0.0, 1.0, turning_sense(regimes[CRANK_LAW])
+    if sense == 0.0:
+        held, share = held_shares(motion, y, regimes, room.at)
+    memory = Memory(
+        room.at.acceleration[0] if sense != 0.0 else 0.0, held, 0.0, kept[STALLED_1], share, kept[TURNED_BACK], 0.0,
+        0.0, 0.0, kept[LOAD_WORK], past.adjustment_work_j + energy - past.energy_j, 0.0, past.initial_energy_j,
+    )  # fmt: skip
+    finite = fill_row(model, y, kept[TURNED], sense, regimes[MECHANISM_REGIME], memory, command, out)
+    return count if finite else NO_TORQUE
+
+
+@step_of(linkage_step, TurnedCrank)
+def crank_step(
+    model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` with the linkage one step later; changes of regime and stops are located within the step."""
+    size, places = room_sizes(1, 1, 1, STATE_SIZE)
+    numbers, marks = np.zeros(BEGIN_ROOM + size), np.zeros(2 + places, dtype=np.int64)
+    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)
 
 
 @dataclass(frozen=True)

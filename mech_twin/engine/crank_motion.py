@@ -36,7 +36,7 @@ from mech_twin.engine.hybrid.loop import Room
 from mech_twin.engine.hybrid.motion import settle_regimes
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, SIDES
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
-from mech_twin.parts.gear import gear_split
+from mech_twin.parts.friction_and_gear import gear_split
 from mech_twin.parts.induction_motor import torque_in_step
 
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size

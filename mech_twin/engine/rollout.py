@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Roll-out of a machine: a run as arrays, computed without samples or Python calls between steps.
 
-A machine whose roles are backed by kernels runs through `compiled_run`; any other through its roles, with the same
+A machine whose roles are backed by kernels runs through `compiled_steps`; any other through its roles, with the same
 result.  The numbers are bit for bit those of `engine.run.frames`.
 """
 
@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
-from mech_twin.capabilities.errors import StudyError, UnknownNameError
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
-from mech_twin.engine.errors import MotionError
-from mech_twin.engine.invariants import Residual, RunInvariants, residuals_of_run
 from mech_twin.engine.sample_vectors import LAYOUTS, Array, EventNumbers, FrameLayout
-from mech_twin.engine.trajectory import frame_events
+from mech_twin.engine.trajectory import Residual, RunInvariants, frame_events, residuals_of_run
+from mech_twin.errors import MotionError, StudyError, UnknownNameError
 from mech_twin.roles import Machine
 from mech_twin.samples import EffortCommand, Event, Frame
 

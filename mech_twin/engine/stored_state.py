@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from mech_twin.engine.coupling import GIVEN_STATE, RESET
-from mech_twin.engine.errors import StateError
+from mech_twin.errors import StateError
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Event, LinkageSample, Named
 

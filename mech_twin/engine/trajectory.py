@@ -1,12 +1,148 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run as columns: one array for each number of a frame."""
+"""A run as columns (one array for each number of a frame), samples of one step, and the worst residuals.
+
+The samples received for one step, from a recording or topics, are a frame in which some may be missing.  A residual
+has its largest magnitude over a window, and a limit, as shown by diagnostics and ``simulate``.
+"""
 
 from __future__ import annotations
 
+import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
-from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample
+from mech_twin.roles import RESIDUALS, Invariant, Machine
+from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample, Named
+
+NO_LIMIT = math.nan  # nothing is within it: a residual whose limit nobody declared counts as broken
+ROUND_STEPS = (5.0, 2.0, 1.0)
+UNKNOWN = Invariant("", "")
+
+
+class Residual(NamedTuple):
+    """Largest magnitude of a residual, and its limit, both in the residual's unit."""
+
+    worst: float
+    limit: float
+
+    @property
+    def broken(self) -> bool:
+        """Whether the limit is exceeded; NaN, in the value or in the limit, is."""
+        return not self.worst <= self.limit
+
+
+class ResidualWindow:
+    """Greatest magnitude of each residual since the window began.
+
+    Parameters
+    ----------
+    limits : mapping of str to float
+        Limit of each residual by name.
+    """
+
+    def __init__(self, limits: Mapping[str, float]) -> None:
+        self.limits = dict(limits)
+        self._worst: dict[str, float] = {}
+
+    def observe(self, residuals: Named) -> None:
+        """Update with the residuals of one sample; once a residual was NaN, its worst is NaN."""
+        for name, value in zip(residuals.names, residuals.values, strict=True):
+            size = abs(value)
+            if size > self._worst.get(name, -1.0) or math.isnan(size):
+                self._worst[name] = size
+
+    def residuals(self) -> dict[str, Residual]:
+        """Return the worst of each residual observed, with its limit."""
+        return {name: Residual(worst, self.limits.get(name, NO_LIMIT)) for name, worst in self._worst.items()}
+
+    def close(self) -> dict[str, Residual]:
+        """Return the largest magnitude of each residual, and start a new window."""
+        closed = self.residuals()
+        self._worst.clear()
+        return closed
+
+
+class RunInvariants:
+    """The worst residuals of a whole run, of all roles of a machine.
+
+    Residuals are known by their names; where two roles give a residual the same name, by ``role.name``.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        self._windows = {role: ResidualWindow(limits) for role, limits in role_limits(machine).items()}
+
+    def observe(self, frame: Frame) -> None:
+        """Update with one frame."""
+        self._windows["linkage"].observe(frame.linkage.residuals)
+        self._windows["forces"].observe(frame.forces.residuals)
+        if frame.body is not None:
+            self._windows["body"].observe(frame.body.residuals)
+
+    def residuals(self) -> dict[str, Residual]:
+        """Return the worst of each residual so far, with its limit."""
+        return by_plain_name(
+            (role, name, found) for role, window in self._windows.items() for name, found in window.residuals().items()
+        )
+
+
+def role_limits(machine: Machine) -> dict[str, Mapping[str, float]]:
+    """Return the limits of the residuals of each role that has samples with residuals."""
+    limits = {"linkage": machine.linkage.residual_limits, "forces": machine.forces.residual_limits}
+    if machine.body is not None:
+        limits["body"] = machine.body.residual_limits
+    return limits
+
+
+def residuals_of_run(machine: Machine, worst: Iterable[tuple[str, float]]) -> dict[str, Residual]:
+    """Return residuals, known by columns ``role.residual.name`` and their worst magnitudes, with their limits."""
+    limits = role_limits(machine)
+    split = [(column.split(".residual.", 1), size) for column, size in worst]
+    return by_plain_name((role, name, Residual(size, limits[role].get(name, NO_LIMIT))) for (role, name), size in split)
+
+
+def by_plain_name(found: Iterable[tuple[str, str, Residual]]) -> dict[str, Residual]:
+    """Return residuals by name; where two roles give one the same name, by ``role.name``."""
+    residuals = list(found)
+    names = [name for _, name, _ in residuals]
+    return {name if names.count(name) == 1 else f"{role}.{name}": residual for role, name, residual in residuals}
+
+
+def broken_lines(residuals: Mapping[str, Residual], step_s: float | None = None) -> list[str]:
+    """Return one line per residual that exceeds its limit.
+
+    Where a shorter coupling step lowers the residual the line names the key and a step to try; ``step_s`` is the
+    present one (s).
+    """
+    return [
+        f"{name} {r.worst:.3g} exceeds {r.limit:.3g}{_remedy(name, r, step_s)}"
+        for name, r in residuals.items()
+        if r.broken
+    ]
+
+
+def step_within_limit_s(residual: Residual, step_s: float, least_limit: float = math.inf) -> float | None:
+    """Return a coupling step (s), rounded down, that brings a residual of second order within its limit.
+
+    A limit that shrinks with the step as fast as the residual would never be met, so its lower bound ``least_limit``
+    is used.  None where the residual is not finite.
+    """
+    limit = min(residual.limit, least_limit)
+    over = residual.worst / limit if limit > 0.0 else math.inf
+    if not over < math.inf:
+        return None
+    wanted = step_s / math.sqrt(max(over, 1.0))
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    fitting = (digit * decade for digit in ROUND_STEPS if digit * decade < min(wanted * (1.0 + 1e-9), step_s))
+    return float(f"{next(fitting, 0.5 * decade):.1g}")
+
+
+def _remedy(name: str, residual: Residual, step_s: float | None) -> str:
+    invariant = RESIDUALS.get(name.rpartition(".")[2], UNKNOWN)
+    if step_s is None or not invariant.of_the_step:
+        return ""
+    shorter = step_within_limit_s(residual, step_s, invariant.least_limit)
+    return "" if shorter is None else f": coupling.step_s {step_s:g} is too long for this machine, try {shorter:g}"
 
 
 def frame_numbers(frame: Frame) -> Iterator[tuple[str, float]]:
@@ -72,3 +208,24 @@ class Trajectory:
     def columns(self) -> dict[str, list[float]]:
         """Return every column by name."""
         return {name: column.tolist() for name, column in zip(self._names, self._columns, strict=True)}
+
+
+class StepSamples(NamedTuple):
+    """The samples of one step, None where there is none."""
+
+    step: int
+    linkage: LinkageSample | None = None
+    motor: MotorSample | None = None
+    forces: ForceSample | None = None
+    body: BodySample | None = None
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """The events of the step, in time order."""
+        return step_events(self.linkage, self.body)
+
+    def frame(self, has_body: bool) -> Frame | None:
+        """Return the whole frame, or None if a sample of it is missing."""
+        if self.linkage is None or self.motor is None or self.forces is None or (has_body and self.body is None):
+            return None
+        return Frame(self.linkage, self.motor, self.forces, self.body)

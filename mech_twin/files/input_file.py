@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Input files: regular files only, so that a command cannot block on a pipe without a writer."""
+"""Input files: regular files only, so that a command cannot block on a pipe without a writer.
+
+Untrusted YAML is read with bounds on its size and on the expansion of its aliases.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,56 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+import yaml
+
+MAX_TEXT_BYTES = 1 << 20
+MAX_NODES = 200_000
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class UnboundedYamlError(ValueError):
+    """The text, or the expansion of its aliases, is larger than allowed."""
+
+
+def bounded_yaml(text: str | bytes) -> Any:
+    """Return a YAML document as plain dictionaries, lists and scalars.
+
+    Raises
+    ------
+    yaml.YAMLError, ValueError, RecursionError
+        The text is not YAML, is too large, or refers to itself.
+    """
+    if len(text) > MAX_TEXT_BYTES:
+        raise UnboundedYamlError(f"larger than {MAX_TEXT_BYTES} bytes")
+    loader = _LOADER(text)
+    try:
+        node = loader.get_single_node()
+        if node is None:
+            return None
+        _expanded_nodes(node, {})
+        return loader.construct_document(node)
+    finally:
+        loader.dispose()
+
+
+def _expanded_nodes(node: yaml.Node, known: dict[int, int]) -> int:
+    """Return the number of nodes of a node after expansion of its aliases."""
+    count = known.get(id(node))
+    if count == 0:
+        raise UnboundedYamlError("an alias refers to what contains it")
+    if count is None:
+        known[id(node)] = 0
+        count = 1
+        if isinstance(node, yaml.SequenceNode):
+            count += sum(_expanded_nodes(child, known) for child in node.value)
+        elif isinstance(node, yaml.MappingNode):
+            count += sum(_expanded_nodes(child, known) for pair in node.value for child in pair)
+        if count > MAX_NODES:
+            raise UnboundedYamlError(f"its aliases expand to more than {MAX_NODES} nodes")
+        known[id(node)] = count
+    return count
 
 
 def opened_input(path: Path) -> BinaryIO:

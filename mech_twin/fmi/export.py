@@ -16,8 +16,8 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from mech_twin import __version__
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.errors import StudyError
 from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.fmi.step_object import ObjectFile, StepCode, of_interpreter
 from mech_twin.fmi.unit_variables import FIRST_COMMAND, MachineUnit, Variable, unit_of

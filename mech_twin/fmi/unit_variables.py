@@ -18,11 +18,10 @@ from mech_twin.declarations.configuration_tree import (
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.fmi.packed_models import PackedModels, packed_models
-from mech_twin.fmi.step_object import EVENT_FIELDS
+from mech_twin.fmi.step_object import EVENT_FIELDS, PackedModels, packed_models
 from mech_twin.machines.page.parameters import Page
-from mech_twin.measurements.machine_columns import sliding_in, unit_in
-from mech_twin.parameters.declared_keys import Key, keys
+from mech_twin.measurements.units import column_unit, sliding_in
+from mech_twin.parameters.errors import Key, keys
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.roles import EffortMotor, Machine
 from mech_twin.samples import Frame
@@ -191,7 +190,7 @@ def _variables(unit: MachineUnit) -> Iterator[Variable]:
     for i, place in enumerate(unit.efforts):
         effort = names[place]
         yield Variable(
-            f"given.{effort}", EFFORTS + i, "real", "input", "discrete", unit_in(effort, sliding),
+            f"given.{effort}", EFFORTS + i, "real", "input", "discrete", column_unit(effort, sliding),
             float(unit.first_row[place]), meaning=f"{effort} where motor_given is true, held over a coupling step",
         )  # fmt: skip
     for i, (key, _, least, greatest) in enumerate(unit.adjustable):
@@ -205,7 +204,7 @@ def _variables(unit: MachineUnit) -> Iterator[Variable]:
     for place, name in enumerate(names[1:], 1):
         inner = ".memory." in name or ".residual." in name
         causality: Causality = "local" if inner else "output"
-        yield Variable(name, FRAME + place, "real", causality, "discrete", "" if inner else unit_in(name, sliding))
+        yield Variable(name, FRAME + place, "real", causality, "discrete", "" if inner else column_unit(name, sliding))
     yield from _events(unit)
 
 

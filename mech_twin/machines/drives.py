@@ -14,6 +14,7 @@ same rate.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
@@ -36,10 +37,16 @@ from mech_twin.engine.sample_vectors import (
     MotorLayout,
 )
 from mech_twin.kernels.kernel import kernel
-from mech_twin.parts.friction import Friction
-from mech_twin.parts.gear import Gear
-from mech_twin.parts.induction_motor import InductionMotorParameters, MotorConstants, motor_constants, motor_torque
-from mech_twin.parts.supply import SupplyParameters, limited_change, limited_command
+from mech_twin.parts.friction_and_gear import Friction, Gear
+from mech_twin.parts.induction_motor import (
+    InductionMotorParameters,
+    MotorConstants,
+    SupplyParameters,
+    limited_change,
+    limited_command,
+    motor_constants,
+    motor_torque,
+)
 from mech_twin.roles import MotorRole
 
 # steps of the speed at a prescribed rate are sums of rounded terms: what rounding leaves must not cost a step
@@ -49,6 +56,30 @@ LONGEST_TURN = 0.25  # of a turn, that a coupling step may take at prescribed sp
 LONGEST_MOTOR_TURN = 0.05  # of a turn at the motor's synchronous speed
 LONGEST_MOTOR_STEP_S = 0.01
 MOST_STIFFNESS = 1e3  # step over the shortest time constant of the shaft
+
+
+def root_between(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return a root of a function between ``low`` and ``high`` by bisection, to the nearest double.
+
+    Raises
+    ------
+    ValueError
+        If the function has the same sign at both ends.
+    """
+    at_low, at_high = function(low), function(high)
+    if at_low == 0.0 or at_high == 0.0:
+        return low if at_low == 0.0 else high
+    if (at_low > 0.0) == (at_high > 0.0):
+        raise ValueError(f"same sign at {low:.17g} and {high:.17g}: {at_low:g}, {at_high:g}")
+    while True:
+        middle = 0.5 * (low + high)
+        value = function(middle)
+        if value == 0.0 or not low < middle < high:
+            return middle
+        if (value > 0.0) == (at_low > 0.0):
+            low = middle
+        else:
+            high = middle
 
 
 class Drive(Parameters):

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.errors import StudyError, UnknownNameError
 from mech_twin.declarations.captions import axis_title, titled, unit_of, unknown_name
+from mech_twin.errors import StudyError, UnknownNameError
 from mech_twin.process.dependencies import require_extra
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import ModelTurn, following
 from mech_twin.measurements.plausibility import pairs_with_crank

@@ -17,8 +17,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.measurements.machine_columns import is_event, unit_of
-from mech_twin.measurements.units import SCALED_BY_GAIN, TIME_UNITS, UNITS
+from mech_twin.measurements.units import SCALED_BY_GAIN, TIME_UNITS, UNITS, is_event, unit_of
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import document_tree
 

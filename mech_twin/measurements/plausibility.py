@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURN, Following, ModelTurn, following
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
-from mech_twin.measurements.units import UNITS
+from mech_twin.measurements.units import UNITS, joint_column
 
 FOLLOWS = 0.8  # least correlation with the model's motion
 CLEARLY = 0.15  # increase of the correlation that indicates swapped channels

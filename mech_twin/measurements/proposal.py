@@ -11,9 +11,8 @@ from pathlib import Path
 from textwrap import wrap
 
 from mech_twin.measurements.blocks import SourceColumn
-from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source, TimeSource
-from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS
+from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column
 
 EXACT, NEAR, UNSURE = 3, 2, 1
 ALIKE = 0.8  # least similarity of two words

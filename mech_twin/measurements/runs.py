@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array, Block, RunReader
-from mech_twin.measurements.errors import MeasurementError
-from mech_twin.measurements.machine_columns import is_angle
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
 from mech_twin.measurements.quality import FEW_SAMPLES, Quality, QualityGauge
-from mech_twin.measurements.units import TURN
+from mech_twin.measurements.units import TURN, is_angle
 
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
 BACK_SHARE = 0.01  # largest share of stamps that go back

@@ -22,8 +22,8 @@ import numpy as np
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.trajectory import frame_events, frame_numbers
-from mech_twin.measurements.machine_columns import EVENT, is_angle, is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
+from mech_twin.measurements.units import EVENT, is_angle, is_event
 from mech_twin.samples import Event, Frame
 
 TURN = 2.0 * pi

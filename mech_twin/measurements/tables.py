@@ -13,9 +13,9 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from mech_twin.errors import MeasurementError
 from mech_twin.files.input_file import opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource
 from mech_twin.measurements.sensors import Reading
 from mech_twin.measurements.units import TIME_UNITS, time_unit_in, unit_in

@@ -20,8 +20,8 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
 from numba.extending import intrinsic
 
+from mech_twin.kernels.cache import directories
 from mech_twin.kernels.kernel import straight_line_kernel
-from mech_twin.kernels.store import directories
 from mech_twin.mechanics.recording import Expression, Node, Number
 
 PACKAGE = "mech_twin_generated"  # of the generated modules: no package on disk

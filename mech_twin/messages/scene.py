@@ -6,21 +6,29 @@ empty mesh and texture.  ::
 
       (gap) | sec, nanosec | frame, name | number, type, action | gap | pose, scale, colour, ... | points | empty, text
       4-byte aligned                                              8-byte aligned, from the head's end
+
+Frames of a mechanism are geometry_msgs/TransformStamped on ``frames``, and on ``/tf`` if tf2_msgs is installed.
+Their names start with the namespace of the run, so that each of several runs has its own tree: ``winding_drum/shaft``.
 """
 
 from __future__ import annotations
 
+import math
 import struct
+from collections.abc import Mapping
 from functools import lru_cache
 from itertools import chain
 
+from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mech_twin.messages.cdr import HEAD, STAMP, stamp_of, words
+from mech_twin.capabilities.mechanism import FrameTree, Pose, moved
+from mech_twin.messages.cdr import HEAD, STAMP, stamp_of, stamped_bytes, words
 from mech_twin.messages.step_message import MessageError, stamp_s
 from mech_twin.samples import Drawing, Shape
 
+TOOL_FRAME = "tool"
 FRAME = "machine"
 TYPES = {"line": Marker.LINE_STRIP, "points": Marker.POINTS, "arrow": Marker.ARROW, "text": Marker.TEXT_VIEW_FACING}
 KINDS = {value: key for key, value in TYPES.items()}
@@ -37,6 +45,57 @@ ALIGNMENT = 8
 NOTHING = words("")
 BEFORE_TEXT = bytes(4) + NOTHING + bytes(STAMP.size) + NOTHING + NOTHING + bytes(8)  # colours, texture
 AFTER_TEXT = NOTHING + NOTHING + bytes(5)  # mesh
+
+
+@lru_cache(maxsize=1024)
+def frame_id(namespace: str, frame: str) -> str:
+    """Return the frame name with the namespace of the run, unique among all runs.
+
+    Parameters
+    ----------
+    namespace : str
+        Full namespace of the run, with or without the leading slash.
+    frame : str
+        Name of the frame within the machine.
+    """
+    return f"{namespace.strip('/')}/{frame}"
+
+
+def transforms(mechanism: FrameTree, positions: Mapping[str, float], time_s: float, namespace: str) -> list[bytes]:
+    """Return the pose of each frame in its parent, parents first, as bytes of TransformStamped.
+
+    Parameters
+    ----------
+    mechanism : FrameTree
+        The frames.
+    positions : mapping
+        Positions of the machine's joints by name (rad or m).
+    time_s : float
+        Time of the positions (s).
+    namespace : str
+        Full namespace of the run.
+
+    Raises
+    ------
+    KeyError
+        If a joint's position is missing.
+    """
+    found = []
+    for joint in mechanism.joints:
+        parent, child = frame_id(namespace, joint.parent), frame_id(namespace, joint.child)
+        found.append(stamped_bytes(time_s, parent, child, numbers=_numbers(moved(joint, positions))))
+    return found
+
+
+def _numbers(pose: Pose) -> tuple[float, ...]:
+    half = 0.5 * math.remainder(pose.angle_rad, 2.0 * math.pi)
+    return pose.x_m, pose.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
+
+
+def pose(message: TransformStamped) -> Pose:
+    """Return the planar pose of a transform message."""
+    at, turn = message.transform.translation, message.transform.rotation
+    return Pose(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w))
 
 
 def to_message(drawing: Drawing, frame: str = FRAME) -> MarkerArray:

@@ -20,8 +20,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from mech_twin.capabilities.faults import MachineFault
-from mech_twin.capabilities.operating_point import OperatingVariable
+from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
@@ -31,7 +30,7 @@ from mech_twin.declarations.configuration_tree import (
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import Entry
-from mech_twin.parameters.key_hints import declared_key, did_you_mean, key_units
+from mech_twin.parameters.errors import declared_key, did_you_mean, key_units
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.roles import Machine

@@ -7,6 +7,8 @@ A configuration file has the form of a ROS 2 parameter file, so that one file se
       ros__parameters:
         motor:
           rated_power_w: 1500.0
+
+A configuration may name a motor of the catalogue instead of giving its data.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,12 +36,11 @@ from mech_twin.declarations.configuration_tree import (
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.machines.catalog import CATALOGUE, FORMER, Entry
-from mech_twin.parameters.errors import LONGEST_VALUE, refusal, shown_value
-from mech_twin.parameters.key_hints import KeyLines, key_lines, no_lines
-from mech_twin.parameters.motors import NAME_KEY, with_catalogue_motor
+from mech_twin.parameters.errors import LONGEST_VALUE, KeyLines, key_lines, no_lines, refusal, shown_value
 from mech_twin.parameters.yaml_text import document_of, refuse_aliases_and_tags, scalar
 from mech_twin.roles import Machine
 
+NAME_KEY = "catalogue_name"
 SIZE_LIMIT_BYTES = 1_000_000
 LARGEST_COUNTER = 2**53  # largest exact integer range of a float64
 MACHINE_KEY = "machine"
@@ -48,6 +50,48 @@ RUN_GROUP = "run"  # settings of the nodes, not of the machine
 PAGE = Entry("page", "planar machine of one's own from a page", kernels=150)
 PAGE_SUFFIXES = (".yaml", ".yml")
 PAGE_GROUPS = frozenset({"bodies", "joints"})  # identify a page without the head of a parameter file
+
+
+def motor_table(file: Path) -> dict[str, dict[str, float]]:
+    """Return the motors of a table file by name."""
+    try:
+        table = _parsed(file.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{file}: motor table cannot be read") from error
+    if not isinstance(table, dict) or not all(isinstance(row, dict) for row in table.values()):
+        raise ConfigurationError(f"{file}: expected one group of values per motor")
+    return table
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> Any:
+    """Return the parsed table, cached so that a study does not parse the same text for every configuration."""
+    return yaml.safe_load(text)
+
+
+def with_catalogue_motor(tree: Mapping[str, Any], file: Path, source: str) -> dict[str, Any]:
+    """Return the tree with the data of the motor named in ``motor.catalogue_name`` added.
+
+    Raises
+    ------
+    ConfigurationError
+        If the table has no such motor, or the tree has a value that differs from the table's.
+    """
+    motor = tree.get("motor")
+    if not isinstance(motor, dict) or not isinstance(motor.get(NAME_KEY), str):
+        return dict(tree)
+    name, table = motor[NAME_KEY], motor_table(file)
+    if name not in table:
+        raise ConfigurationError(
+            f"{source}: key 'motor.{NAME_KEY}', value '{name}': expected one of {', '.join(table)} ({file.name})"
+        )
+    for key, value in table[name].items():
+        if key in motor and motor[key] != value:
+            raise ConfigurationError(
+                f"{source}: key 'motor.{key}', value {motor[key]!r}: the named motor {name} has {value!r} in "
+                f"{file.name}; leave out motor.{NAME_KEY} or the value"
+            )
+    return {**tree, "motor": {**motor, **table[name]}}
 
 
 def is_of_ros(key: str) -> bool:

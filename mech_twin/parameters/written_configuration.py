@@ -13,9 +13,10 @@ from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import written_file
-from mech_twin.parameters.key_hints import SECTION
+from mech_twin.parameters.errors import SECTION
 from mech_twin.parameters.load import (
     MACHINE_KEY,
+    NAME_KEY,
     catalogue_entry,
     configuration_file,
     configuration_text,
@@ -25,7 +26,6 @@ from mech_twin.parameters.load import (
     text_tree,
     validated,
 )
-from mech_twin.parameters.motors import NAME_KEY
 
 MOTOR = "motor"
 

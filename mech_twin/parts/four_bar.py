@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from mech_twin.declarations.proposed_value import at_least, at_most
+from mech_twin.declarations.configuration_tree import at_least, at_most
 from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 OPEN = 1.0

@@ -1,9 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places where a signal handler may raise an exception, and how the process ends at other places."""
+"""Places where a signal handler may raise an exception, and how the process ends at other places.
+
+A process can end when the one that started it does, even by SIGKILL (Linux).
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 import sys
 import threading
 from contextlib import suppress
@@ -18,6 +23,7 @@ RETRY_S = 0.005
 COMPILER = ("numba", "llvmlite")
 IMPORTING = "importlib._bootstrap"
 MAIN_THREAD = threading.main_thread().ident
+PR_SET_PDEATHSIG = 1
 
 
 def answered_signals() -> tuple[Signals, ...]:
@@ -135,3 +141,25 @@ def end_at_once(code: int) -> NoReturn:
         with suppress(OSError, ValueError, AttributeError, RuntimeError):
             stream.flush()
     os._exit(code)
+
+
+def end_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
+    """Let the kernel send a signal when the parent process ends; exit at once if it has ended already.
+
+    Parameters
+    ----------
+    parent : int
+        Process id of the parent.
+    number : int
+        The signal.
+
+    Raises
+    ------
+    OSError
+        If the kernel refuses.
+    """
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(PR_SET_PDEATHSIG, number) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
+    if os.getppid() != parent:
+        end_at_once(EXIT_CODE_BASE + number)

@@ -1,13 +1,95 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Contents of a recording: messages, topics, files, totals; and the interface of its readers."""
+"""Contents of a recording: messages, topics, files, totals; and the interface of its readers.
+
+The stamp of a header is read from CDR bytes.  A ring buffer keeps the messages of the last seconds for a snapshot.
+"""
 
 from __future__ import annotations
 
+import struct
+from collections import Counter, deque
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Protocol
+
+NS_PER_S = 1_000_000_000
+ENCAPSULATION = 4
+SEQUENCE_LENGTH = 4
+HEADER_FIRST = frozenset(
+    {
+        "sensor_msgs/msg/Imu",
+        "sensor_msgs/msg/JointState",
+        "geometry_msgs/msg/TransformStamped",
+        "geometry_msgs/msg/WrenchStamped",
+        "geometry_msgs/msg/Vector3Stamped",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        "trajectory_msgs/msg/JointTrajectory",
+        "rosgraph_msgs/msg/Clock",
+    }
+)
+SEQUENCE_OF_HEADERS_FIRST = frozenset({"visualization_msgs/msg/MarkerArray"})
+
+
+class RecentMessage(NamedTuple):
+    """A serialized message: full topic name, and log time (ns)."""
+
+    topic: str
+    raw: bytes
+    at_ns: int
+
+
+class RecentMessages:
+    """Buffer of the messages of the last seconds of log time.
+
+    Parameters
+    ----------
+    seconds : float
+        Log time for which a message is kept (s).
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._keep_ns = round(seconds * NS_PER_S)
+        self._kept: deque[RecentMessage] = deque()
+        self.received: Counter[str] = Counter()
+
+    def take(self, message: RecentMessage) -> None:
+        """Add a message and drop those that are too old; if log time jumps back, drop all earlier ones."""
+        if self._kept and message.at_ns < self._kept[0].at_ns:
+            self._kept.clear()
+        self.received[message.topic] += 1
+        self._kept.append(message)
+        while message.at_ns - self._kept[0].at_ns > self._keep_ns:
+            self._kept.popleft()
+
+    def released(self) -> tuple[RecentMessage, ...]:
+        """Return the buffered messages, and clear the buffer."""
+        found = tuple(self._kept)
+        self._kept.clear()
+        return found
+
+
+def stamp_ns(type_name: str, raw: bytes) -> int | None:
+    """Return the header stamp of a message in nanoseconds, None for a type without one.
+
+    Parameters
+    ----------
+    type_name : str
+        Such as ``sensor_msgs/msg/JointState``.
+    raw : bytes
+        CDR with its four-byte encapsulation header.
+    """
+    if type_name in HEADER_FIRST:
+        offset = ENCAPSULATION
+    elif type_name in SEQUENCE_OF_HEADERS_FIRST and len(raw) > ENCAPSULATION + SEQUENCE_LENGTH:
+        offset = ENCAPSULATION + SEQUENCE_LENGTH
+    else:
+        return None
+    if len(raw) < offset + 8:
+        return None
+    seconds, nanoseconds = struct.unpack_from("<iI" if raw[1] & 1 else ">iI", raw, offset)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 class BagMessage(NamedTuple):

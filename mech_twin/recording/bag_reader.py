@@ -11,9 +11,16 @@ from pathlib import Path
 from typing import TypeVar
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
-from mech_twin.recording.bag_directory import bag_files, inside, is_sqlite_bag, missing_parts
+from mech_twin.recording.bag_directory import (
+    OpenBag,
+    bag_files,
+    inside,
+    is_sqlite_bag,
+    missing_parts,
+    plain_file,
+    plain_message,
+)
 from mech_twin.recording.bag_metadata import FILE_NAME, read_metadata
-from mech_twin.recording.compression import plain_file, plain_message
 from mech_twin.recording.errors import (
     BagBeyondLimitsError,
     BagError,
@@ -21,12 +28,9 @@ from mech_twin.recording.errors import (
     MissingPartError,
     UnfinishedBagError,
 )
-from mech_twin.recording.file_index import MAX_CHANNELS, Extent, FileIndex, counter_rows, parsed_mapping
+from mech_twin.recording.file_index import MAX_CHANNELS, Extent, FileIndex, counter_rows, parsed_mapping, scanned_index
 from mech_twin.recording.file_summary import summary_index
-from mech_twin.recording.linear_scan import scanned_index
-from mech_twin.recording.mcap_records import RawMessage, UnreadableRecordError
-from mech_twin.recording.open_files import OpenBag
-from mech_twin.recording.record_file import RecordFile
+from mech_twin.recording.record_file import RawMessage, RecordFile, UnreadableRecordError
 from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 
 Answer = TypeVar("Answer")

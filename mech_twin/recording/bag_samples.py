@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.assembly import StepAssembler
-from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import CdrError, received_message
-from mech_twin.messages.step_codec import body, force, linkage, motor
-from mech_twin.messages.step_message import MessageError, configuration_mark
+from mech_twin.messages.step_message import MessageError, body, configuration_mark, force, linkage, motor
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,
@@ -35,7 +34,7 @@ from mech_twin.messages.topics import (
 from mech_twin.recording.bag_contents import RecordingReader
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
-from mech_twin.recording.message_types import decoded, message_class
+from mech_twin.recording.schemas import decoded, message_class
 from mech_twin.samples import Drawing, Sample
 
 if TYPE_CHECKING:

@@ -14,10 +14,9 @@ from types import TracebackType
 from typing import Literal
 
 from mech_twin.process.interruption import UninterruptedLock
+from mech_twin.recording.bag_metadata import new_directory, running_distro
 from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
-from mech_twin.recording.output_directory import new_directory
-from mech_twin.recording.ros_distro import running_distro
 from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
 from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries
 

@@ -11,19 +11,18 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, UnfinishedBagError
-from mech_twin.recording.file_index import Extent, FileIndex
-from mech_twin.recording.linear_scan import scanned_index
-from mech_twin.recording.mcap_records import (
+from mech_twin.recording.file_index import Extent, FileIndex, scanned_index
+from mech_twin.recording.record_file import (
     FOOTER_BYTES,
     HEAD_BYTES,
     MAGIC,
     MAX_CHUNK_BYTES,
     MAX_RECORD_BYTES,
     Record,
+    RecordFile,
     UnreadableRecordError,
     parse,
 )
-from mech_twin.recording.record_file import RecordFile
 
 _MESSAGE_INDEX = struct.Struct("<HI")  # channel, size of the entries
 _ENTRY_BYTES = 16

@@ -1,32 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Records the frames of a one-process run as the messages that the nodes would have published."""
+"""Records the frames of a one-process run as the messages that the nodes would have published.
+
+Sensor readings are recorded as foreign topics: the messages that a real machine's nodes would publish.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
+from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from rclpy.serialization import serialize_message
-from std_msgs.msg import String
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64, String
 
-from mech_twin.capabilities.urdf import urdf
+from mech_twin.capabilities.mechanism import urdf
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.messages import blow, impact, scene
+from mech_twin.messages import impacts, scene
 from mech_twin.messages.cdr import StepMessage, encoded, stamped_bytes, wrench_bytes
-from mech_twin.messages.frames import TOOL_FRAME, frame_id, transforms
-from mech_twin.messages.step_codec import StepCodec, motor
-from mech_twin.messages.step_codec import body as body_messages
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_message import REVISION, Row
-from mech_twin.messages.stream_window import (
-    STREAM_RATE_HZ,
-    PeakHoldWindow,
-    StreamWindow,
-    has_impact,
-    steps_per_window,
-    wrench_size,
-)
+from mech_twin.messages.scene import TOOL_FRAME, frame_id, transforms
+from mech_twin.messages.step_message import REVISION, Row, StepCodec, motor, set_stamp
+from mech_twin.messages.step_message import body as body_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -46,19 +44,117 @@ from mech_twin.messages.topics import (
     STEP_FORCES,
     STEP_LINKAGE,
     STEP_MOTOR,
+    STREAM_RATE_HZ,
+    PeakHoldWindow,
+    StreamWindow,
     Topic,
     full_name,
+    has_impact,
     joint_state_topics,
     pin_wrench,
     recorded_topics,
+    steps_per_window,
     type_name,
+    wrench_size,
 )
 from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.recording.errors import BagError
+from mech_twin.recording.measured_topics import JOINT_FIELDS, STAMP, TopicField
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, Event, ForceSample, Frame
 
+_TYPES = {
+    "wrench": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
+    "vector": (Vector3Stamped, "geometry_msgs/msg/Vector3Stamped"),
+    STAMP: (Vector3Stamped, "geometry_msgs/msg/Vector3Stamped"),
+    "angular_velocity": (Imu, "sensor_msgs/msg/Imu"),
+    "linear_acceleration": (Imu, "sensor_msgs/msg/Imu"),
+    "data": (Float64, "std_msgs/msg/Float64"),
+}
+_JOINT_STATE = (JointState, "sensor_msgs/msg/JointState")
+DEPTH = 100
 VIEW_RATE_HZ = 30.0
+
+
+class SensorRecorder:
+    """Writer of a bag of sensor readings.
+
+    Parameters
+    ----------
+    directory : Path
+        The bag to create.
+    fields : iterable of TopicField
+        Every field that will be written.
+
+    Raises
+    ------
+    BagError
+        The bag cannot be created; a field belongs to no supported message type; a topic would need two types.
+    """
+
+    def __init__(self, directory: Path, fields: Iterable[TopicField]) -> None:
+        self._kinds: dict[str, tuple[Any, str]] = {}
+        for item in fields:
+            kind = (
+                _JOINT_STATE
+                if item.joint is not None and item.field in JOINT_FIELDS
+                else _TYPES.get(item.field.partition(".")[0])
+            )
+            if kind is None:
+                known = ", ".join((*JOINT_FIELDS, *_TYPES))
+                raise BagError(directory, f"field {item.field!r} of topic {item.topic!r}: expected one of {known}")
+            if self._kinds.setdefault(item.topic, kind) != kind:
+                raise BagError(
+                    directory, f"topic {item.topic!r} would have two types, {self._kinds[item.topic][1]} and {kind[1]}"
+                )
+        self._writer = BagWriter(directory, configuration="")
+        for topic, (_, name) in self._kinds.items():
+            self._writer.add_topic(topic, name, offered_qos(durability="volatile", depth=DEPTH))
+
+    def __enter__(self) -> SensorRecorder:
+        """Return the recorder itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish the bag; without any message, delete it."""
+        self._writer.close(discard_empty=True)
+
+    def write(self, time_s: float, fields: Sequence[TopicField], values: Sequence[float]) -> None:
+        """Record one message: fields of one topic at one stamp (s), which is also the log time."""
+        topic = fields[0].topic
+        message = self._kinds[topic][0]()
+        if hasattr(message, "header"):
+            set_stamp(message.header, time_s)
+        if isinstance(message, JointState):
+            _fill_joints(message, fields, values)
+        else:
+            for item, value in zip(fields, values, strict=True):
+                _fill(message, item, value)
+        now_ns = round(time_s * 1e9)
+        self._writer.write(topic, serialize_message(message), now_ns, now_ns)
+
+
+def _fill_joints(message: JointState, fields: Sequence[TopicField], values: Sequence[float]) -> None:
+    """Fill a JointState; a field that only some of its joints have is NaN for the others."""
+    message.name = list(dict.fromkeys(item.joint or "" for item in fields))
+    for column in JOINT_FIELDS:
+        known = {item.joint: value for item, value in zip(fields, values, strict=True) if item.field == column}
+        if known:
+            setattr(message, column, [known.get(name, float("nan")) for name in message.name])
+
+
+def _fill(message: Any, item: TopicField, value: float) -> None:
+    if item.joint is not None:
+        message.header.frame_id = item.joint
+    if item.field == STAMP:
+        return
+    *groups, last = item.field.split(".")
+    for word in groups:
+        message = getattr(message, word)
+    setattr(message, last, value)
 
 
 class FrameRecorder:
@@ -122,7 +218,7 @@ class FrameRecorder:
             kept = self._wrenches[pin].offer(wrench_size(wrench), (forces.time_s, wrench))
             self._put_wrench(pin, kept)
         for event in frame_events(frame):
-            self._put(IMPACTS, impact.to_bytes(event))
+            self._put(IMPACTS, impacts.to_bytes(event))
         self._write_blows(linkage.events)
         self._write_joint_states(frame)
         self._write_scene(frame)
@@ -137,10 +233,10 @@ class FrameRecorder:
         self._writer.close(discard_empty=True)
 
     def _write_blows(self, events: tuple[Event, ...]) -> None:
-        for gauge, event in blow.gauged_blows(self._machine.gauge, events):
-            self._put(BLOW_GAUGE, blow.numbers_message(gauge, event))
+        for gauge, event in impacts.gauged_blows(self._machine.gauge, events):
+            self._put(BLOW_GAUGE, impacts.numbers_message(gauge, event))
             if event.contact in gauge.sent:
-                self._put(BLOW_WAVE, blow.curve_message(gauge, event))
+                self._put(BLOW_WAVE, impacts.curve_message(gauge, event))
 
     def _write_joint_states(self, frame: Frame) -> None:
         struck = has_impact(frame.linkage.events)

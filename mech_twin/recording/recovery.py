@@ -15,18 +15,21 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from mech_twin.files.output_file import DIRECTORY_MODE
-from mech_twin.recording.bag_directory import bag_files, missing_parts
-from mech_twin.recording.bag_metadata import FILE_NAME, FileStatistics, TopicMetadata, read_metadata, write_metadata
-from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD
-from mech_twin.recording.compression import plain_file, plain_message
+from mech_twin.recording.bag_directory import bag_files, missing_parts, plain_file, plain_message
+from mech_twin.recording.bag_metadata import (
+    FILE_NAME,
+    FileStatistics,
+    TopicMetadata,
+    check_recording_directory,
+    read_metadata,
+    remove_recording,
+    running_distro,
+    write_metadata,
+)
+from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD, MessageWriter
 from mech_twin.recording.errors import BagError, BagExistsError, DamagedBagError, UnwritableDirectoryError
-from mech_twin.recording.file_index import Extent, FileIndex
-from mech_twin.recording.linear_scan import scanned_index
-from mech_twin.recording.mcap_records import RawMessage, UnreadableRecordError
-from mech_twin.recording.message_writer import MessageWriter
-from mech_twin.recording.output_directory import check_recording_directory, remove_recording
-from mech_twin.recording.record_file import RecordFile
-from mech_twin.recording.ros_distro import running_distro
+from mech_twin.recording.file_index import Extent, FileIndex, scanned_index
+from mech_twin.recording.record_file import RawMessage, RecordFile, UnreadableRecordError
 from mech_twin.recording.split_file import SplitFile
 from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 

@@ -13,12 +13,18 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader, ReaderError
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
-from mech_twin.recording.bag_directory import SQLITE_SUFFIX, inside, missing_parts, parts
+from mech_twin.recording.bag_directory import (
+    SQLITE_SUFFIX,
+    OpenBag,
+    inside,
+    missing_parts,
+    parts,
+    plain_file,
+    plain_message,
+)
 from mech_twin.recording.bag_metadata import FILE_NAME, SQLITE, read_metadata
-from mech_twin.recording.compression import plain_file, plain_message
 from mech_twin.recording.errors import DamagedBagError, MissingBagError, MissingPartError
-from mech_twin.recording.mcap_records import MAX_RECORD_BYTES, UnreadableRecordError
-from mech_twin.recording.open_files import OpenBag
+from mech_twin.recording.record_file import MAX_RECORD_BYTES, UnreadableRecordError
 from mech_twin.recording.schemas import offered_qos
 
 _FAILURES = (ReaderError, UnreadableRecordError, apsw.Error, ValueError, TypeError, LookupError, MemoryError)

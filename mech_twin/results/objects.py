@@ -7,11 +7,11 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Sizing
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.invariants import Residual
+from mech_twin.engine.trajectory import Residual
+from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.process.dependencies import require_extra
 from mech_twin.samples import Event

@@ -9,11 +9,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Block, RunReader, SourceColumn
-from mech_twin.measurements.errors import MeasurementError
-from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource, read_map
 from mech_twin.measurements.tables import TableReader, is_table
+from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import description_text
 from mech_twin.parameters.load import machine as built_machine
@@ -107,8 +107,8 @@ def configured_map(path: Path, config: Path | None) -> MeasurementMap:
 def recorded_to(bag: Path, machine: Machine) -> FrameRecorder:
     """Return what records the frames of a machine's run, in place of a recording that is there."""
     settle_domain()
+    from mech_twin.recording.bag_metadata import remove_recording
     from mech_twin.recording.frame_recorder import FrameRecorder
-    from mech_twin.recording.output_directory import remove_recording
 
     remove_recording(bag)
     return FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))

@@ -12,18 +12,16 @@ from pydantic import ConfigDict, Field
 
 from mech_twin.measurements.measurement_map import Source
 from mech_twin.samples import Event
-from mech_twin.studies.first_difference import Value
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.geometry_report import FittedAssembly, HeldOut
 from mech_twin.studies.identification.sensor_plan import Help
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.measured_forces import Compared
 from mech_twin.studies.monitoring.design import FaultDesign
-from mech_twin.studies.monitoring.explanation import Explanation
-from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.findings import FaultEvent
+from mech_twin.studies.monitoring.findings import FaultEvent, FaultLife
 from mech_twin.studies.monitoring.operating import OperatingValue
-from mech_twin.studies.monitoring.report import Alarm
+from mech_twin.studies.monitoring.report import Alarm, Explanation
+from mech_twin.studies.resimulation import Value
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Union, get_args, get
 from pydantic import TypeAdapter, ValidationError
 
 from mech_twin.capabilities.design import Design
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.long_run import (
     CycleAnswer,
     RegimeAnswer,
@@ -28,9 +27,10 @@ from mech_twin.capabilities.published import PublishedRow
 from mech_twin.capabilities.sizing import Constraint
 from mech_twin.declarations.configuration_tree import tree_from_json
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.invariants import Residual
+from mech_twin.engine.trajectory import Residual
+from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns, Numbers
-from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, configuration_read
 from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
@@ -52,10 +52,9 @@ from mech_twin.results.printed_documents import (
     ShadowReport,
 )
 from mech_twin.samples import Event
-from mech_twin.studies.asking import asked_of
+from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
-from mech_twin.studies.identification.saved_identification import SavedIdentification
-from mech_twin.studies.identification.written_identification import identification_read
+from mech_twin.studies.identification.written_identification import SavedIdentification, identification_read
 from mech_twin.studies.monitoring.fleet import Fleet
 from mech_twin.studies.run_comparison import Comparison, Differing
 

@@ -30,7 +30,7 @@ def reproduce(machine: str | None = None, parameters: Parameters | None = None) 
     parameters : Parameters, optional
         Configuration of that one machine; the installed one if absent.
     """
-    from mech_twin.studies.reproduction import all_rows, machine_rows
+    from mech_twin.studies.declared_studies import all_rows, machine_rows
 
     return all_rows() if machine is None else machine_rows(machine, parameters)
 
@@ -47,7 +47,7 @@ def draw_figures(machine: str, directory: Path, parameters: Parameters | None = 
     parameters : Parameters, optional
         Configuration of the machine; the installed one if absent.
     """
-    from mech_twin.studies.plots import machine_figures
+    from mech_twin.studies.declared_studies import machine_figures
 
     return machine_figures(machine, directory, parameters)
 
@@ -94,7 +94,7 @@ def sweep(
     """
     from mech_twin.parameters.load import machine_parameters
     from mech_twin.studies.parameter_sweep import swept
-    from mech_twin.studies.sweep_points import question
+    from mech_twin.studies.sweep_table import question
 
     asked = question(machine, parameters or machine_parameters(machine), axes, outputs, duration_s)
     return swept(asked, table, cores=cores, scheduler=scheduler, picture=picture, progress=progress)
@@ -127,7 +127,7 @@ def size(
         Relative tolerance of the assumed values for which the limits must hold in the worst case; the machine's usual
         one if absent, 0 for the machine exactly as configured.
     """
-    from mech_twin.studies.sizing import sized
+    from mech_twin.studies.declared_studies import sized
 
     return sized(machine, parameters, limits, objective, tolerance)
 
@@ -288,7 +288,7 @@ def synthesise(
     """
     from mech_twin.capabilities.long_run import MOST_ENDURANCE_PERIODS, MOST_STARTS
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.asking import asked_of, counted_within
+    from mech_twin.studies.declared_studies import asked_of, counted_within
 
     question: SynthesisQuestion = asked_of(machine, "synthesis", "no cycle to synthesise")
     counted_within("periods", periods, MOST_ENDURANCE_PERIODS)
@@ -330,8 +330,8 @@ def regimes(
     """
     from mech_twin.capabilities.long_run import MOST_SETTLING_PERIODS
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.asking import asked_of, counted_within
-    from mech_twin.studies.sweep_points import require_key
+    from mech_twin.studies.declared_studies import asked_of, counted_within
+    from mech_twin.studies.sweep_table import require_key
 
     question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
     counted_within("settling", settling_periods, MOST_SETTLING_PERIODS)

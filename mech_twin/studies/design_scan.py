@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.design import DesignQuestion, DesignSpace
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import StudyError
 from mech_twin.files.output_file import written_file
-from mech_twin.studies.asking import asked_of
+from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.spreading import available_cores, spread
 
 Array = NDArray[np.float64]

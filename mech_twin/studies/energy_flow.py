@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.cycle import CycleReference
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, RED, house_style, sheet, turn_axis
+from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import Entry
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame

@@ -12,10 +12,9 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.units import shown_unit
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed
-from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.findings import FaultLife, Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 
 class LiveMonitor:

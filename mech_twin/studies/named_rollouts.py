@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mech_twin.capabilities.arguments import by_name, several
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import Profile, RollOut, roll_out
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns
-from mech_twin.measurements.machine_columns import shown_units
+from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
 from mech_twin.process.stop_signal import raising_interrupt

@@ -13,10 +13,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.studies.spreading import available_cores, spread
-from mech_twin.studies.sweep_points import Point, Question, points, require_outputs
-from mech_twin.studies.sweep_table import write_picture, write_table
+from mech_twin.studies.sweep_table import Point, Question, points, require_outputs, write_picture, write_table
 
 LARGEST_BATCH = 64
 WORTH_SPREADING_S = 3.0  # total work below which starting processes costs more than it saves

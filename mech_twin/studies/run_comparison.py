@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.capabilities.arguments import real_number
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.captions import axis_title, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import PAGE, machine_parameters
 

@@ -21,20 +21,18 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from mech_twin.capabilities.arguments import real_number
-from mech_twin.capabilities.design import Design
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import tell
-from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.errors import MotionError
+from mech_twin.errors import MotionError, StudyError
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.shorter_steps import checked_numbers
 from mech_twin.studies.spreading import available_cores, spread
-from mech_twin.studies.sweep_points import Question, question, summary
+from mech_twin.studies.sweep_table import Question, question, summary
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]

@@ -13,10 +13,10 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.shorter_steps import InShorterSteps
+from mech_twin.capabilities.design import InShorterSteps
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.run import TIMES_AS_MANY, frames, shorter_step_s
+from mech_twin.errors import StudyError
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine

@@ -6,8 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from mech_twin.declarations.configuration_tree import configuration_tree
-from mech_twin.engine.invariants import Residual, RunInvariants
-from mech_twin.engine.trajectory import Trajectory, frame_events
+from mech_twin.engine.trajectory import Residual, RunInvariants, Trajectory, frame_events
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 

@@ -18,10 +18,9 @@ from importlib import import_module
 from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.process.dependencies import extra_needed
-from mech_twin.process.interruption import SIGNALS
-from mech_twin.process.parent_death import end_with_parent
+from mech_twin.process.interruption import SIGNALS, end_with_parent
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")

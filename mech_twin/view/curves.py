@@ -18,7 +18,7 @@ import rerun as rr
 
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.curve_groups import Group, Groups, same_names
-from mech_twin.view.decimation import extreme_rows, worst_values
+from mech_twin.view.sending import extreme_rows, worst_values
 
 SIM_TIME = "sim_time"
 STEP = "step"

@@ -1,10 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The contents of a bench's page as a recording for rerun's viewer: drawing, curves, regimes, events, headline."""
+"""The contents of a bench's page as a recording for rerun's viewer: drawing, curves, regimes, events, headline.
+
+Recordings also stream to a file.
+
+The mechanism is drawn as lines, points, arrows and texts.
+"""
 
 from __future__ import annotations
 
 import base64
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,19 +19,180 @@ import numpy.typing as npt
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mech_twin.errors import RerunSceneError
+from mech_twin.files.output_file import FILE_MODE
 from mech_twin.samples import Shape
-from mech_twin.view.curves import FIRST_COLOUR, send_rows, series_lines, times
-from mech_twin.view.extent import Bounds
-from mech_twin.view.layout import BANNER, EVENTS, banner_view, events_view, mechanism_view, page, plot
-from mech_twin.view.mechanism import KINDS, Mechanism
-from mech_twin.view.stream import set_time
+from mech_twin.view.curves import FIRST_COLOUR, SIM_TIME, STEP, send_rows, series_lines, times
+from mech_twin.view.extent import Bounds, DrawnExtent, texts_of
+from mech_twin.view.layout import BANNER, EVENTS, MECHANISM, banner_view, events_view, mechanism_view, page, plot
 
+MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
+KINDS = ("line", "points", "arrow", "text")
+FIGURE = f"{MECHANISM}/figure"
+TEXT_RADIUS_M = 1e-9
+FLUSH_S = 0.1  # drawings within this time (s) go into one chunk of the file
 REGIMES = "regimes"
 WINDOW_S = 1.0  # shown in the plots
 ROOM = 0.1  # share of the height added below the drawing
 OWN_PLOTS = 3  # plots with a panel of their own; further ones share tabs
 KIND_OF_LETTER = {kind[0]: kind for kind in KINDS}
 Values = npt.NDArray[np.float64]
+
+
+class Mechanism(DrawnExtent):
+    """The drawing of the mechanism: one entity, one row per drawing, in the machine's frame.
+
+    Parameters
+    ----------
+    stream : rr.RecordingStream
+        Destination of the drawing; the caller sets the time.
+    """
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        super().__init__()
+        self._stream = stream
+        stream.log(MECHANISM, rr.Transform3D(mat3x3=MIRROR), static=True)  # the viewer's second axis points down
+
+    def show(self, shapes: Sequence[Shape], notes: Sequence[Shape] = ()) -> None:
+        """Log the shapes at the stream's time, with notes over them; `widen` sets the range, not this.
+
+        Raises
+        ------
+        ValueError
+            The kind of a shape is unknown.
+        """
+        bounds = self.bounds()
+        width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
+        every = [shape for shape in (*shapes, *notes) if shape.kind != "text"]
+        self.place([*texts_of(shapes, notes, width_m), *every])
+
+    def place(self, shapes: Sequence[Shape]) -> None:
+        """Log shapes at the stream's time, each text at its own position.
+
+        Raises
+        ------
+        ValueError
+            The kind of a shape is unknown.
+        """
+        by_kind: dict[str, list[Shape]] = {kind: [] for kind in KINDS}
+        for shape in shapes:
+            if shape.kind not in by_kind:
+                raise ValueError(f"shape {shape.name}: expected one of {', '.join(KINDS)}, got {shape.kind}")
+            by_kind[shape.kind].append(shape)
+        points = [*by_kind["text"], *by_kind["points"]]
+        self._stream.log(FIGURE, _lines(by_kind["line"]), _points(points), _arrows(by_kind["arrow"]))
+
+
+def _labelled_first(shapes: Sequence[Shape]) -> tuple[list[Shape], list[str]]:
+    """Return the shapes, labelled ones first, and the labels.
+
+    The viewer assigns labels in order, and leaves the other shapes without; a single label would go to the centre.
+    """
+    ordered = sorted(shapes, key=lambda shape: not shape.text)
+    texts = [shape.text for shape in ordered if shape.text]
+    return ordered, [*texts, ""] if len(texts) == 1 < len(ordered) else texts
+
+
+def _lines(shapes: Sequence[Shape]) -> rr.LineStrips2D:
+    return rr.LineStrips2D(
+        [np.array(shape.points_m, dtype=np.float32) for shape in shapes],
+        colors=_colours([shape.colour for shape in shapes]),
+        radii=np.array([shape.width_m / 2.0 for shape in shapes], dtype=np.float32),
+        draw_order=0.0,
+    )
+
+
+def _points(shapes: Sequence[Shape]) -> rr.Points2D:
+    """Return the points; a shape of several points has its label at the first one."""
+    single = [
+        shape._replace(points_m=(point,), text=shape.text if place == 0 else "")
+        for shape in shapes
+        for place, point in enumerate(shape.points_m)
+    ]
+    ordered, texts = _labelled_first(single)
+    return rr.Points2D(
+        np.array([shape.points_m[0] for shape in ordered], dtype=np.float32).reshape(-1, 2),
+        colors=_colours([shape.colour for shape in ordered]),
+        radii=np.array(
+            [TEXT_RADIUS_M if shape.kind == "text" else shape.width_m / 2.0 for shape in ordered], dtype=np.float32
+        ),
+        labels=texts,
+        show_labels=True,
+        draw_order=10.0,
+    )
+
+
+def _arrows(shapes: Sequence[Shape]) -> rr.Arrows2D:
+    ends = np.array([shape.points_m for shape in shapes], dtype=np.float32).reshape(-1, 2, 2)
+    return rr.Arrows2D(
+        origins=ends[:, 0],
+        vectors=ends[:, 1] - ends[:, 0],
+        colors=_colours([shape.colour for shape in shapes]),
+        radii=np.array([shape.width_m / 2.0 for shape in shapes], dtype=np.float32),
+        draw_order=20.0,
+    )
+
+
+def _colours(triples: Sequence[tuple[int, int, int]]) -> npt.NDArray[np.uint32]:
+    """Return the colours packed as 32-bit RGBA, opaque."""
+    parts = np.array(triples, dtype=np.uint32).reshape(-1, 3)
+    return (parts[:, 0] << 24 | parts[:, 1] << 16 | parts[:, 2] << 8 | 255).astype(np.uint32)
+
+
+def opened_stream(application_id: str, rrd_path: str | Path) -> rr.RecordingStream:
+    """Return a new stream to a file.
+
+    Raises
+    ------
+    RerunSceneError
+        The file cannot be created; one line.
+    """
+    stream = rr.RecordingStream(application_id, batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_S))
+    _create_file(Path(rrd_path))
+    try:
+        stream.set_sinks(rr.FileSink(str(rrd_path)))
+    except RuntimeError as reason:
+        raise RerunSceneError(f"view: file {rrd_path}: cannot be written: {first_line(reason)}") from reason
+    stream.set_log_time_enabled(False)
+    stream.set_log_tick_enabled(False)
+    return stream
+
+
+def set_time(stream: rr.RecordingStream, time_s: float, step: int | None = None) -> None:
+    """Set the time (s) and the step of the data logged next."""
+    stream.reset_time()
+    stream.set_time(SIM_TIME, duration=np.timedelta64(round(time_s * 1e9), "ns"))
+    if step is not None:
+        stream.set_time(STEP, sequence=step)
+
+
+def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
+    """Write the remaining data, and close the file.
+
+    Raises
+    ------
+    RerunSceneError
+        It could not be written completely.
+    """
+    try:
+        stream.flush(timeout_sec=limit_s)
+    except (RuntimeError, ValueError) as reason:
+        raise RerunSceneError(f"view: the file could not be written completely: {first_line(reason)}") from reason
+    finally:
+        stream.disconnect()
+
+
+def first_line(reason: Exception) -> str:
+    """Return the first line of an error's message."""
+    return str(reason).partition("\n")[0]
+
+
+def _create_file(path: Path) -> None:
+    """Create the file, or check that it is a regular one: rerun itself would follow a symbolic link."""
+    try:
+        os.close(os.open(path, os.O_CREAT | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC, FILE_MODE))
+    except OSError as reason:
+        raise RerunSceneError(f"view: file {path}: cannot be written: {reason.strerror}") from reason
 
 
 class RerunPictures:

@@ -18,17 +18,22 @@ import rerun as rr
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import metrics_table
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.annotations import Annotations, lost_energy
-from mech_twin.view.banner import Banner, sliding_joints
+from mech_twin.view.annotations import Annotations, Banner, lost_energy, sliding_joints
 from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
 from mech_twin.view.curves import PALETTE, Track, times
-from mech_twin.view.event_text import event_line, is_logged
-from mech_twin.view.extent import Bounds
-from mech_twin.view.layout import BANNER, EVENTS, IMPACTS, METRICS, PHASE_PORTRAIT, SceneContents, blueprint
-from mech_twin.view.mechanism import Mechanism
-from mech_twin.view.phase_portrait import PhasePortrait
+from mech_twin.view.extent import Bounds, event_line, is_logged
+from mech_twin.view.layout import (
+    BANNER,
+    EVENTS,
+    IMPACTS,
+    METRICS,
+    PHASE_PORTRAIT,
+    PhasePortrait,
+    SceneContents,
+    blueprint,
+)
+from mech_twin.view.rerun_pictures import Mechanism, closed_stream, opened_stream, set_time
 from mech_twin.view.sending import AT_ONCE, Sending
-from mech_twin.view.stream import closed_stream, opened_stream, set_time
 
 VIEW_RATE_HZ = 30.0
 

@@ -1,13 +1,87 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rate and decimation of the data sent to a viewer.
+r"""Rate and decimation of the data sent to a viewer.
 
 A live view gets thirty pictures a second, and curves reduced to the extremes of each window; the full data is in the
 recording.
+
+Decimation keeps extremes: a peak of one sample remains in the curve::
+
+    value  |      *                 * kept (largest of its window)
+           |  .  / \   .
+           | * .    \ /            * kept (smallest of its window)
+           |         *
+           +-----------+---> row
+            one window
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Rows = npt.NDArray[np.intp]
+Values = npt.NDArray[np.float64]
+
+
+def extreme_rows(values: Values, window: int) -> Rows:
+    """Return the rows at which any column has the smallest or the largest value of its window.
+
+    The decimated curve consists of original samples at their original times and has in every window the extremes
+    of the full curve.  NaN counts as an extreme, so it is never hidden.
+
+    Parameters
+    ----------
+    values : array, shape (n,) or (n, k)
+        Curves with common time stamps.
+    window : int
+        Rows per window, counted from row 0; the last window may be shorter.
+
+    Returns
+    -------
+    array of int
+        Rows to keep, ascending; at most 2 k per window.
+
+    Raises
+    ------
+    ValueError
+        The window is smaller than one row.
+    """
+    if window < 1:
+        raise ValueError(f"window: expected at least 1 row, got {window}")
+    count = len(values)
+    if window <= 2 or values.size == 0:
+        return np.arange(count)
+    columns = values.reshape(count, -1)
+    width = columns.shape[1]
+    whole = count - count % window
+    kept = np.zeros(count, dtype=bool)
+    blocks = columns[:whole].reshape(-1, window, width)
+    first = np.arange(0, whole, window)[:, np.newaxis]
+    kept[blocks.argmin(axis=1) + first] = True
+    kept[blocks.argmax(axis=1) + first] = True
+    if whole < count:
+        kept[columns[whole:].argmin(axis=0) + whole] = True
+        kept[columns[whole:].argmax(axis=0) + whole] = True
+    return np.flatnonzero(kept)
+
+
+def worst_values(values: Values, window: int) -> tuple[Rows, Values]:
+    """Return the last row of each window, and the largest value of each column in it (used for residuals).
+
+    Parameters
+    ----------
+    values : array, shape (n, k)
+        Curves with common time stamps.
+    window : int
+        Rows per window, counted from row 0; the last window may be shorter.
+    """
+    starts = np.arange(0, len(values), window)
+    if values.size == 0:
+        return starts, values[starts]
+    ends = np.minimum(starts + window, len(values)) - 1
+    return ends, np.maximum.reduceat(values, starts, axis=0)
 
 
 class Sending(NamedTuple):

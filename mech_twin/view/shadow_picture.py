@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.samples import Shape
-from mech_twin.view.banner import Card
-from mech_twin.view.decimation import extreme_rows
+from mech_twin.view.annotations import Card
+from mech_twin.view.sending import extreme_rows
 
 Array = NDArray[np.float64]
 

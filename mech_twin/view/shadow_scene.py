@@ -27,7 +27,7 @@ import rerun.blueprint as rrb
 from mech_twin.view.curves import send_rows, series_lines
 from mech_twin.view.extent import Bounds
 from mech_twin.view.layout import BANNER, banner_view, mechanism_view, page, plot
-from mech_twin.view.mechanism import Mechanism
+from mech_twin.view.rerun_pictures import Mechanism, closed_stream, opened_stream, set_time
 from mech_twin.view.shadow_picture import (
     BANDED,
     CURVES,
@@ -38,7 +38,6 @@ from mech_twin.view.shadow_picture import (
     as_measured,
     channel_rows,
 )
-from mech_twin.view.stream import closed_stream, opened_stream, set_time
 
 MODEL_COLOUR = (86, 180, 233)
 BAND_COLOURS = ((213, 94, 0), (130, 130, 130), (130, 130, 130))  # of the residual and its band

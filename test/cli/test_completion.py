@@ -11,8 +11,8 @@ import typer
 
 from mech_twin.cli.main import app
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.key_hints import key_units
-from mech_twin.studies.asking import questions_of
+from mech_twin.parameters.errors import key_units
+from mech_twin.studies.declared_studies import questions_of
 
 
 def offered(line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> dict[str, str]:

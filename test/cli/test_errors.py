@@ -20,7 +20,7 @@ from mech_twin.cli.study import told
 from mech_twin.cli.verb import Apart
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.key_hints import key_units, nearest_key
+from mech_twin.parameters.errors import key_units, nearest_key
 from mech_twin.parameters.load import configuration_file, machine_of_prefix, machine_parameters
 
 SIMULATE = "simulate mb10_breaker --duration 1 "

@@ -12,11 +12,11 @@ import yaml
 from rrd_tables import rrd_tables
 from typer.testing import CliRunner
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.main import app
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.errors import StudyError
 from mech_twin.parameters.load import description, machine_parameters
 
 RUNNER = CliRunner()

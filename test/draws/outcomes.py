@@ -28,11 +28,10 @@ from mech_twin.cli import console
 from mech_twin.cli.main import main
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree, merged_tree
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.errors import MotionError
-from mech_twin.engine.invariants import Residual, broken_lines
 from mech_twin.engine.run import frames
-from mech_twin.engine.trajectory import frame_events, frame_numbers
-from mech_twin.files.plain_values import plain
+from mech_twin.engine.trajectory import Residual, broken_lines, frame_events, frame_numbers
+from mech_twin.errors import MotionError
+from mech_twin.files.output_file import plain
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text
 from mech_twin.roles import Machine

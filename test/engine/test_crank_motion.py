@@ -11,6 +11,7 @@ import pytest
 
 from mech_twin.engine import crank_state
 from mech_twin.engine.compiled_steps import step_of
+from mech_twin.engine.crank_linkage import TurnedCrank
 from mech_twin.engine.crank_motion import (
     ANGLE,
     DRIVE_WORK,
@@ -24,7 +25,6 @@ from mech_twin.engine.crank_motion import (
     law_of,
 )
 from mech_twin.engine.crank_state import NO_MOTOR, Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
-from mech_twin.engine.crank_step import TurnedCrank
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance, room_for
 from mech_twin.engine.sample_vectors import KIND, TIME

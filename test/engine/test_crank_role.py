@@ -12,9 +12,9 @@ import pytest
 from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.engine.crank_motion import KINDS
 from mech_twin.engine.crank_state import Boundary, Resisting, ShaftFriction, Transmission
-from mech_twin.engine.errors import MotionError
-from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
+from mech_twin.errors import MotionError
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
+from mech_twin.machines.vibration_crank.roles import ShakingCrank
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.roles import CrankState
 

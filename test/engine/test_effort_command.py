@@ -10,9 +10,9 @@ import pytest
 from catalogue import built
 
 import mech_twin as mt
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.engine.coupling import effort_limit
 from mech_twin.engine.run import frames
+from mech_twin.errors import StudyError
 from mech_twin.samples import EffortCommand
 
 MASS, STEP_S = "impact_mass", 0.001

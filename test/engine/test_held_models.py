@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from catalogue import NAMES, built
 
-from mech_twin.engine.compiled_roles import CompiledForces, CompiledMotor
+from mech_twin.engine.compiled_roles import CompiledForces, CompiledMotor, held
 from mech_twin.engine.compiled_steps import chosen, force_step, motor_step
-from mech_twin.engine.held_models import held
 from mech_twin.engine.run import frames
 from mech_twin.engine.sample_vectors import row_of
 from mech_twin.kernels.cache import modules_of, signature_text

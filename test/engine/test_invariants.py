@@ -8,8 +8,8 @@ import math
 import pytest
 from catalogue import NAMES, built
 
-from mech_twin.engine.invariants import Residual, ResidualWindow, RunInvariants, broken_lines
 from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import Residual, ResidualWindow, RunInvariants, broken_lines
 from mech_twin.parameters import load
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Named
 

@@ -3,8 +3,7 @@
 
 import pytest
 
-from mech_twin.engine.step_samples import StepSamples
-from mech_twin.engine.trajectory import Trajectory, frame_events, frame_numbers
+from mech_twin.engine.trajectory import StepSamples, Trajectory, frame_events, frame_numbers
 from mech_twin.samples import BodySample, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
 
 NONE = Named()

@@ -13,7 +13,7 @@ from fmi_slave import Slave
 
 import mech_twin as mt
 from mech_twin.fmi.export import export_fmu
-from mech_twin.parameters.declared_keys import keys
+from mech_twin.parameters.errors import keys
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parts.induction_motor import CORRECTED
 

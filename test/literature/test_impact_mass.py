@@ -9,9 +9,16 @@ import pytest
 from literature.impact_reference import number, walk
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.impact_mass.dynamics import impact_system, initial_motion, next_event
+from mech_twin.machines.impact_mass.dynamics import (
+    CHATTER_END,
+    IMPACT,
+    KIND_NAMES,
+    PHASE_CHANGE,
+    impact_system,
+    initial_motion,
+    next_event,
+)
 from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
-from mech_twin.machines.impact_mass.states import CHATTER_END, IMPACT, KIND_NAMES, PHASE_CHANGE
 from mech_twin.parameters.load import machine, machine_parameters
 
 FIG2 = {"period_s": 0.05, "phase1_force_n": 1000.0, "phase2_force_n": -500.0, "restitution": 0.3, "mass_kg": 1.0}

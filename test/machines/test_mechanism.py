@@ -14,8 +14,7 @@ from crank_drives import BOOM
 from numpy.typing import NDArray
 from urdf_parser_py.urdf import URDF
 
-from mech_twin.capabilities.mechanism import ROOT, FrameTree, Pose, poses
-from mech_twin.capabilities.urdf import urdf
+from mech_twin.capabilities.mechanism import ROOT, FrameTree, Pose, poses, urdf
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import PAGE, assignments, machine_parameters

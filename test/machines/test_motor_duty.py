@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics
+from mech_twin.machines.crank_run import MotorDuty, MotorState, duty_after, duty_metrics
 from mech_twin.parts.induction_motor import KLOSS, MotorConstants, motor_torque
 
 MOTOR = MotorConstants(157.0796, 148.7021, 10.087, 0.053333, 22.19, 0.2218, 20.17, KLOSS)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from mech_twin.capabilities.root import root_between
+from mech_twin.machines.drives import root_between
 
 
 @given(some.floats(-1e6, 1e6), some.floats(1e-6, 1e6), some.floats(1e-6, 1e6), some.sampled_from([-1.0, 1.0]))

@@ -12,7 +12,11 @@ from hypothesis import strategies as st
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.event_estimates import period_from_times, restitution_from_flights, restitution_from_speeds
+from mech_twin.studies.identification.bounces import (
+    period_from_times,
+    restitution_from_flights,
+    restitution_from_speeds,
+)
 
 restitutions = st.floats(0.3, 0.97)
 

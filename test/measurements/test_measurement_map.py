@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
-from mech_twin.measurements.machine_columns import joint_column, machine_columns
 from mech_twin.measurements.measurement_map import Channel, read_map
-from mech_twin.measurements.units import UNITS, time_unit_in, unit_in
+from mech_twin.measurements.units import UNITS, joint_column, machine_columns, time_unit_in, unit_in
 
 GOOD: dict[str, Any] = {
     "machine": "vibration_crank",

@@ -8,10 +8,9 @@ import yaml
 from catalogue import built
 
 from mech_twin.measurements.blocks import SourceColumn
-from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import Source, TimeSource
 from mech_twin.measurements.proposal import UNSURE, WIDTH, map_text, proposed_channels
-from mech_twin.measurements.units import unit_in
+from mech_twin.measurements.units import machine_columns, unit_in
 
 FOREIGN = {  # headers of other people's tables, and what they are
     "mb10_breaker": {"Motor speed [rpm]": "motor.rotor.velocity", "Hammer angle (deg)": "linkage.rocker.position"},

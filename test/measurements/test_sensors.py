@@ -16,12 +16,11 @@ from hypothesis import strategies as st
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events, frame_numbers
-from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import MeasuredRun, read_run
 from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.tables import TableReader, sensor_table
-from mech_twin.measurements.units import UNITS
+from mech_twin.measurements.units import UNITS, machine_columns
 from mech_twin.samples import Frame
 
 pytest.importorskip("pyarrow")

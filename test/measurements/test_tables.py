@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Source, TimeSource
 from mech_twin.measurements.tables import TableReader, is_table
 

@@ -13,8 +13,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import scene
-from mech_twin.messages.step_codec import arranged, body, force, linkage, motor
-from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_message import MessageError, arranged, body, force, linkage, motor
 from mech_twin.samples import Coordinate, Drawing, Event, LinkageSample, Named
 
 

@@ -10,8 +10,7 @@ from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.cdr import encoded, received_message
-from mech_twin.messages.step_codec import body, force, linkage, motor
-from mech_twin.messages.step_message import REVISION, SOURCE, TARGET, Row
+from mech_twin.messages.step_message import REVISION, SOURCE, TARGET, Row, body, force, linkage, motor
 
 SIGNATURE = Row(SOURCE, 2.0**47 + 1.0)
 MARKS = [(), (SIGNATURE,), (Row(REVISION, 3.0, 17.0), SIGNATURE), (Row(TARGET, 0.5), SIGNATURE)]

@@ -15,8 +15,18 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.run import frames
 from mech_twin.messages import cdr
 from mech_twin.messages.cdr import CdrError, Header, Stamp, StepMessage, encoded, received_message
-from mech_twin.messages.step_codec import force, linkage, motor
-from mech_twin.messages.step_message import REVISION, SOURCE, STEP, MessageError, Row, marked, step_index
+from mech_twin.messages.step_message import (
+    REVISION,
+    SOURCE,
+    STEP,
+    MessageError,
+    Row,
+    force,
+    linkage,
+    marked,
+    motor,
+    step_index,
+)
 
 NAMES = st.lists(st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9), max_size=6)
 NUMBERS = st.floats(width=64)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow, steps_per_window
+from mech_twin.messages.topics import PeakHoldWindow, StreamWindow, steps_per_window
 
 STEPS = st.lists(st.tuples(st.sampled_from([0.0, 1.0, 2.5, 7.0]), st.booleans()), min_size=1, max_size=60)
 

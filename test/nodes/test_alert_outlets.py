@@ -19,9 +19,7 @@ import pytest
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet, host_and_port
-from mech_twin.studies.monitoring.alerts import Alert, alerts_of
-from mech_twin.studies.monitoring.fault_life import FaultLife, acknowledged, shelved
-from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.findings import Alert, FaultLife, Findings, acknowledged, alerts_of, shelved
 from mech_twin.studies.monitoring.naming import Candidate
 
 LIMIT_S = 30.0

@@ -18,8 +18,7 @@ from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.samples import EffortCommand, LinkageSample
-from mech_twin.studies.configuration_history import ConfigurationHistory
-from mech_twin.studies.resimulation import resimulated
+from mech_twin.studies.resimulation import ConfigurationHistory, resimulated
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 

@@ -18,10 +18,9 @@ from geometry_msgs.msg import TransformStamped, WrenchStamped
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from mech_twin.capabilities.mechanism import FrameTree, moved
-from mech_twin.capabilities.urdf import urdf
+from mech_twin.capabilities.mechanism import FrameTree, moved, urdf
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.messages.frames import frame_id, pose
+from mech_twin.messages.scene import frame_id, pose
 from mech_twin.messages.step_message import stamp_s
 from mech_twin.messages.topics import (
     DATA,

@@ -28,7 +28,7 @@ from mech_twin.nodes.shadow.identifier_node import IdentifierNode
 from mech_twin.nodes.shadow.session import Company, FreeKeys, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 from mech_twin.studies.observer.observer import PhaseLockedObserver
 
 NAME, KEY, HIDDEN = "vibration_crank", "masses.extra_kg", 9.0

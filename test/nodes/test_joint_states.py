@@ -13,8 +13,7 @@ from recordings import decoded_messages, simulated_bag
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.stream_window import has_impact
-from mech_twin.messages.topics import EVERY, full_name, joint_state_topics
+from mech_twin.messages.topics import EVERY, full_name, has_impact, joint_state_topics
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.run.composition import run_in_process
 from mech_twin.samples import Frame

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import SPEED_COMMAND
-from mech_twin.parameters.declared_keys import keys
+from mech_twin.parameters.errors import keys
 from mech_twin.parameters.load import description
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

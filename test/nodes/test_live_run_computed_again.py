@@ -13,11 +13,10 @@ from std_srvs.srv import Trigger
 
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.roles.recorder_node import RecorderNode
-from mech_twin.parameters.declared_keys import keys
+from mech_twin.parameters.errors import keys
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples
-from mech_twin.studies.configuration_history import ConfigurationHistory
-from mech_twin.studies.resimulation import Verdict, analysed, resimulated
+from mech_twin.studies.resimulation import ConfigurationHistory, Verdict, analysed, resimulated
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 

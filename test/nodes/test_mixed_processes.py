@@ -23,10 +23,10 @@ from step_samples import PARTS, recorded_samples
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.coupling import next_body
 from mech_twin.engine.run import frames
-from mech_twin.messages.step_codec import body as body_messages
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_codec import motor as motor_messages
+from mech_twin.messages.step_message import body as body_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, Topic, full_name
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.roles.answering_nodes import BodyNode, ForceNode, MotorNode

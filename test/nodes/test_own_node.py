@@ -18,8 +18,8 @@ from catalogue import built
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import motor as motor_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, Topic, full_name, step_topics
 from mech_twin.nodes.exchange.counting import TopicStatistics

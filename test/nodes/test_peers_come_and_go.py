@@ -11,7 +11,7 @@ from catalogue import built
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.step_codec import motor as motor_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import STEP_LINKAGE, STEP_MOTOR
 from mech_twin.nodes.roles.answering_nodes import MotorNode

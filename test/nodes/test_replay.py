@@ -248,17 +248,17 @@ def test_garbage_is_skipped_and_counted(drum_bag: Path, tmp_path: Path) -> None:
 
 
 def test_an_unknown_type_is_left_out_and_said(drum_bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mech_twin.recording import message_types
+    from mech_twin.recording import schemas
     from mech_twin.recording.errors import UnknownTypeError
 
-    installed = message_types.message_schema
+    installed = schemas.message_schema
 
     def without_strings(type_name: str) -> object:
         if type_name == STRING:
             raise UnknownTypeError(f"type '{type_name}': not installed")
         return installed(type_name)
 
-    monkeypatch.setattr(message_types, "message_schema", without_strings)
+    monkeypatch.setattr(schemas, "message_schema", without_strings)
     with ReplayBench(drum_bag, rate=4.0) as bench:
         bench.to_the_end()
         reason = f"type '{STRING}': not installed"

@@ -26,8 +26,8 @@ from mech_twin.declarations.configuration_tree import (
     tree_from_flat,
 )
 from mech_twin.engine.rollout import roll_out
-from mech_twin.measurements.machine_columns import sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.measurements.units import sliding_in
 from mech_twin.messages.cdr import Header, Stamp, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import (
     DATA,
@@ -50,7 +50,7 @@ from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.nodes.shadow.viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
-from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.findings import FaultLife
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 NAME = "vibration_crank"

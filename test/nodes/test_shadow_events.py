@@ -37,7 +37,7 @@ from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVect
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import Seen, seen_roll_out
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 NAME, LIMIT_S, STEP_S, BURST = "impact_mass", 60.0, 1e-3, 50
 JOINTS = {"generator": "motor.generator.effort", "mass": "linkage.mass.position"}

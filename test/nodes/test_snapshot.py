@@ -22,9 +22,9 @@ from std_srvs.srv import Trigger
 from mech_twin.messages.topics import DIAGNOSTICS
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.recorder_node import RecorderNode
+from mech_twin.recording.bag_contents import RecentMessage, RecentMessages
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples
-from mech_twin.recording.recent_messages import RecentMessage, RecentMessages
 
 DRUM = "winding_drum"
 RUN = [sys.executable, "-m", "mech_twin"]

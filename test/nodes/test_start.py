@@ -19,8 +19,8 @@ from process_run import ProcessRun
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from mech_twin.engine.coupling import LOOK_AHEAD_S, STANDING_REACH, start_forecast
 from mech_twin.engine.run import frames
-from mech_twin.engine.start_forecast import LOOK_AHEAD_S, STANDING_REACH, start_forecast
 from mech_twin.messages.topics import DIAGNOSTICS
 from mech_twin.nodes.roles.answering_nodes import FORECAST_BURST_S, FORECAST_SHARE, MotorNode
 from mech_twin.parameters.load import machine

@@ -13,10 +13,10 @@ from catalogue import built
 from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.engine.coupling import complete_frame, next_frame
-from mech_twin.engine.errors import StateError
 from mech_twin.engine.run import frames
-from mech_twin.engine.step_samples import StepSamples
 from mech_twin.engine.stored_state import StoredState, state_text, stored_state
+from mech_twin.engine.trajectory import StepSamples
+from mech_twin.errors import StateError
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import Frame
 from mech_twin.studies.resimulation import resimulated

@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from mech_twin.capabilities.blow_gauge import BlowGauge
 from mech_twin.engine.run import frames
-from mech_twin.messages.blow import curve_message, numbers_bytes
+from mech_twin.messages.impacts import curve_message, numbers_bytes
 from mech_twin.messages.topics import BLOW_GAUGE, BLOW_WAVE, full_name, step_topics
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.viewer_node import DECODERS

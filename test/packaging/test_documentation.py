@@ -20,14 +20,14 @@ from mech_twin.engine import crank_motion
 from mech_twin.engine.coupling import RESET
 from mech_twin.engine.run import frames
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.machines.impact_mass.states import KIND_NAMES
+from mech_twin.machines.impact_mass.dynamics import KIND_NAMES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import CAUSES
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import REGIMES as HALF_SINE_REGIMES
 from mech_twin.machines.mb10_breaker.state import KINDS as BREAKER_KINDS
 from mech_twin.machines.roller_former.motion import EVENT_KINDS
 from mech_twin.messages import topics
 from mech_twin.nodes.exchange.counting import KINDS as COUNTED
-from mech_twin.parameters.declared_keys import keys
+from mech_twin.parameters.errors import keys
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.roles import RESIDUALS
 

@@ -14,7 +14,7 @@ import yaml
 from catalogue import NAMES, built
 from ci_scripts import ci_script
 
-from mech_twin.messages.frames import frame_id
+from mech_twin.messages.scene import frame_id
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, Topic, full_name, recorded_topics
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from parameter_bounds import has_range, live_names
 
-from mech_twin.parts.friction import Friction, release_margin, released, sliding_torque, sticking_torque
+from mech_twin.parts.friction_and_gear import Friction, release_margin, released, sliding_torque, sticking_torque
 
 torques = st.floats(0.0, 1e4)
 speeds = st.floats(-1e3, 1e3)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from parameter_bounds import has_range, live_names
 
-from mech_twin.parts.gear import Gear, gear_split, gear_torque
+from mech_twin.parts.friction_and_gear import Gear, gear_split, gear_torque
 
 ratios = st.floats(0.01, 100.0)
 efficiencies = st.floats(0.05, 1.0)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from parameter_bounds import has_range, live_names
 
-from mech_twin.parts.supply import SupplyParameters, limited_command
+from mech_twin.parts.induction_motor import SupplyParameters, limited_command
 
 fractions = st.floats(0.0, 1.0)
 

@@ -24,7 +24,6 @@ from mcap.writer import CompressionType, IndexType, Writer
 from mech_twin.recording import bag_reader
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
 from mech_twin.recording.bag_reader import BagReader, bag_info
-from mech_twin.recording.decode import MessageDecoder
 from mech_twin.recording.errors import (
     BagBeyondLimitsError,
     BagError,
@@ -35,6 +34,7 @@ from mech_twin.recording.errors import (
     OutsideBagError,
     UnfinishedBagError,
 )
+from mech_twin.recording.measured_topics import MessageDecoder
 from mech_twin.recording.recovery import recover
 from mech_twin.recording.schemas import message_schema, string_cdr
 

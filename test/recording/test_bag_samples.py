@@ -15,7 +15,7 @@ from catalogue import built
 from command_line import mech_twin
 from recordings import Entry, altered_bag, earlier_layout, edited, entries_of, simulated_bag, written_bag
 
-from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.replay.source import ReplaySource
 from mech_twin.nodes.run.composition import run_in_process

@@ -12,11 +12,11 @@ import yaml
 from bag_cases import CONFIGURATION, DESCRIPTION, JOINTS, NOTES, TYPES, counts, joint_state, raw_of, written
 from mcap.reader import make_reader
 
+from mech_twin.recording.bag_metadata import running_distro
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.bag_split import TopicCounters
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagExistsError, UnknownTypeError, UnwritableDirectoryError
-from mech_twin.recording.ros_distro import running_distro
 from mech_twin.recording.schemas import string_cdr
 
 

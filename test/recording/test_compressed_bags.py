@@ -20,11 +20,11 @@ from recordings import simulated_bag
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from mech_twin.cli.main import main
+from mech_twin.recording.bag_directory import plain_message
 from mech_twin.recording.bag_reader import bag_info, open_bag
 from mech_twin.recording.bag_samples import BagSamples
-from mech_twin.recording.compression import plain_message
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingPartError
-from mech_twin.recording.mcap_records import UnreadableRecordError
+from mech_twin.recording.record_file import UnreadableRecordError
 from mech_twin.recording.recovery import recover
 
 DRUM = "winding_drum"

@@ -36,7 +36,7 @@ from mcap.records import (
 )
 
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.recording.mcap_records import MAGIC
+from mech_twin.recording.record_file import MAGIC
 from mech_twin.recording.recovery import recover
 
 PUBLISHED = "eabcfbf8e6525dd4022cb979a3d1793443a31f427cc163be4ddb98e295cd8d01"

@@ -30,10 +30,10 @@ from mcap.records import (
 )
 from mcap.writer import Writer
 
-from mech_twin.recording import linear_scan
+from mech_twin.recording import file_index
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.errors import DamagedBagError
-from mech_twin.recording.mcap_records import MAGIC, MAX_CHUNK_RECORDS, UnreadableRecordError, inner_records
+from mech_twin.recording.record_file import MAGIC, MAX_CHUNK_RECORDS, UnreadableRecordError, inner_records
 from mech_twin.recording.recovery import recover
 
 CHUNKS, EACH = 3, 10
@@ -186,8 +186,8 @@ def test_what_the_chunks_of_a_file_come_to_together_is_bounded_whatever_each_hol
     size: int, count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Zeros shrink to nothing, and messages without content weigh nothing: a small file may ask for hours of both."""
-    monkeypatch.setattr(linear_scan, "SCAN_BYTES", 500_000)
-    monkeypatch.setattr(linear_scan, "MOST_EXPANSION", 0)
+    monkeypatch.setattr(file_index, "SCAN_BYTES", 500_000)
+    monkeypatch.setattr(file_index, "MOST_EXPANSION", 0)
     file = tmp_path / "zeros.mcap"
     with file.open("wb") as stream:
         writer = Writer(stream, chunk_size=size + count * 31 + 2000)

@@ -22,7 +22,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.recording.decode import MessageDecoder
+from mech_twin.recording.measured_topics import MessageDecoder
 from mech_twin.recording.recovery import recover
 
 STEPS = 300

@@ -8,8 +8,8 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import deserialize_message
 from recordings import decoded_messages, simulated_bag
 
-from mech_twin.capabilities.urdf import urdf
-from mech_twin.messages.frames import transforms
+from mech_twin.capabilities.mechanism import urdf
+from mech_twin.messages.scene import transforms
 
 CRANK, DURATION_S = "vibration_crank", 0.05
 

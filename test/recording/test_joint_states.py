@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as some
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
-from mech_twin.recording import decode
+from mech_twin.recording import measured_topics
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
-from mech_twin.recording.decode import JOINT_STATE, MessageDecoder
 from mech_twin.recording.errors import DecodeError
+from mech_twin.recording.measured_topics import JOINT_STATE, MessageDecoder
 from mech_twin.recording.schemas import message_schema
 
 TEXT = message_schema(JOINT_STATE).definition
@@ -88,8 +88,8 @@ def test_numbers_of_known_names_are_read_by_their_places(monkeypatch: pytest.Mon
         effort=[3.0],
     )
     ours, calls = decoder(), []
-    build = decode._function
-    monkeypatch.setattr(decode, "_function", lambda topic: lambda raw: calls.append(raw) or build(topic)(raw))
+    build = measured_topics._function
+    monkeypatch.setattr(measured_topics, "_function", lambda topic: lambda raw: calls.append(raw) or build(topic)(raw))
     for shift in range(5):
         found = ours.decode(message(ENCODE(later(first, float(shift))) + b"left"))
         assert (*found.name, *found.position, *found.effort) == ("a", "bc", 1.0 + shift, 2.0 + shift, 3.0 + shift)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.recording.message_writer import MessageWriter
+from mech_twin.recording.bag_split import MessageWriter
 
 TIMES = st.integers(0, 2**63)
 MESSAGES = st.lists(st.tuples(st.integers(0, 2), TIMES, st.binary(max_size=300), TIMES, st.integers(0, 2**32 - 1)))

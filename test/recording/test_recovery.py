@@ -14,7 +14,7 @@ from mcap.reader import SeekingReader
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
-from mech_twin.files.bounded_yaml import UnboundedYamlError, bounded_yaml
+from mech_twin.files.input_file import UnboundedYamlError, bounded_yaml
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagExistsError, DamagedBagError, MissingBagError, UnwritableDirectoryError

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from mech_twin.recording.bag_metadata import running_distro
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.ros_distro import running_distro
 
 ROOT = Path(__file__).resolve().parents[2]
 

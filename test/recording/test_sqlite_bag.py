@@ -19,8 +19,8 @@ from mech_twin.cli.main import main
 from mech_twin.recording.bag_reader import BagReader, bag_info, open_bag
 from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.recording.errors import BagError, DamagedBagError, ForeignFileError, MissingBagError, OutsideBagError
-from mech_twin.recording.message_types import recorded_qos
 from mech_twin.recording.recovery import recover
+from mech_twin.recording.schemas import recorded_qos
 from mech_twin.recording.sqlite_reader import SqliteReader
 
 DRUM = "winding_drum"

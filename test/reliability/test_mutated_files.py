@@ -19,7 +19,7 @@ from mech_twin.cli.failure import CommandError
 from mech_twin.cli.machines import former_page
 from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.engine.errors import MotionError
+from mech_twin.errors import MotionError
 from mech_twin.nodes.shadow.inputs import followed_topics, sensed_channels
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import given_map

@@ -12,8 +12,18 @@ from catalogue import NAMES, built
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.step_codec import arranged, body, force, linkage, motor
-from mech_twin.messages.step_message import EVENT, REVISION, STEP, MessageError, configuration_mark
+from mech_twin.messages.step_message import (
+    EVENT,
+    REVISION,
+    STEP,
+    MessageError,
+    arranged,
+    body,
+    configuration_mark,
+    force,
+    linkage,
+    motor,
+)
 
 MUTATIONS = 1000
 NUMBERS = (float("nan"), float("inf"), -float("inf"), 0.0, -1.0, 1e300, -1e300, 5e-324, 2.0**63)

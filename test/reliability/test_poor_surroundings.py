@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 from mech_twin.cli.failure import EXIT_CODE
-from mech_twin.kernels.store import directories
-from mech_twin.process.system_limits import lacking
+from mech_twin.kernels.cache import directories
+from mech_twin.process.dependencies import lacking
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 ROOT = Path(__file__).resolve().parents[2]

@@ -17,7 +17,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from mech_twin.engine.run import frames
-from mech_twin.messages.step_codec import linkage as linkage_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.topics import DEPTH, STEP_LINKAGE, full_name
 from mech_twin.recording.bag_reader import BagReader
 

@@ -25,11 +25,11 @@ from visualization_msgs.msg import MarkerArray
 from mech_twin.engine.run import frames
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import received_message
-from mech_twin.messages.step_codec import body as body_messages
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_message import REVISION, SOURCE, set_stamp, step_index
+from mech_twin.messages.step_message import body as body_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import (
     DESCRIPTION,
     DIAGNOSTICS,

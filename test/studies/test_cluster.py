@@ -15,17 +15,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.fit_setting import FitSetting, fits_spread, profiles_spread
 from mech_twin.studies.identification.intervals import linearised
 from mech_twin.studies.identification.least_squares_fit import stage_fit
-from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.identification.refits import key_profiles
+from mech_twin.studies.identification.refits import FitSetting, fits_spread, key_profiles, profiles_spread
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
 from mech_twin.studies.named_rollouts import rollout
 from mech_twin.studies.parameter_sweep import journal_of

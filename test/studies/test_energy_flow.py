@@ -11,9 +11,9 @@ from catalogue import PAGES, built
 from machines.page.pages import page
 from typer.testing import CliRunner
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.cli.main import app
 from mech_twin.engine.run import frames
+from mech_twin.errors import StudyError
 from mech_twin.machines.page import build
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.energy_flow import EnergyBooks, drawn_flow, last_turn

@@ -6,8 +6,7 @@ import re
 import pytest
 
 from mech_twin.studies import draw_figures
-from mech_twin.studies.plots import machine_pictures
-from mech_twin.studies.reproduction import machines_with_published_values
+from mech_twin.studies.declared_studies import machine_pictures, machines_with_published_values
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,7 @@ from catalogue import built
 
 from mech_twin.engine.rollout import roll_out
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.studies.observer.estimate import SensedChannel
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample, SensedChannel
 from mech_twin.studies.observer.observer import PhaseLockedObserver
 
 NAME, CRANK, SIGMA_RAD = "mb10_breaker", "linkage.crank.position", 1e-3

@@ -2,7 +2,7 @@
 """Of a recording's configuration what is not as installed is told, and nothing of one that cannot be read."""
 
 from mech_twin.parameters.load import description_text, machine_parameters
-from mech_twin.studies.configuration_history import recorded_settings
+from mech_twin.studies.resimulation import recorded_settings
 
 NAME = "compaction_press"
 

@@ -13,8 +13,8 @@ from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.published import load_rows, paper_body
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies import reproduce, reproduction
-from mech_twin.studies.reproduction import all_hold, machines_with_published_values
+from mech_twin.studies import declared_studies, reproduce
+from mech_twin.studies.declared_studies import all_hold, machines_with_published_values
 
 pytestmark = pytest.mark.slow
 
@@ -28,13 +28,13 @@ CHANGES = {
 }
 
 
-rows_of = cache(reproduction.machine_rows)
+rows_of = cache(declared_studies.machine_rows)
 
 
 @pytest.fixture
 def each_machine_computed_once(monkeypatch):
     """Take the rows of every machine from those that other tests have computed already."""
-    monkeypatch.setattr(reproduction, "machine_rows", rows_of)
+    monkeypatch.setattr(declared_studies, "machine_rows", rows_of)
 
 
 @pytest.mark.parametrize("machine", machines_with_published_values())

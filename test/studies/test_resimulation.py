@@ -15,14 +15,12 @@ from hypothesis import strategies as st
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
-from mech_twin.engine.step_samples import StepSamples
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import description_text, machine_parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.configuration_history import ConfigurationHistory
-from mech_twin.studies.first_difference import first_difference
-from mech_twin.studies.resimulation import analysed, resimulated
+from mech_twin.studies.resimulation import ConfigurationHistory, analysed, first_difference, resimulated
 
 DRUM = "winding_drum"
 RUN_S = 0.05

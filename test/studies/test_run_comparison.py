@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.studies.run_comparison import (
     ComparedRun,
     at_equal_angle,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import SizingQuestion
+from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import press_reduced
 from mech_twin.machines.compaction_press.parameters import press_constants
@@ -16,7 +16,7 @@ from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.parts.flywheel import exact_inertia
 from mech_twin.studies import size
-from mech_twin.studies.sizing import allowed_tolerance
+from mech_twin.studies.declared_studies import allowed_tolerance
 
 HUNG = {"counterweight.mass_kg": None}
 

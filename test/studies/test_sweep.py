@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from pyarrow import parquet
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.parameters.key_hints import key_units
+from mech_twin.errors import StudyError
+from mech_twin.parameters.errors import key_units
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.studies import sweep
 from mech_twin.studies.parameter_sweep import SweepJournal, journal_of
 from mech_twin.studies.spreading import spread
-from mech_twin.studies.sweep_points import Question, question
+from mech_twin.studies.sweep_table import Question, question
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +59,7 @@ def test_an_interrupted_sweep_goes_on_without_repeating_a_point(tmp_path):
 
 def test_a_point_reported_twice_counts_once(tmp_path):
     asked = question("winding_drum", machine_parameters("winding_drum"), {"eccentricity_m": (0.0, 0.001)})
-    from mech_twin.studies.sweep_points import points
+    from mech_twin.studies.sweep_table import points
 
     journal = SweepJournal(tmp_path / "j", asked)
     assert journal.add(points(asked, [0, 1])) == 2
@@ -98,7 +98,7 @@ def test_two_processes_give_what_one_gives(tmp_path):
     asked = question("winding_drum", machine_parameters("winding_drum"), AXES, ("dynamic_torque_nm",))
     from functools import partial
 
-    from mech_twin.studies.sweep_points import points
+    from mech_twin.studies.sweep_table import points
 
     task, batches = partial(points, asked), [[i, i + 1] for i in range(0, 12, 2)]
     together = sorted((p for found in spread(task, batches, 2) for p in found), key=lambda p: p.index)

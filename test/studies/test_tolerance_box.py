@@ -4,7 +4,7 @@
 import pytest
 from pydantic import ValidationError
 
-from mech_twin.capabilities.tolerance_box import corners, inner_points, neighbours, scaled
+from mech_twin.capabilities.variation import corners, inner_points, neighbours, scaled
 from mech_twin.parameters.load import machine_parameters
 
 KEYS = ("body.restitution", "tool.mass_kg", "body.inertia_kg_m2")

@@ -18,7 +18,7 @@ from mech_twin.files.output_file import OutputError
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies.design_scan import DesignScan
-from mech_twin.studies.sweep_points import Point, question
+from mech_twin.studies.sweep_table import Point, question
 from mech_twin.studies.sweep_table import write_table
 
 kind, path = sys.argv[1], Path(sys.argv[2])

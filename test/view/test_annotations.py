@@ -12,14 +12,10 @@ from catalogue import NAMES, built
 from mech_twin.capabilities.mechanism import poses
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.samples import Event
-from mech_twin.view.annotations import FLASH_S, Annotations, lost_energy
-from mech_twin.view.banner import Banner, sliding_joints
-from mech_twin.view.event_text import is_logged
-from mech_twin.view.extent import Bounds
-from mech_twin.view.labels import written_beside
-from mech_twin.view.scale import with_prefix
+from mech_twin.view.annotations import FLASH_S, Annotations, Banner, lost_energy, sliding_joints
+from mech_twin.view.extent import Bounds, is_logged, with_prefix, written_beside
 
 BOUNDS = Bounds(-1.0, 1.0, -0.8, 0.8)
 

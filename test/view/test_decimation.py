@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
-from mech_twin.view.decimation import extreme_rows, worst_values
+from mech_twin.view.sending import extreme_rows, worst_values
 
 CURVES = arrays(
     np.float64,

@@ -10,8 +10,8 @@ from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 from mech_twin.samples import Shape
 from mech_twin.view.annotations import Annotations, lost_energy
-from mech_twin.view.labels import LINE_PX, PANEL_PX, _box, apart, texts_of
-from mech_twin.view.mechanism import Mechanism
+from mech_twin.view.extent import LINE_PX, PANEL_PX, _box, apart, texts_of
+from mech_twin.view.rerun_pictures import Mechanism
 
 
 def text(name, x, y):

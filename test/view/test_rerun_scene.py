@@ -6,14 +6,11 @@ from rerun.chunk import RrdReader
 from rrd_tables import rrd_tables
 from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
+from mech_twin.errors import RerunSceneError
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
-from mech_twin.view.errors import RerunSceneError
-from mech_twin.view.event_text import event_line
-from mech_twin.view.extent import Bounds
-from mech_twin.view.layout import SceneContents, blueprint, legend_share, plot
-from mech_twin.view.phase_portrait import PhasePortrait
+from mech_twin.view.extent import Bounds, event_line, round_above
+from mech_twin.view.layout import PhasePortrait, SceneContents, blueprint, legend_share, plot
 from mech_twin.view.rerun_scene import RerunScene
-from mech_twin.view.scale import round_above
 
 STEPS = 1000
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from mech_twin.engine.addresses import place_of, view_as
 from mech_twin.engine.compiled_steps import LOG_FULL, copy_numbers
-from mech_twin.engine.hybrid.complementarity import SOLVED
+from mech_twin.engine.hybrid.complementarity import CLOSED, SOLVED, STRUCK, halt, strike
 from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
-from mech_twin.engine.hybrid.impacts import CLOSED, STRUCK, halt, strike
 from mech_twin.engine.hybrid.laws import (
     HIGH,
     HOLD,

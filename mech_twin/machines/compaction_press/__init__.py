@@ -8,10 +8,9 @@ from typing import Any
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
-from mech_twin.machines.compaction_press.forces import PressForces
 from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.roles import press_linkage
+from mech_twin.machines.compaction_press.roles import PressForces, press_linkage
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress
@@ -63,12 +62,12 @@ def capabilities() -> Capabilities:
     """Return the capabilities of the machine besides running."""
     from mech_twin.capabilities.design import DesignQuestion
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.compaction_press import design_search, monitoring, plots, published, sizing
+    from mech_twin.machines.compaction_press import design_search, metrics, published, sizing
     from mech_twin.machines.compaction_press.design_problem import SENSES
 
     return Capabilities(
         published=published.rows,
-        pictures=plots.pictures,
+        pictures=published.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
         design=DesignQuestion(
             design_search.BOUNDS,
@@ -77,7 +76,7 @@ def capabilities() -> Capabilities:
             design_search.evaluated,
             design_search.searched,
         ),
-        features=monitoring.features,
-        faults=monitoring.faults,
-        operating=monitoring.operating,
+        features=metrics.features,
+        faults=metrics.faults,
+        operating=metrics.operating,
     )

@@ -3,19 +3,25 @@
 
 A design is evaluated at 72 crank positions, where very many are wanted, or on the continuous curve.  The mean press
 force takes its contact travel from exact angles and heights in both.
+
+The stroke (crank angles of first contact and bottom, heights, mean force) is exact.  A configuration becomes a design
+problem, and a design a configuration again.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
 from numba import prange
 
-from mech_twin.capabilities.design import Evaluation
+from mech_twin.capabilities.design import Design, Evaluation
+from mech_twin.capabilities.variation import varied
 from mech_twin.kernels.kernel import kernel, parallel_kernel
-from mech_twin.machines.compaction_press.cycle_extremes import (
+from mech_twin.machines.compaction_press.cycle import (
     asked_flywheel,
     cycle_extremes,
     one_turn,
@@ -26,27 +32,98 @@ from mech_twin.machines.compaction_press.design_problem import (
     OBJECTIVES,
     Array,
     Duty,
+    Lengths,
     Limits,
     Margins,
     Objectives,
     Problem,
+    mass_rule,
     packed,
+    scaled_press,
     unpacked,
 )
-from mech_twin.machines.compaction_press.design_rule import Lengths, scaled_press
-from mech_twin.machines.compaction_press.design_stroke import (
-    POSITIONS,
-    TURN,
-    PressStroke,
-    bottom_angles,
-    exact_stroke,
-    mean_press_force,
-)
-from mech_twin.machines.compaction_press.dynamics import FREE, Press, loaded_height, press_reduced
-from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
-from mech_twin.parts.four_bar import acute_angles, position
+from mech_twin.machines.compaction_press.dynamics import FREE, Press, StrokeLoad, loaded_height, press_reduced
+from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
+from mech_twin.parts.four_bar import FourBar, acute_angles, position
 
+TURN = 2.0 * math.pi
+POSITIONS = 72  # of the crank, between two of which an extreme is sought
+ROOT_STEPS = 60
 FEW = 8  # designs that one thread evaluates: beside other work, waiting for further ones takes 8 ms
+
+
+class PressStroke(NamedTuple):
+    """Crank angles (rad) of the bottom and of first contact, angle between them (rad), and heights (m)."""
+
+    bottom: float
+    contact: float
+    way: float
+    top_y: float
+    contact_y: float
+    bottom_y: float
+
+
+@kernel
+def _miss(press: Press, f: float, height: float, rate: bool) -> float:
+    y, y1 = loaded_height(press, f)
+    return y1 if rate else y - height
+
+
+@kernel
+def path_root(press: Press, low: float, high: float, height: float, rate: bool) -> float:
+    """Return the crank angle (rad) between two others at which the loaded point passes ``height`` (m).
+
+    With ``rate`` that of its extreme height.  Illinois method; without a change of sign the middle.
+    """
+    at_low, at_high = _miss(press, low, height, rate), _miss(press, high, height, rate)
+    if at_low * at_high > 0.0:
+        return 0.5 * (low + high)
+    for _ in range(ROOT_STEPS):
+        if abs(high - low) < 1e-14 or at_high == at_low:
+            break
+        middle = high - at_high * (high - low) / (at_high - at_low)
+        at_middle = _miss(press, middle, height, rate)
+        if at_middle * at_high <= 0.0:
+            low, at_low = high, at_high
+        else:
+            at_low *= 0.5
+        if abs(middle - high) < 1e-15:
+            break
+        high, at_high = middle, at_middle
+    return high
+
+
+@kernel
+def exact_stroke(press: Press, duty: Duty, top_way: float, bottom_way: float) -> PressStroke:
+    """Return the stroke with every angle and height exact, from the angles of the highest and lowest sample (rad)."""
+    direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
+    step = TURN / POSITIONS
+    top = path_root(press, direction * top_way - step, direction * top_way + step, 0.0, True)
+    bottom = path_root(press, direction * bottom_way - step, direction * bottom_way + step, 0.0, True)
+    top_y, _ = loaded_height(press, top)
+    bottom_y, _ = loaded_height(press, bottom)
+    contact_y = top_y - duty.contact_fraction * (top_y - bottom_y)
+    if math.isnan(duty.contact_fraction):
+        contact_y, _ = loaded_height(press, math.pi)
+    down = direction * ((direction * (bottom - top)) % TURN)
+    contact = path_root(press, top, top + down, contact_y, False) if contact_y < top_y else top
+    return PressStroke(bottom, contact, abs(top + down - contact), top_y, contact_y, bottom_y)
+
+
+@kernel
+def mean_press_force(stroke: PressStroke, constant_torque_nm: float) -> float:
+    """Return the mean force (N) over the contact travel at a constant drive torque: torque times angle over travel.
+
+    The work on the layer at that mean force equals the work of the drive from first contact to the bottom.
+    """
+    return constant_torque_nm * stroke.way / (stroke.contact_y - stroke.bottom_y)
+
+
+@kernel
+def bottom_angles(bar: FourBar, bottom: float) -> tuple[float, float]:
+    """Return gamma and alpha at the bottom of the stroke (rad)."""
+    alpha, _, gamma = acute_angles(position(bar, bottom))
+    return gamma, alpha
 
 
 class Samples(NamedTuple):
@@ -234,3 +311,51 @@ def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) ->
     objectives, margins = np.empty((len(designs), len(OBJECTIVES))), np.empty((len(designs), len(CONSTRAINTS)))
     evaluate(np.ascontiguousarray(designs, dtype=np.float64), packed(problem), continuous, objectives, margins)
     return Evaluation(objectives, margins)
+
+
+def press_duty(parameters: CompactionPress) -> Duty:
+    """Return speed, required non-uniformity and working force of a configuration."""
+    force = parameters.working_force
+    return Duty(
+        parameters.drive.speed_rad_per_s,
+        parameters.flywheel.non_uniformity,
+        force.peak_n,
+        nan if force.working_quarter else force.contact_fraction,
+        force.exponent,
+    )
+
+
+def design_problem(parameters: CompactionPress, limits: Mapping[str, float]) -> Problem:
+    """Return the design problem of a configuration under these limits (all of them, by name)."""
+    return Problem(mass_rule(parameters), press_duty(parameters), Limits(**limits))
+
+
+def configured_press(parameters: CompactionPress, lengths: Lengths) -> CompactionPress:
+    """Return the configuration with a design's lengths and corresponding masses; the rest is unchanged."""
+    press = scaled_press(mass_rule(parameters), lengths)
+    changes: dict[str, float | str] = {
+        "linkage.crank_m": press.bar.crank_m,
+        "linkage.coupler_m": press.bar.coupler_m,
+        "linkage.pendulum_m": press.bar.rocker_m,
+        "linkage.pivot_x_m": press.bar.pivot_x_m,
+        "linkage.pivot_y_m": press.bar.pivot_y_m,
+        "working_force.application_from_a_m": press.along_m,
+    }
+    for name, link in (("crank", press.crank), ("plate", press.plate), ("pendulum", press.pendulum)):
+        changes[f"links.{name}.mass_kg"] = link.mass_kg
+        changes[f"links.{name}.inertia_kg_m2"] = link.inertia_kg_m2
+        changes[f"links.{name}.centroid_along_m"] = link.along_m
+    return varied(parameters, changes)
+
+
+def described(parameters: CompactionPress, lengths: Lengths, limits: Limits) -> Design:
+    """Return a design with its configuration; objectives and margins are computed from that configuration alone."""
+    chosen = configured_press(parameters, lengths)
+    press, found = press_constants(chosen, fitted=False)
+    duty = press_duty(chosen)
+    forward = duty.speed_rad_per_s >= 0.0
+    contact = found.contact if forward else found.contact_reversed
+    way = (found.bottom - contact if forward else contact - found.bottom) % TURN
+    stroke = PressStroke(found.bottom, contact, way, found.top_y_m, press.load.contact_y_m, press.load.bottom_y_m)
+    objectives, margins = continuous_press(press, lengths, stroke, duty, limits)
+    return Design(lengths._asdict(), objectives._asdict(), margins._asdict(), chosen)

@@ -18,12 +18,18 @@ from scipy.optimize import Bounds, differential_evolution, minimize
 from scipy.stats import qmc
 
 from mech_twin.capabilities.design import Design, DesignSpace, Evaluation
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
-from mech_twin.machines.compaction_press.design_configuration import described, design_problem
-from mech_twin.machines.compaction_press.design_evaluation import evaluation
-from mech_twin.machines.compaction_press.design_problem import CONSTRAINTS, OBJECTIVES, SENSES, Limits, Margins, Problem
-from mech_twin.machines.compaction_press.design_rule import Lengths
+from mech_twin.errors import StudyError
+from mech_twin.machines.compaction_press.design_evaluation import described, design_problem, evaluation
+from mech_twin.machines.compaction_press.design_problem import (
+    CONSTRAINTS,
+    OBJECTIVES,
+    SENSES,
+    Lengths,
+    Limits,
+    Margins,
+    Problem,
+)
 from mech_twin.machines.compaction_press.parameters import CompactionPress
 
 Array = NDArray[np.float64]

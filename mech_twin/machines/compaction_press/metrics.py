@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of the press: one position, one cycle, the paper's closing conditions."""
+"""Metrics of the press (one position, one cycle, the paper's closing conditions), and what a monitor asks of it."""
 
 from __future__ import annotations
 
@@ -8,27 +8,71 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mech_twin.capabilities.cycle import CycleFeatures, CycleReference, crank_features, mean, swing
+from mech_twin.capabilities.faults import (
+    MachineFault,
+    OperatingVariable,
+    added_to_key,
+    drive_variables,
+    share_of_key,
+    supply_sag,
+    varying_key,
+)
 from mech_twin.machines.compaction_press.cycle import (
+    cycle_extremes,
     flywheel_metrics,
     gain_rows,
     gains,
     layer_work_on_the_way,
     mean_torque,
     regime_at,
+    transmission_range,
     turn_at,
     turn_flywheel,
 )
-from mech_twin.machines.compaction_press.cycle_extremes import cycle_extremes, transmission_range
-from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced, press_weights
+from mech_twin.machines.compaction_press.dynamics import Press, layer_work, press_pins, press_reduced, press_weights
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.stroke_load import layer_work
 from mech_twin.machines.crank_run import CrankRun
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.samples import Frame
 
+CRANK, TORQUE, PENDULUM = "linkage.crank.position", "linkage.crank.effort", "linkage.pendulum.position"
 GAMMA_LIMIT_DEG = 20.0  # published
 ALPHA_TOLERANCE_DEG = 5.0  # the design search's reading of "near 90"
+
+
+def features(parameters: CompactionPress) -> CycleFeatures:
+    """Return the features of a turn of the crank."""
+    return CycleFeatures(
+        CycleReference(CRANK),
+        (
+            *crank_features(CRANK, TORQUE),
+            mean("pendulum_mean_rad", "rad", PENDULUM, "mean angle of the pendulum"),
+            swing("pendulum_swing_rad", "rad", PENDULUM, "angle the pendulum swings through"),
+        ),
+    )
+
+
+def faults(parameters: CompactionPress) -> tuple[MachineFault, ...]:
+    """Return the faults of layer, joints, flywheel (where one is fitted) and supply."""
+    found = [
+        share_of_key(
+            "layer_force", "the layer is stiffer or softer", "working_force.peak_n", (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+        ),
+        added_to_key("joint_friction", "a joint rubs", "friction.coulomb_nm", "N.m", (1.0, 3.0, 10.0, 30.0)),
+        supply_sag(),
+    ]
+    if parameters.flywheel.inertia_kg_m2 > 0.0:
+        sizes = (-0.8, -0.5, -0.2, -0.1)
+        found.append(share_of_key("flywheel_loose", "the flywheel slips", "flywheel.inertia_kg_m2", sizes))
+    return tuple(found)
+
+
+def operating(parameters: CompactionPress) -> tuple[OperatingVariable, ...]:
+    """Return supply and layer."""
+    layer = varying_key("layer", "force of the layer at the bottom", "working_force.peak_n", 0.1, "layer_force")
+    return (*drive_variables(parameters.drive.kind), layer)
 
 
 class Check(NamedTuple):

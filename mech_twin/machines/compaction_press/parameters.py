@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mech_twin.capabilities.root import root_between
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, loaded_heights
-from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
-from mech_twin.machines.drives import DrivenCrank
+from mech_twin.machines.compaction_press.dynamics import Press, StrokeLoad, loaded_height, loaded_heights
+from mech_twin.machines.drives import DrivenCrank, root_between
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality, smallest_transmission_angle
 
 GRAVITY = 9.80665

@@ -1,20 +1,126 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Published claims of the press, and the numbers of the assumed press behind them."""
+"""Published claims of the press and the numbers of the assumed press behind them, in rows and figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import radians
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.plots import BLUE, COLOURS, GREEN, GREY, ORANGE, OWN, RED, Picture, sheet, turn_axis
 from mech_twin.capabilities.published import DIFFERS, Literature, PublishedRow
+from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gain_rows, press_cycle, regime_at
+from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
 from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
-from mech_twin.machines.compaction_press.parameters import CompactionPress
+from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
 from mech_twin.machines.compaction_press.sizing import flywheel_run
+from mech_twin.parts.flywheel import Tangents, wittenbauer
 
 PAPER = "Asfandiyarov et al. 2019"
 WORKED = "worked for the assumed press"
 NON_UNIFORMITY = 0.05  # asked of the assumed press
 ASSUMED = "assumed press: the paper prints no dimensions"
+
+
+def pictures(parameters: CompactionPress) -> Iterator[Picture]:
+    """Yield the figures."""
+    press, stroke = press_constants(parameters, fitted=False)
+    speed = parameters.drive.speed_rad_per_s
+    cycle = press_cycle(press, stroke, speed, POSITIONS, kinks=False)
+    few = press_cycle(press, stroke, speed, 12, kinks=False)
+    yield _gain_picture(press)
+    yield _diagrams(cycle, few)
+    yield _energy_mass(parameters, cycle, few)
+    yield _reactions(press, stroke, speed)
+
+
+def _gain_picture(press: Press) -> Picture:
+    degrees = np.linspace(182.0, 268.0, 345)
+    k1, k2, normal, vertical = gain_rows(press, np.radians(degrees))
+    figure, (axes,) = sheet()
+    axes.plot(degrees, k1 * k2, color=RED, label=r"paper: $k_1 k_2$ (B at rest)")
+    axes.plot(degrees, normal, color=BLUE, label="exact, load normal to the plate")
+    axes.plot(degrees, vertical, color=GREEN, label="exact, vertical load")
+    axes.axhline(2.0, color=GREY, linewidth=0.9, linestyle="--")
+    axes.text(264.0, 2.07, "two-fold", color=GREY, fontsize=8)
+    axes.set_xlim(180.0, 270.0)
+    axes.set_ylim(1.6, 8.0)
+    axes.set_xlabel("crank angle, degrees")
+    axes.set_ylabel(r"gain $Q/P$")
+    axes.set_title("Gain over the working quarter (Fig. 3b)")
+    axes.legend(loc="upper left")
+    caption = "The paper's k1 k2 holds only while B is at rest; the exact gains, inverse velocity ratios, stay below."
+    return Picture("compaction_press_gain", caption, figure)
+
+
+def _diagrams(cycle: PressCycle, few: PressCycle) -> Picture:
+    degrees, marks = np.degrees(cycle.angle_rad), np.degrees(few.angle_rad)
+    figure, panels = sheet(3, 1, 7.2, 7.0, sharex=True)
+    panels[0].plot(degrees, cycle.drive_torque_nm, color=BLUE, label="drive at constant speed")
+    panels[0].plot(degrees, cycle.load_torque_nm, color=ORANGE, label="reduced moment of the loads")
+    panels[0].axhline(cycle.drive_torque_nm.mean(), color=GREY, linewidth=0.9, linestyle="--", label="mean")
+    panels[1].plot(degrees, cycle.work_j, color=GREEN, label="work of drive and loads")
+    panels[1].plot(marks, few.work_j, "o", color=GREEN, markersize=4, label="12 positions")
+    panels[2].plot(degrees, cycle.kinetic_j, color=RED, label="kinetic energy of the links")
+    panels[2].plot(marks, few.kinetic_j, "o", color=RED, markersize=4, label="12 positions")
+    for axes, name in zip(panels, ("torque, N m", "work, J", "energy, J"), strict=True):
+        turn_axis(axes, "")
+        axes.set_ylabel(name)
+        axes.legend(ncols=3, loc="upper left")
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.22 * (high - low))
+    panels[0].set_title("Torque, work and energy over a turn")
+    panels[2].set_xlabel("crank angle, degrees")
+    caption = "The three diagrams from which the energy-mass curve is made, with the paper's 12 crank positions marked."
+    return Picture("compaction_press_diagrams", f"{caption} {OWN}", figure)
+
+
+def _energy_mass(parameters: CompactionPress, cycle: PressCycle, few: PressCycle) -> Picture:
+    delta, w = parameters.flywheel.non_uniformity, abs(parameters.drive.speed_rad_per_s)
+    cuts: Tangents = wittenbauer(cycle.work_j, cycle.inertia_kg_m2, delta, w)
+    figure, (axes,) = sheet(1, 1, 7.2, 4.8)
+    axes.plot(*_closed(cycle.inertia_kg_m2, cycle.work_j), color=BLUE, label=r"$W(I)$")
+    axes.plot(few.inertia_kg_m2, few.work_j, "o", color=BLUE, markersize=4.5, label="12 positions")
+    width = np.array([0.0, 1.15 * cycle.inertia_kg_m2.max()])
+    for cut, speed, place, name, colour in (
+        (cuts.upper_j, w * (1.0 + 0.5 * delta), cuts.upper_position, "fastest", RED),
+        (cuts.lower_j, w * (1.0 - 0.5 * delta), cuts.lower_position, "slowest", GREEN),
+    ):
+        axes.plot(width, cut + 0.5 * speed * speed * width, color=colour, linewidth=1.1, label=f"tangent, {name}")
+        axes.plot([cycle.inertia_kg_m2[place]], [cycle.work_j[place]], "D", color=colour, markersize=5, zorder=5)
+        axes.plot([0.0], [cut], "s", color=colour, markersize=5)
+    axes.set_xlim(0.0, width[1])
+    axes.set_xlabel(r"reduced inertia $I$, kg m²")
+    axes.set_ylabel(r"work $W$, J")
+    axes.set_title(rf"Energy-mass curve: flywheel $J = {cuts.inertia_kg_m2:.4f}$ kg m² for $\delta = {delta:g}$")
+    axes.legend(loc="upper left", ncols=2)
+    caption = (
+        "Wittenbauer's construction: the tangents cut the axis a distance of J delta w_m² apart "
+        "(squares; diamonds: where they touch)."
+    )
+    return Picture("compaction_press_energy_mass", f"{caption} {OWN}", figure)
+
+
+def _closed(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.append(x, x[0]), np.append(y, y[0])
+
+
+def _reactions(press: Press, stroke: Stroke, speed: float) -> Picture:
+    angles = np.arange(720) * (2.0 * np.pi / 720)
+    loads = [press_reduced(press, f, regime_at(stroke, f, speed)).force for f in angles]
+    pins = np.array([press_pins(press, f, speed, 0.0, load) for f, load in zip(angles, loads, strict=True)])
+    figure, (axes,) = sheet()
+    for i, (name, colour) in enumerate(zip("OABC", COLOURS, strict=False)):
+        size = np.hypot(pins[:, 2 * i], pins[:, 2 * i + 1]) / 1000.0
+        axes.plot(np.degrees(angles), size, color=colour, label=f"pin {name}", linestyle="--" if name == "A" else "-")
+    turn_axis(axes)
+    axes.set_ylabel("pin force, kN")
+    axes.set_title("Reactions in the pins")
+    axes.legend(ncols=4)
+    caption = "Size of every pin reaction over a turn at constant speed, from one equilibrium of plate and pendulum."
+    return Picture("compaction_press_reactions", f"{caption} {OWN}", figure)
 
 
 def rows(parameters: CompactionPress) -> Iterator[PublishedRow]:

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.crank_state import Transmission
+from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, turn_flywheel
 from mech_twin.machines.compaction_press.dynamics import Press
 from mech_twin.machines.compaction_press.metrics import conditions

@@ -87,19 +87,19 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
-    from mech_twin.machines.impact_mass import long_run_answers, monitoring, plots, published
-    from mech_twin.machines.impact_mass.monitoring import ANCHORED_MOTION
+    from mech_twin.machines.impact_mass import long_run_answers, metrics, published
+    from mech_twin.machines.impact_mass.metrics import ANCHORED_MOTION
 
     return Capabilities(
         published=published.rows,
-        pictures=plots.pictures,
+        pictures=published.pictures,
         synthesis=SynthesisQuestion(
             long_run_answers.USUAL_ROBUSTNESS, long_run_answers.synthesis_answer, long_run_answers.cycle_lines
         ),
         regimes=RegimeQuestion(
             long_run_answers.USUAL_KEY, long_run_answers.regime_answer, long_run_answers.regimes_read
         ),
-        features=monitoring.features,
-        faults=monitoring.faults,
+        features=metrics.features,
+        faults=metrics.faults,
         anchored_motion=ANCHORED_MOTION,
     )

@@ -9,8 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion, initial_motion, next_event, rests_for_good
-from mech_twin.machines.impact_mass.states import CHATTER_END, FLIGHT, IMPACT, PHASE_CHANGE, RELEASE
+from mech_twin.machines.impact_mass.dynamics import (
+    CHATTER_END,
+    FLIGHT,
+    IMPACT,
+    PHASE_CHANGE,
+    RELEASE,
+    ImpactSystem,
+    MassMotion,
+    initial_motion,
+    next_event,
+    rests_for_good,
+)
 
 AT_REST, LEFT, WANDERING = -1, -2, -3  # fates of a start that does not reach the cycle
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, SingleBlows, collapse_period, fates, single_blows
-from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion, initial_motion
+from mech_twin.machines.impact_mass.dynamics import FLIGHT, ImpactSystem, MassMotion, initial_motion
 from mech_twin.machines.impact_mass.metrics import admissible
 from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.states import FLIGHT
 
 BORDER = 1e-9  # of a phase: a blow this near the change of the force stands on the border of existence
 NEAR = 1e-6  # of the stroke and of the blow's speed: a start this near the cycle at three period starts is at it

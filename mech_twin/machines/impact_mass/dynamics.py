@@ -12,6 +12,9 @@ the first thousand are summed in closed form up to the end of the phase or of th
 
 Ties: an impact or a chatter end at exactly the instant of a change belongs to the phase that ends and comes before
 the change.  A phase that starts at the stop with v > 0 (rounding put the blow behind the change) strikes at once.
+
+Named states and events are floats, because they stand beside numbers in the arrays and samples of the compiled event
+walk.
 """
 
 from __future__ import annotations
@@ -31,19 +34,17 @@ from mech_twin.machines.impact_mass.impact_stop import (
     series_length,
     series_sum,
 )
-from mech_twin.machines.impact_mass.states import (
-    CHATTER_END,
-    FLIGHT,
-    IMPACT,
-    IMPACTS_SUMMED,
-    PHASE_1,
-    PHASE_2,
-    PHASE_CHANGE,
-    RELEASE,
-    SERIES,
-    STUCK,
-)
 
+FLIGHT, SERIES, STUCK = 0.0, 1.0, 2.0  # mode of the motion after an event
+MODE_NAMES = ("free", "chatter", "stuck")
+PHASE_1, PHASE_2 = 0.0, 1.0  # phase of the force
+
+IMPACT, CHATTER_END, RELEASE, PHASE_CHANGE, IMPACTS_SUMMED = 0.0, 1.0, 2.0, 3.0, 4.0  # kinds of events
+KIND_NAMES = ("impact", "chatter_end", "release", "phase", "impacts_summed")
+KIND_CONTACTS = ("stop", "stop", "stop", "generator", "stop")
+
+FREE_REGIME, IMPACT_REGIME, CHATTER_REGIME, STUCK_REGIME = 0, 1, 2, 3  # regime of a sample
+REGIME_NAMES = ("free", "impact", "chatter", "stuck")
 LISTED_MOST = 1000.0  # impacts of one series that are events of their own; later ones are summed in one event
 
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
 from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.errors import StudyError
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import LongRunRegime, RegimeMap, regime_map, write_bifurcation_picture
 from mech_twin.machines.impact_mass.synthesis import CycleDesign, CycleSpec, RobustnessSpec, synthesise

@@ -6,8 +6,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from mech_twin.machines.impact_mass.memory import MassMemory
-from mech_twin.machines.impact_mass.states import CHATTER_END, IMPACT, IMPACTS_SUMMED, KIND_NAMES, RELEASE, STUCK_REGIME
+from mech_twin.machines.impact_mass.dynamics import (
+    CHATTER_END,
+    IMPACT,
+    IMPACTS_SUMMED,
+    KIND_NAMES,
+    RELEASE,
+    STUCK_REGIME,
+)
+from mech_twin.machines.impact_mass.roles import MassMemory
 from mech_twin.samples import Event, Frame
 
 RESET = "reset"

@@ -38,7 +38,7 @@ from mech_twin.machines.impact_mass.tolerance_box import (
     inside,
     outcome,
 )
-from mech_twin.parts.supply import SupplyParameters
+from mech_twin.parts.induction_motor import SupplyParameters
 
 CANDIDATES = 120
 STEPS_PER_PERIOD = 50.0

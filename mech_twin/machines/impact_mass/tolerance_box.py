@@ -16,12 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.machines.impact_mass.cycle_verdict import BORDER, StartBox, basin
-from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
+from mech_twin.machines.impact_mass.dynamics import PHASE_2, ImpactSystem, impact_system
 from mech_twin.machines.impact_mass.impact_stop import LARGEST_RESTITUTION
 from mech_twin.machines.impact_mass.metrics import admissible
 from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.states import PHASE_2
 
 CLIMBS, CLIMB_STEPS = 6, 8  # points climbed from, steps of each
 FIRST_REACH = 0.5  # of the box: the first step of a climb; it shrinks to nothing

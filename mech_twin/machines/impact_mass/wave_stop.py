@@ -15,7 +15,7 @@ from pydantic import model_validator
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
 from mech_twin.declarations.quantity import Parameters, choice
-from mech_twin.machines.impact_mass.states import IMPACT, KIND_CONTACTS, KIND_NAMES
+from mech_twin.machines.impact_mass.dynamics import IMPACT, KIND_CONTACTS, KIND_NAMES
 from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.parameters import Wall, WaveTool, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import (

@@ -8,14 +8,13 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
-from mech_twin.machines.mb10_breaker.driven_body import DrivenBody
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics, tool_gauge
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor
+from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor, DrivenBody
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver, blow_energy
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.parts.rod_waves.parameters import rounded_lengths
 from mech_twin.roles import BodyRole, Capabilities, Machine, no_remarks
@@ -60,13 +59,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.mb10_breaker import monitoring, plots, published, sizing
+    from mech_twin.machines.mb10_breaker import metrics, plots, published, sizing
 
     return Capabilities(
         published=published.rows,
         pictures=plots.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=monitoring.features,
-        faults=monitoring.faults,
-        operating=monitoring.operating,
+        features=metrics.features,
+        faults=metrics.faults,
+        operating=metrics.operating,
     )

@@ -33,7 +33,7 @@ import numpy as np
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import inline_kernel, kernel
 from mech_twin.parts.four_bar import Coefficients, FourBar, Link, Position, coefficients, offset, position
-from mech_twin.parts.gear import gear_torque
+from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.rod_waves.parameters import WaveGrid
 
 TURN = 2.0 * math.pi

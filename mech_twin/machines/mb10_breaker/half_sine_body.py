@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledBody
 from mech_twin.engine.compiled_steps import body_step, log_event, step_of
-from mech_twin.engine.records import record_at, record_of
 from mech_twin.engine.sample_vectors import BODY_JOINTS, PRESSING_FORCE, REGIME, Array, BodyLayout, EventLayout
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (

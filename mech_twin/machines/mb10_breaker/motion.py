@@ -12,19 +12,23 @@ import math
 from typing import NamedTuple
 
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.impacts import CLOSED_M
+from mech_twin.engine.hybrid.complementarity import CLOSED_M
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Array, Equations, Indices
 from mech_twin.engine.hybrid.motion import find_accelerations
 from mech_twin.engine.sample_vectors import IMPULSE, KIND, POST_VELOCITY, PRE_VELOCITY
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, masses, spring_moment, striker_travel
-from mech_twin.machines.mb10_breaker.event_rows import begin_row, end_row, log_bearings, log_contacts, log_row
 from mech_twin.machines.mb10_breaker.impacts import struck_tool
 from mech_twin.machines.mb10_breaker.joint_laws import (
     Torques,
+    begin_row,
     crank_shares,
     effect_of_impact,
+    end_row,
     join_laws,
+    log_bearings,
+    log_contacts,
+    log_row,
     on_collar,
     on_wall,
     project_contact,
@@ -71,7 +75,7 @@ from mech_twin.machines.mb10_breaker.state import (
     WALL_WORK,
 )
 from mech_twin.parts.four_bar import coefficients, position
-from mech_twin.parts.gear import gear_split, gear_torque
+from mech_twin.parts.friction_and_gear import gear_split, gear_torque
 from mech_twin.parts.induction_motor import (
     MotorInStep,
     command_in_step,

@@ -13,7 +13,6 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREEN, GREY, INK, ORANGE, OWN, RED, Picture, sheet
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import striker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, striking_angle
@@ -24,10 +23,11 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, assumed_pulse, computed_pulse, paper_body
 from mech_twin.machines.mb10_breaker.running_sizing import settled_run_metrics, with_rest_force
 from mech_twin.machines.mb10_breaker.sizing import swing_curve
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.machines.mb10_breaker.tool_sizing import DIAMETERS_M, as_rod, sized_blow
-from mech_twin.parts.rod_waves.blow import RodBlow
-from mech_twin.parts.rod_waves.first_pass import (
+from mech_twin.parts.rod_waves.blow import (
     STRIKERS,
+    RodBlow,
     led_share_of_mass,
     led_share_of_rectangle,
     led_share_of_steps,

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The breaker's motor, linkage and force analysis as pure maps between samples, backed by their kernels."""
+"""The breaker's motor, linkage, force analysis and body as pure maps between samples, backed by their kernels.
+
+Crank, body and tool move under one set of equations, which the linkage solves.  Angle and rate of the body come to
+its role in the row of the forces.  A user's own body can replace it on the topics.  It integrates the moments and
+impulses that the force analysis gives at each event and step end, and the linkage then uses its angle.
+"""
 
 from __future__ import annotations
 
@@ -7,35 +12,65 @@ import math
 from collections.abc import Mapping
 from functools import cached_property
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
-from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
+from mech_twin.engine.compiled_roles import CompiledBody, CompiledForces, CompiledLinkage
+from mech_twin.engine.compiled_steps import body_step, step_of
+from mech_twin.engine.sample_vectors import (
+    BODY_JOINTS,
+    LOAD_IMPULSE,
+    LOAD_KIND,
+    PRESSING_FORCE,
+    REGIME,
+    Array,
+    BodyLayout,
+    EventLayout,
+    ForceLayout,
+    LinkageLayout,
+    row_of,
+)
+from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.drives import KlossDrive, KlossMotor
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, Breaker
-from mech_twin.machines.mb10_breaker.event_rows import CONTACTS
-from mech_twin.machines.mb10_breaker.force_row import LoadedBreaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, pin_forces
-from mech_twin.machines.mb10_breaker.linkage_row import (
+from mech_twin.machines.mb10_breaker.joint_laws import CONTACTS
+from mech_twin.machines.mb10_breaker.rows import (
     JOINTS,
     MEMORY_AT,
+    QUANTITIES_AT,
     RESIDUALS_AT,
+    STRIKES,
     GearedMotor,
     LedBreaker,
+    LoadedBreaker,
     fill_row,
     start_row,
 )
-from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide, named
+from mech_twin.machines.mb10_breaker.state import (
+    BODY_STARTED,
+    BODY_STOPPED,
+    KINDS,
+    LIFT_OFF,
+    SETTLED,
+    TOUCHDOWN,
+    BreakerMemory,
+    BreakerState,
+    EventSide,
+    named,
+)
 from mech_twin.machines.mb10_breaker.step import FAILURES, total_of
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
-from mech_twin.samples import LinkageSample
+from mech_twin.samples import BodySample, ForceSample, LinkageSample
 
 DEFECT, USUAL_STEP_S = 1e-5, 1e-3  # of the energy held, by the angle of a body that somebody else moves; at that step
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
 EVENTS = EventLayout(KINDS, CONTACTS, len(EventSide._fields))
+CONTACT, FLYING, HANGING = 0, 1, 2
+LED_ANGLE, LED_RATE = (QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s"))
 
 
 class BreakerMotor(KlossDrive):
@@ -152,3 +187,71 @@ class BreakerForces(CompiledForces):
 
     def __init__(self, breaker: Breaker) -> None:
         self.model = LoadedBreaker(breaker)
+
+
+class Body(NamedTuple):
+    """Constants of the body role."""
+
+    breaker: Breaker
+
+
+@kernel
+def after_load(regime: int, kind: int, impulse: float) -> int:
+    """Return the regime of the body after an event of the linkage with an angular impulse (N m s)."""
+    if kind in STRIKES:
+        return FLYING if regime != CONTACT or impulse > 0.0 else CONTACT
+    if kind == SETTLED:
+        return CONTACT
+    if kind in (TOUCHDOWN, LIFT_OFF, BODY_STARTED):
+        return FLYING
+    return HANGING if kind == BODY_STOPPED else regime
+
+
+@kernel
+def fill_body(b: Breaker, forces: Array, regime: int, out: Array) -> None:
+    """Fill the row of the body from the linkage's result."""
+    phi = forces[LED_ANGLE]
+    force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
+    out[REGIME], out[PRESSING_FORCE] = regime, force
+    out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = phi, forces[LED_RATE], -force * b.spring_arm_m
+
+
+@step_of(body_step, Body)
+def follow_linkage(
+    model: Body, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` with the body one step later."""
+    regime = int(body[REGIME])
+    for i in range(count):
+        regime = after_load(regime, int(loads[i, LOAD_KIND]), loads[i, LOAD_IMPULSE])
+    fill_body(model.breaker, forces, regime, out)
+    return log, 0
+
+
+class DrivenBody(CompiledBody):
+    """The body role for the excitation ``from_forces``.
+
+    Parameters
+    ----------
+    breaker : Breaker
+        Constants.
+    step_s : float
+        Coupling step.
+    """
+
+    joints = ("body",)
+    regimes = ("rest", "flight", "hanging")
+    residual_limits: Mapping[str, float] = MappingProxyType({})
+    model: Body
+    layout = BodyLayout(joints, (), ())
+    force_layout = BreakerForces.layout
+
+    def __init__(self, breaker: Breaker, step_s: float) -> None:
+        self.step_s = step_s
+        self.model = Body(breaker)
+
+    def start(self, forces: ForceSample) -> BodySample:
+        """Return the body at rest on its collar."""
+        out = np.empty(self.layout.size)
+        fill_body(self.model.breaker, row_of(forces), CONTACT, out)
+        return self.layout.sample(forces.step, forces.time_s, out.tolist(), ())

@@ -15,14 +15,13 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
-from mech_twin.capabilities.last_records import LAST, over_last
+from mech_twin.machines.crank_run import LAST, MotorDuty, MotorState, duty_after, duty_metrics, over_last, shaft_work_j
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.impacts import blow_contact, fading
 from mech_twin.machines.mb10_breaker.metrics import blow_metrics, is_seated
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces
 from mech_twin.machines.mb10_breaker.state import EventSide
-from mech_twin.machines.motor_duty import MotorDuty, MotorState, duty_after, duty_metrics, shaft_work_j
 from mech_twin.parts.induction_motor import MotorConstants, motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
 

@@ -16,14 +16,13 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.capabilities.design import InShorterSteps
 from mech_twin.capabilities.progress import tell
-from mech_twin.capabilities.shorter_steps import InShorterSteps
 from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
-from mech_twin.capabilities.tolerance_box import Factors, inner_points, neighbours, scaled
-from mech_twin.capabilities.variation import varied
+from mech_twin.capabilities.variation import Factors, inner_points, neighbours, scaled, varied
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames, shorter_step_s
+from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.run_metrics import BodyCycle

@@ -20,10 +20,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, pi
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
-from mech_twin.capabilities.tolerance_box import corners, inner_points, scaled
-from mech_twin.capabilities.variation import varied
+from mech_twin.capabilities.variation import corners, inner_points, scaled, varied
+from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker import tool_sizing
 from mech_twin.machines.mb10_breaker.metrics import SEATED_GAP_M, SEATED_REST
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters

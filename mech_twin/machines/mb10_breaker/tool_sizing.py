@@ -15,15 +15,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, binding_of
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, striker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, striking_angle
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import rod_blow
 

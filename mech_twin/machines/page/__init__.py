@@ -11,8 +11,8 @@ import numpy as np
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.page.drawing import PageDrawing
-from mech_twin.machines.page.equations import PageInstant
 from mech_twin.machines.page.force_laws import PageNumbers
+from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.mechanism import mechanism
 from mech_twin.machines.page.metrics import PageRun
 from mech_twin.machines.page.parameters import Page
@@ -55,12 +55,12 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return the capabilities of a page besides running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.page import features, sizing
+    from mech_twin.machines.page import metrics, sizing
 
     return Capabilities(
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
-        features=features.features,
-        faults=features.faults,
+        features=metrics.features,
+        faults=metrics.faults,
     )
 
 

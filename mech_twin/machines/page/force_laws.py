@@ -10,8 +10,7 @@ from typing import NamedTuple
 from mech_twin.machines.page.assembly import exact_turn
 from mech_twin.machines.page.elements import DEGREE, RPM, Contact, DriveElement
 from mech_twin.machines.page.force_elements import GasCharge, SpringElement
-from mech_twin.machines.page.start_lengths import StartLengths
-from mech_twin.machines.page.state_places import HERTZ, NEAR_M, NO_GAP, StatePlaces
+from mech_twin.machines.page.state_places import HERTZ, NEAR_M, NO_GAP, StartLengths, StatePlaces
 from mech_twin.machines.page.tables import Line, Rows, line, repeats, scaled_rows, wrapped
 from mech_twin.mechanics.actions import Action, contact_action, force_action, joint_action, line_action, moment_action
 from mech_twin.mechanics.dynamics import JointEffort, ReducedSystem

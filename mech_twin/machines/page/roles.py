@@ -9,23 +9,27 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage, CompiledMotor
-from mech_twin.engine.errors import MotionError
 from mech_twin.engine.hybrid.complementarity import SOLVED
-from mech_twin.engine.sample_vectors import COMMAND, EventLayout, ForceLayout, LinkageLayout, MotorLayout
+from mech_twin.engine.sample_vectors import COMMAND, Array, EventLayout, ForceLayout, LinkageLayout, MotorLayout
+from mech_twin.errors import MotionError
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DriveElement
-from mech_twin.machines.page.equations import PageInstant
-from mech_twin.machines.page.failures import FAILURES, failure_of
 from mech_twin.machines.page.force_laws import PageNumbers
-from mech_twin.machines.page.functions import Functions, drive_row, functions_of, start_state
+from mech_twin.machines.page.functions import (
+    FAILURES,
+    Functions,
+    PageInstant,
+    drive_row,
+    failure_of,
+    functions_of,
+    start_state,
+)
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.rods import PageRods
-from mech_twin.machines.page.start_lengths import check_lines
-from mech_twin.machines.page.state_places import StatePlaces
+from mech_twin.machines.page.state_places import StatePlaces, check_lines
 from mech_twin.machines.page.step import (
     DC,
     DRIVE_WIDTH,
@@ -41,7 +45,6 @@ from mech_twin.machines.page.step import (
 from mech_twin.machines.page.system import BEND, KINDS, PHASE, PORT, RESET, TOUCH, PageSystem
 from mech_twin.samples import LinkageSample
 
-Array = NDArray[np.float64]
 LIMITS = {"loop_closure_m": 1e-10, "energy_balance": 1e-7}
 FORCE_LIMITS = {"drive_torque_routes": 1e-8}
 TOLERANCE = 1e-12  # of the error of a step, in parts of the machine's size, and of its speeds

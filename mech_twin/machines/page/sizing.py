@@ -9,10 +9,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.run import frames
+from mech_twin.errors import StudyError
 from mech_twin.machines.page import build
 from mech_twin.machines.page.elements import RPM
 from mech_twin.machines.page.parameters import GROUND, Page

@@ -19,8 +19,14 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
 from mech_twin.mechanics.straight_line import call_straight_line
-from mech_twin.parts.induction_motor import MotorConstants, motor_command_slope, motor_torque, motor_torque_slope
-from mech_twin.parts.supply import limited_change, limited_command
+from mech_twin.parts.induction_motor import (
+    MotorConstants,
+    limited_change,
+    limited_command,
+    motor_command_slope,
+    motor_torque,
+    motor_torque_slope,
+)
 
 SPEED, EFFORT, PROGRAM, DC, INDUCTION, TABLE = range(6)
 KIND, COLUMN, RATIO, FIRST, SECOND, SWITCHED = range(6)  # of a row of the drives; then the induction motor's numbers

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.impacts import STRUCK, seek_impulses
+from mech_twin.engine.hybrid.complementarity import STRUCK, seek_impulses
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, declares
 from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.machines.page.rods import rod_restitution

@@ -9,10 +9,16 @@ from typing import Any
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
-from mech_twin.machines.roller_former.forces import FormerForces, FormerQuantities, loaded_bodies, pin_names
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.roles import FormerLinkage, joint_names
+from mech_twin.machines.roller_former.roles import (
+    FormerForces,
+    FormerLinkage,
+    FormerQuantities,
+    joint_names,
+    loaded_bodies,
+    pin_names,
+)
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = RollerFormer
@@ -60,13 +66,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.roller_former import monitoring, plots, published, sizing
+    from mech_twin.machines.roller_former import metrics, published, sizing
 
     return Capabilities(
         published=published.rows,
-        pictures=plots.pictures,
+        pictures=published.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=monitoring.features,
-        faults=monitoring.faults,
-        operating=monitoring.operating,
+        features=metrics.features,
+        faults=metrics.faults,
+        operating=metrics.operating,
     )

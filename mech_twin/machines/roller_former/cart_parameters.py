@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mech_twin.declarations.proposed_value import at_least
+from mech_twin.declarations.configuration_tree import at_least
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 
 LOADS = ("none", "reversing", "resist", "rectified", "printed")

@@ -14,8 +14,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.machines.roller_former.cart_statics import load_moments
 from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.start_up import start_up
-from mech_twin.machines.roller_former.steady import SteadyTurn, steady_turn
+from mech_twin.machines.roller_former.steady import SteadyTurn, start_up, steady_turn
 from mech_twin.parts.induction_motor import (
     InductionMotorParameters,
     breakdown_slip,

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import rod_weight_energy, shaft_terms
-from mech_twin.parts.gear import gear_torque
+from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, torque_in_step
 
 Array = NDArray[np.float64]

@@ -26,7 +26,7 @@ from mech_twin.machines.roller_former.cart_statics import (
     sides_of_travel,
 )
 from mech_twin.machines.roller_former.dynamics import DRIVE_SPEED, Former, may_stick, shaft_torque
-from mech_twin.parts.gear import gear_split
+from mech_twin.parts.friction_and_gear import gear_split
 from mech_twin.parts.induction_motor import MotorInStep
 
 EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered")

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parameters of the roller former, and the constants its kernels need."""
+r"""Parameters of the roller former, and the constants its kernels need.
+
+The elastic drive between motor and crank shaft is reduced to the crank::
+
+      motor      coupling    gearbox                   J_p1        c         J_p2
+     [ J_r ]-----[ J_c ]-----[ u, eta ]----> crank   (phi1, w1)--/\/\--(phi2, w2)
+                                                               --[ k ]--
+
+Source: LoveikinRoller2018 eq. (1) and (40).
+"""
 
 from __future__ import annotations
 
@@ -24,10 +33,8 @@ from mech_twin.machines.roller_former.cart_parameters import (
     inertia_range_kg_m2,
 )
 from mech_twin.machines.roller_former.dynamics import Former, FormerState
-from mech_twin.machines.roller_former.elastic_drive import DriveParameters, reduced_inertia
-from mech_twin.parts.friction import Friction
-from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
-from mech_twin.parts.supply import SupplyParameters
+from mech_twin.parts.friction_and_gear import Friction, Gear
+from mech_twin.parts.induction_motor import InductionMotorParameters, SupplyParameters, motor_constants
 
 SET_KEYS = ("mass_kg", "roller_force_x_n", "roller_force_y_n", "weight_n")
 LARGEST_EXPANDED_RATIO = 0.5  # of crank to rod
@@ -39,6 +46,28 @@ HEAVY = 10.0  # the same ratio, above which the crank is followed more exactly
 BALANCED = 1e-10  # of twice the motor side's energy: what a step may then miss of the crank's
 FINEST = 1e-15  # of a coordinate's scale: what double precision has
 LARGEST_RATE_PER_S = 1e6  # of anything that decays or swings: the integration is explicit
+
+
+class DriveParameters(Gear):
+    """Gearbox, coupling, and the stiffness and damping of the drive at the crank."""
+
+    ratio: float = quantity("1", "motor speed over crank speed, u", ge=0.1, le=1000.0)
+    gear_loss: Literal["power", "printed"] = choice(
+        "power: u eta M while the motor drives, u M/eta while it is driven; printed: u eta M always, as (40)",
+        default="power",
+    )
+    inertia_factor: float = quantity("1", "gearbox parts counted in with the motor shaft, delta", ge=1.0, le=10.0)
+    coupling_inertia_kg_m2: float = quantity("kg m^2", "inertia of the coupling on the motor shaft", ge=0.0, le=1e4)
+    coupling_rated_moment_nm: float = quantity("N m", "rated moment of the coupling, on the motor shaft", gt=0.0)
+    stiffness_nm_per_rad: float = quantity(
+        "N m/rad", "stiffness c of the drive at the crank", ge=1.0, le=1e10, live=True
+    )
+    damping_nms_per_rad: float = quantity("N m s/rad", "damping k of the drive at the crank", ge=0.0, le=1e8, live=True)
+
+
+def reduced_inertia(drive: DriveParameters, rotor_inertia_kg_m2: float) -> float:
+    """Return ``J_p1 = (J_rotor + J_coupling) delta u^2`` (kg m^2), eq. (1)."""
+    return (rotor_inertia_kg_m2 + drive.coupling_inertia_kg_m2) * drive.inertia_factor * drive.ratio**2
 
 
 class LoadSet(Parameters):

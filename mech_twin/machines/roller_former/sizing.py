@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.errors import StudyError
 from mech_twin.machines.roller_former.drive_choice import (
     SWEEP_DAMPING,
     SWEEP_STIFFNESS,
@@ -150,7 +150,7 @@ def sizing(
 ) -> Sizing:
     """Return motor (the weakest of the table that carries the load), stiffness and damping of the coupling.
 
-    With a tolerance the limits hold at the corners of the box of `tolerance_box` and at random points inside it, and
+    With a tolerance the limits hold at the corners of the box of `variation` and at random points inside it, and
     the sizes without tolerance stand beside (``nominal_``).
     """
     p, motor = motor_of(parameters, table(MOTOR_TABLE), tolerance)

@@ -8,10 +8,9 @@ from typing import Any
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
-from mech_twin.machines.vibration_crank.dynamics import ShakingCrank
-from mech_twin.machines.vibration_crank.forces import SliderCrankForces
 from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
+from mech_twin.machines.vibration_crank.roles import ShakingCrank, SliderCrankForces
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
 from mech_twin.roles import Capabilities, LinkageRole, Machine
 
@@ -69,13 +68,13 @@ def build(parameters: Parameters) -> Machine:
 def capabilities() -> Capabilities:
     """Return the capabilities of the machine besides running."""
     from mech_twin.capabilities.sizing import SizingQuestion
-    from mech_twin.machines.vibration_crank import monitoring, plots, published, sizing
+    from mech_twin.machines.vibration_crank import metrics, published, sizing
 
     return Capabilities(
         published=published.rows,
-        pictures=plots.pictures,
+        pictures=published.pictures,
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing, sizing.USUAL_TOLERANCE),
-        features=monitoring.features,
-        faults=monitoring.faults,
-        operating=monitoring.operating,
+        features=metrics.features,
+        faults=metrics.faults,
+        operating=metrics.operating,
     )

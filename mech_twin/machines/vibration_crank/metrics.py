@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Numbers of the vibration crank: one position, one cycle, the balance, and the influence of speed."""
+"""Numbers of the vibration crank (position, cycle, balance, influence of speed), and what a monitor asks of it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.cycle import CycleFeatures, CycleReference, crank_features, harmonic, mean, swing
+from mech_twin.capabilities.faults import (
+    MachineFault,
+    OperatingVariable,
+    added_to_key,
+    drive_variables,
+    share_of_key,
+    supply_sag,
+    varying_key,
+)
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.crank_run import CrankRun
-from mech_twin.machines.vibration_crank.counterweight import balanced_mass, derived_counterweight
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.slider_crank import (
     BOOM,
     SliderCrank,
+    balanced_mass,
+    derived_counterweight,
     drive_moment,
     follower,
     pin_forces,
@@ -26,6 +37,8 @@ from mech_twin.machines.vibration_crank.slider_crank import (
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.samples import Frame
 
+CRANK, TORQUE, SLIDER = "linkage.crank.position", "linkage.crank.effort", "linkage.slider.position"
+COLUMN_X, COLUMN_Y = "forces.shaking_force_x_n", "forces.shaking_force_y_n"
 Array = NDArray[np.float64]
 GRID = 3600
 HARMONICS = 256
@@ -33,6 +46,53 @@ FRAME_X, FRAME_Y, DRIVE_MOMENT = 0, 1, 2  # rows of a table of forces on the fra
 MOMENT, FORCE, LITTLE_FORCE = 0, 1, 2
 PUBLISHED_PEAK_WITHOUT_NM = 435.804  # [vibration_crank], 150 rpm, 50 kg tree
 PUBLISHED_PEAK_WITH_NM = 331.931
+
+
+def features(parameters: VibrationCrank) -> CycleFeatures:
+    """Return the features of a turn of the crank."""
+    return CycleFeatures(
+        CycleReference(CRANK),
+        (
+            *crank_features(CRANK, TORQUE),
+            swing("stroke_m", "m", SLIDER, "stroke of the slider"),
+            mean("slider_mean_m", "m", SLIDER, "mean place of the slider"),
+            mean("frame_x_mean_n", "N", COLUMN_X, "mean force on the frame across"),
+            mean("frame_y_mean_n", "N", COLUMN_Y, "mean force on the frame along"),
+            harmonic("frame_x_sin_1_n", "N", COLUMN_X, 1, "sin", "force on the frame across, sine of the turn"),
+            harmonic("frame_x_cos_1_n", "N", COLUMN_X, 1, "cos", "force on the frame across, cosine of the turn"),
+            harmonic("frame_y_sin_1_n", "N", COLUMN_Y, 1, "sin", "force on the frame along, sine of the turn"),
+            harmonic("frame_y_cos_2_n", "N", COLUMN_Y, 2, "cos", "force on the frame along, cosine of half a turn"),
+        ),
+    )
+
+
+EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+
+
+def faults(parameters: VibrationCrank) -> tuple[MachineFault, ...]:
+    """Return the faults of counterweight (where its mass is given), boom load, bearings and supply."""
+    found = [
+        share_of_key("boom_load", "the boom carries another load", "masses.tree_kg", EITHER),
+        added_to_key(
+            "working_force", "a steady force on the boom", "working_force_n", "N", (-400.0, -100.0, 100.0, 400.0)
+        ),
+        added_to_key(
+            "crank_friction", "the crank's bearing rubs", "friction.coulomb_nm", "N.m", (2.0, 5.0, 20.0, 50.0)
+        ),
+        supply_sag(),
+    ]
+    if parameters.counterweight.mass_kg is not None:
+        sizes = (-0.6, -0.4, -0.2, -0.1, -0.05)
+        found.append(
+            share_of_key("counterweight_lost", "part of the counterweight is gone", "counterweight.mass_kg", sizes)
+        )
+    return tuple(found)
+
+
+def operating(parameters: VibrationCrank) -> tuple[OperatingVariable, ...]:
+    """Return supply and load."""
+    load = varying_key("boom_load", "mass that the boom carries", "masses.tree_kg", 0.1, "boom_load")
+    return (*drive_variables(parameters.drive.kind), load)
 
 
 @kernel

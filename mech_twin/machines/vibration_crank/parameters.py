@@ -8,11 +8,19 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.declarations.proposed_value import at_least
+from mech_twin.declarations.configuration_tree import at_least
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.machines.drives import DrivenCrank
-from mech_twin.machines.vibration_crank.counterweight import Balance, Counterweight, MovingMasses, balance
-from mech_twin.machines.vibration_crank.slider_crank import BOOM, FINITE_ROD, INFINITE_ROD, SliderCrank
+from mech_twin.machines.vibration_crank.slider_crank import (
+    BOOM,
+    FINITE_ROD,
+    INFINITE_ROD,
+    Balance,
+    Counterweight,
+    MovingMasses,
+    SliderCrank,
+    balance,
+)
 from mech_twin.parts.four_bar import OPEN, FourBar, smallest_transmission_angle
 
 GRAVITY = 9.80665

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 from scipy.optimize import minimize_scalar
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
+from mech_twin.errors import StudyError
 from mech_twin.machines.vibration_crank.metrics import FORCE, MOMENT, balanced, extreme
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
 from mech_twin.machines.vibration_crank.slider_crank import SliderCrank

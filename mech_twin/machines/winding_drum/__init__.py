@@ -66,12 +66,12 @@ def build(parameters: Parameters) -> Machine:
 
 def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
-    from mech_twin.machines.winding_drum import monitoring, plots, published
+    from mech_twin.machines.winding_drum import metrics, published
 
     return Capabilities(
         published=published.rows,
-        pictures=plots.pictures,
-        features=monitoring.features,
-        faults=monitoring.faults,
-        operating=monitoring.operating,
+        pictures=published.pictures,
+        features=metrics.features,
+        faults=metrics.faults,
+        operating=metrics.operating,
     )

@@ -19,8 +19,8 @@ from mech_twin.capabilities.figure import (
     millimetres,
 )
 from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, fixed, sliding, turning
+from mech_twin.machines.winding_drum.dynamics import Package
 from mech_twin.machines.winding_drum.roles import place_of
-from mech_twin.machines.winding_drum.wound_package import Package
 from mech_twin.samples import LinkageSample, Shape
 
 SEEN_ECCENTRICITY = 0.25  # drawn length of the eccentricity's arrow, in radii of the core

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The drum as rows of numbers: a coupling step of its linkage and its force analysis, as kernels."""
+"""The drum as rows of numbers: a coupling step of its linkage and its force analysis, as kernels.
+
+The numbers of the linkage row have names: motion, memory, residuals.
+"""
 
 from __future__ import annotations
 
 from math import cos, inf, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_steps import force_step, linkage_step, step_of
 from mech_twin.engine.hybrid.laws import HOLD, Indices
 from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS
@@ -23,26 +27,23 @@ from mech_twin.machines.winding_drum.dynamics import (
     STATE_SIZE,
     YARN_ON,
     DrumSystem,
+    Package,
+    Wound,
     advance_drum,
     drive_torque,
     drum_room,
-    sense_law,
-)
-from mech_twin.machines.winding_drum.memory import memory_of, motion_of, residuals_of
-from mech_twin.machines.winding_drum.wound_package import (
-    Package,
-    Wound,
     gravity_moment,
     package_inertia,
     package_mass,
     radius_after,
     rate_of_momentum,
+    sense_law,
     speed_terms,
     tangent_arm,
     torque_terms,
     wound_at,
 )
-from mech_twin.parts.friction import sliding_torque
+from mech_twin.parts.friction_and_gear import sliding_torque
 
 RUNNING, ENDED, STUCK = 0, 1, 2
 FAILURES = (
@@ -51,6 +52,66 @@ FAILURES = (
     "friction.viscous_nms_per_rad is too large for the drum's inertia",
     f"winding_drum: coupling.step_s takes more than {MOST_STEPS} steps of integration; shorten it",
 )
+
+
+class DrumMotion(NamedTuple):
+    """First numbers of the row: regime, command of the motor; position, rate, effort of each joint.
+
+    The joints are the drum, the yarn that has run, and the radius of the package.
+    """
+
+    regime: float
+    command: float
+    drum_rad: float
+    drum_rad_per_s: float
+    drum_nm: float
+    yarn_m: float
+    yarn_m_per_s: float
+    yarn_n: float
+    radius_m: float
+    radius_m_per_s: float
+    radius_n: float
+
+
+class DrumMemory(NamedTuple):
+    """State of the linkage besides its joints."""
+
+    yarn_acceleration_m_per_s2: float
+    drive_work_j: float
+    gravity_work_j: float
+    friction_loss_j: float
+    initial_energy_j: float
+    largest_energy_j: float
+
+
+class DrumResiduals(NamedTuple):
+    """Residuals, zero but for rounding: area of the layers against the yarn, energy balance."""
+
+    area_balance: float
+    energy_balance: float
+
+
+MOTION, MEMORY, RESIDUALS = record_of(DrumMotion), record_of(DrumMemory), record_of(DrumResiduals)
+MEMORY_AT = len(DrumMotion._fields)
+RESIDUALS_AT = MEMORY_AT + len(DrumMemory._fields)
+
+
+@borrowing_kernel
+def motion_of(row: Array) -> Any:
+    """Return the first numbers of a linkage row as a record that shares them."""
+    return record_at(row, 0, MOTION)
+
+
+@borrowing_kernel
+def memory_of(row: Array) -> Any:
+    """Return the memory of a linkage row as a record that shares its numbers."""
+    return record_at(row, MEMORY_AT, MEMORY)
+
+
+@borrowing_kernel
+def residuals_of(row: Array) -> Any:
+    """Return the residuals of a linkage row as a record that shares its numbers."""
+    return record_at(row, RESIDUALS_AT, RESIDUALS)
 
 
 class Drum(NamedTuple):

@@ -10,8 +10,8 @@ from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import Coupling
-from mech_twin.machines.winding_drum.wound_package import Package, package_inertia, wound_at
-from mech_twin.parts.friction import Friction
+from mech_twin.machines.winding_drum.dynamics import Package, package_inertia, wound_at
+from mech_twin.parts.friction_and_gear import Friction
 
 MOST_OFFSET = 0.9  # of the core radius: nearer to it the arm of the yarn vanishes once a turn
 LEAST_WOUND = 1.001  # package over core: of a thinner layer, the yarn is a small difference of two areas

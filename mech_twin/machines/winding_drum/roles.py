@@ -11,9 +11,8 @@ import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
 from mech_twin.engine.sample_vectors import EventLayout, ForceLayout, LinkageLayout
-from mech_twin.machines.winding_drum.drum_row import FAILURES, Drum, LoadedDrum, start_row
-from mech_twin.machines.winding_drum.memory import DrumMemory, DrumResiduals
-from mech_twin.machines.winding_drum.wound_package import Package
+from mech_twin.machines.winding_drum.drum_row import FAILURES, Drum, DrumMemory, DrumResiduals, LoadedDrum, start_row
+from mech_twin.machines.winding_drum.dynamics import Package
 from mech_twin.samples import LinkageSample
 
 REGIMES = ("running", "ended", "stuck")

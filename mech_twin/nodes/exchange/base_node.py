@@ -24,8 +24,7 @@ from rclpy.timer import Timer
 from mech_twin.declarations.quantity import LONGEST_RUN_S, Parameters, choice, quantity
 from mech_twin.messages.cdr import CdrError, StepMessage, received_message
 from mech_twin.messages.step_message import SOURCE, MessageError, marked
-from mech_twin.messages.stream_window import STREAM_RATE_HZ, PeakHoldWindow, StreamWindow
-from mech_twin.messages.topics import DIAGNOSTICS, Topic
+from mech_twin.messages.topics import DIAGNOSTICS, STREAM_RATE_HZ, PeakHoldWindow, StreamWindow, Topic
 from mech_twin.nodes.exchange.counting import (
     CountingPublisher,
     DecimatedPublisher,

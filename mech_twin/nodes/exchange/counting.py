@@ -17,10 +17,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 
-from mech_twin.engine.invariants import ResidualWindow, broken_lines
+from mech_twin.engine.trajectory import ResidualWindow, broken_lines
 from mech_twin.messages.step_message import set_stamp
-from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow
-from mech_twin.messages.topics import Topic
+from mech_twin.messages.topics import PeakHoldWindow, StreamWindow, Topic
 from mech_twin.nodes.exchange.hand_over import HandedBytes, HandedStep, StepChannel
 from mech_twin.samples import Named
 

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from mech_twin.declarations.configuration_tree import ConfigurationError, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.declared_keys import Key, keys
+from mech_twin.parameters.errors import Key, keys
 from mech_twin.parameters.load import MACHINE_KEY, is_of_ros
 
 UNBOUNDED = 1.7e308

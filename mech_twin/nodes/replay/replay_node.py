@@ -24,7 +24,7 @@ from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
 from mech_twin.nodes.exchange.counting import array_message
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
-from mech_twin.recording.stamps import stamp_ns
+from mech_twin.recording.bag_contents import stamp_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 
 from mech_twin.messages.topics import CLOCK, IMPACTS, type_name
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
-from mech_twin.recording.message_types import decoded, is_latched, message_class, recorded_qos
+from mech_twin.recording.schemas import decoded, is_latched, message_class, recorded_qos
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagMessage, RecordingReader

@@ -11,19 +11,26 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.coupling import GIVEN_STATE, RESET, Target, driven, effort_limit, next_body
-from mech_twin.engine.start_forecast import LOOK_AHEAD_S, start_forecast
-from mech_twin.messages import impact
+from mech_twin.engine.coupling import (
+    GIVEN_STATE,
+    LOOK_AHEAD_S,
+    RESET,
+    Target,
+    driven,
+    effort_limit,
+    next_body,
+    start_forecast,
+)
+from mech_twin.errors import StudyError
+from mech_twin.messages import impacts
 from mech_twin.messages.cdr import StepMessage, wrench_bytes
-from mech_twin.messages.frames import TOOL_FRAME, frame_id
-from mech_twin.messages.step_codec import body as body_messages
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_codec import motor as motor_messages
+from mech_twin.messages.scene import TOOL_FRAME, frame_id
 from mech_twin.messages.step_message import TARGET, MessageError, Row, marked
-from mech_twin.messages.stream_window import has_impact, wrench_size
+from mech_twin.messages.step_message import body as body_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     EFFORT_COMMAND,
@@ -43,7 +50,9 @@ from mech_twin.messages.topics import (
     STEP_LINKAGE,
     STEP_MOTOR,
     Topic,
+    has_impact,
     pin_wrench,
+    wrench_size,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
@@ -281,7 +290,7 @@ class BodyNode(FollowerNode):
     def show(self, question: ForceSample, answer: BodySample) -> None:
         """Publish events, and offer joint states and pressing force to their decimated topics."""
         for event in answer.events:
-            self._impacts.send(impact.to_bytes(event))
+            self._impacts.send(impacts.to_bytes(event))
         self._states.offer(answer.step, answer, 0.0, has_impact(answer.events) or has_impact(question.loads))
         self._pressing.offer(abs(answer.pressing_force_n), answer)
 

@@ -13,14 +13,12 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from mech_twin.capabilities.mechanism import FrameTree
-from mech_twin.capabilities.urdf import urdf
+from mech_twin.capabilities.mechanism import FrameTree, urdf
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.cdr import CdrError, received_message
-from mech_twin.messages.frames import transforms
+from mech_twin.messages.scene import transforms
 from mech_twin.messages.step_message import stamp_s
-from mech_twin.messages.stream_window import steps_per_window
 from mech_twin.messages.topics import (
     DESCRIPTION,
     EVERY_LATCHED,
@@ -28,12 +26,13 @@ from mech_twin.messages.topics import (
     JOINT_STATES,
     ROBOT_DESCRIPTION,
     Topic,
+    steps_per_window,
     type_name,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
 from mech_twin.parameters.load import catalogue_entry, description
-from mech_twin.recording.stamps import stamp_ns
+from mech_twin.recording.bag_contents import stamp_ns
 from mech_twin.roles import Machine
 
 # late joint states are useless, and no publisher should wait for this node

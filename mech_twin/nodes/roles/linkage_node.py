@@ -23,8 +23,8 @@ from mech_twin.declarations.configuration_tree import (
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import restarted
-from mech_twin.engine.errors import StateError
 from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
+from mech_twin.errors import StateError
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.peers import PeerWait
 from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, LinkageRejoin

@@ -18,16 +18,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.messages import blow, impact, scene
+from mech_twin.messages import impacts, scene
 from mech_twin.messages.cdr import StepMessage, stamped_bytes
-from mech_twin.messages.frames import frame_id
-from mech_twin.messages.step_codec import StepCodec, arranged
-from mech_twin.messages.step_codec import body as body_messages
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_codec import motor as motor_messages
-from mech_twin.messages.step_message import ANONYMOUS, MessageError
-from mech_twin.messages.stream_window import has_impact
+from mech_twin.messages.scene import frame_id
+from mech_twin.messages.step_message import ANONYMOUS, MessageError, StepCodec, arranged
+from mech_twin.messages.step_message import body as body_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -47,6 +45,7 @@ from mech_twin.messages.topics import (
     STEP_LINKAGE,
     STEP_MOTOR,
     Topic,
+    has_impact,
 )
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import CountingPublisher
@@ -372,7 +371,7 @@ class LinkageOutputs:
     def send_views(self, sample: LinkageSample, body: BodySample | None) -> None:
         """Publish the topics derived from a step, for people and other tools, each at its own rate."""
         for event in sample.events:
-            self._impacts.send(impact.to_bytes(event))
+            self._impacts.send(impacts.to_bytes(event))
         self._send_blows(sample.events)
         self._states.offer(sample.step, sample, 0.0, has_impact(sample.events))
         if sample.step % self._node.stream_window == 0:
@@ -383,11 +382,11 @@ class LinkageOutputs:
             self._scene.send_made(lambda: self._drawn(sample, body))
 
     def _send_blows(self, events: tuple[Event, ...]) -> None:
-        for gauge, event in blow.gauged_blows(self._node.machine.gauge, events):
+        for gauge, event in impacts.gauged_blows(self._node.machine.gauge, events):
             if self._gauge is not None:
-                self._gauge.send_made(partial(blow.numbers_bytes, gauge, event))
+                self._gauge.send_made(partial(impacts.numbers_bytes, gauge, event))
             if self._curve is not None and event.contact in gauge.sent:
-                self._curve.send_made(partial(blow.curve_message, gauge, event))
+                self._curve.send_made(partial(impacts.curve_message, gauge, event))
 
     def _drawn(self, sample: LinkageSample, body: BodySample | None) -> bytes:
         shapes = self._node.machine.draw(sample, body)

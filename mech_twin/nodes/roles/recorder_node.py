@@ -44,12 +44,10 @@ from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, Listener, Rec
 from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
 from mech_twin.parameters.load import catalogue_entry, description_text
 from mech_twin.process.stop_signal import closed_first
+from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import DecodeError
-from mech_twin.recording.message_types import decoded
-from mech_twin.recording.recent_messages import RecentMessage, RecentMessages
-from mech_twin.recording.schemas import offered_qos
-from mech_twin.recording.stamps import stamp_ns
+from mech_twin.recording.schemas import decoded, offered_qos
 
 NS_PER_S = 1_000_000_000
 LARGEST_NS = 10**9 * NS_PER_S  # more than 30 years of simulated time must be a wall clock

@@ -25,13 +25,11 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.run import warm_up
 from mech_twin.messages.cdr import received_message
-from mech_twin.messages.step_codec import StepCodec, arranged, body, force, motor
-from mech_twin.messages.step_message import ANONYMOUS, REVISION, SOURCE, Row
-from mech_twin.messages.stream_window import PeakHoldWindow, StreamWindow, steps_per_window
-from mech_twin.messages.topics import Topic
+from mech_twin.messages.step_message import ANONYMOUS, REVISION, SOURCE, Row, StepCodec, arranged, body, force, motor
+from mech_twin.messages.topics import PeakHoldWindow, StreamWindow, Topic, steps_per_window
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.counting import DecimatedPublisher
-from mech_twin.parameters.declared_keys import keys
+from mech_twin.parameters.errors import keys
 from mech_twin.parameters.load import catalogue_entry, is_of_ros
 from mech_twin.roles import Machine
 from mech_twin.samples import Sample

@@ -18,11 +18,11 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import StepMessage
-from mech_twin.messages.step_codec import body as body_messages
-from mech_twin.messages.step_codec import force as force_messages
-from mech_twin.messages.step_codec import linkage as linkage_messages
-from mech_twin.messages.step_codec import motor as motor_messages
 from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_message import body as body_messages
+from mech_twin.messages.step_message import force as force_messages
+from mech_twin.messages.step_message import linkage as linkage_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import EVERY, SCENE, STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, step_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Step

@@ -20,7 +20,7 @@ from mech_twin.recording.bag_reader import about_bag, open_bag
 from mech_twin.recording.bag_samples import BagSamples, NoSamplesError, recorded_machine
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.recovery import recover
-from mech_twin.studies.configuration_history import recorded_settings
+from mech_twin.studies.resimulation import recorded_settings
 from mech_twin.view.bench.link import BEGUN_BY
 from mech_twin.view.bench.server import OrderError
 

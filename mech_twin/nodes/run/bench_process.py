@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
-from mech_twin.process.parent_death import end_with_parent
+from mech_twin.process.interruption import end_with_parent
 from mech_twin.view.bench.link import FEED, LARGEST_BYTES, PREFIX
 from mech_twin.view.bench.server import Bench, OrderError
 
@@ -101,10 +101,9 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     from mech_twin.engine.run import continued
     from mech_twin.engine.trajectory import frame_events
     from mech_twin.parameters.load import catalogue_entry, validated
-    from mech_twin.view.banner import Banner
-    from mech_twin.view.bench.frame_text import framed
+    from mech_twin.view.annotations import Banner
     from mech_twin.view.bench.picture import packed_curves
-    from mech_twin.view.bench.scene import RoleCurves, body_regimes
+    from mech_twin.view.bench.scene import RoleCurves, body_regimes, framed
     from mech_twin.view.sending import LIVE
 
     entry = catalogue_entry(name)
@@ -128,7 +127,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
 
 def answer_trials() -> None:
     """Roll out the request of each line of standard input."""
-    from mech_twin.engine.errors import MotionError
+    from mech_twin.errors import MotionError
 
     out, sys.stdout = sys.stdout, sys.stderr  # other output must not mix with the answers
     for line in sys.stdin:

@@ -293,7 +293,7 @@ def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptio
 
 def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
     code = (
-        f"from mech_twin.programs import {name}; from mech_twin.process.parent_death import end_with_parent; "
+        f"from mech_twin.programs import {name}; from mech_twin.process.interruption import end_with_parent; "
         f"end_with_parent({os.getpid()}); {name}()"
     )
     command = [sys.executable, "-c", code, *arguments]

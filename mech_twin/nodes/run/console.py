@@ -25,7 +25,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from mech_twin.measurements.machine_columns import sliding_in
+from mech_twin.measurements.units import sliding_in
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.samples import Event, Frame

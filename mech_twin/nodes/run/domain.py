@@ -18,8 +18,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.process.parent_death import end_with_parent
-from mech_twin.process.system_limits import SurroundingsError, check_address_space
+from mech_twin.process.dependencies import SurroundingsError, check_address_space
+from mech_twin.process.interruption import end_with_parent
 
 
 class NodeEndedError(RuntimeError):

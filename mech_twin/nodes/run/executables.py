@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.engine.errors import MotionError
+from mech_twin.errors import MotionError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.messages.topics import CLOCK
 from mech_twin.nodes.run.domain import (
@@ -29,10 +29,9 @@ from mech_twin.nodes.run.domain import (
     settle_domain,
 )
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry, configuration_file
-from mech_twin.process.dependencies import missing_extra
+from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import end_at_once
 from mech_twin.process.stop_signal import StopSignal
-from mech_twin.process.system_limits import lacking
 from mech_twin.process.terminal_output import printable
 
 if TYPE_CHECKING:

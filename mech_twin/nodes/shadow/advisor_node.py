@@ -39,7 +39,7 @@ from mech_twin.studies.advice import (
 )
 from mech_twin.studies.advice_search import COMMAND, AdviceWish, advice_model, recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 
 class AdviceOutlet:

@@ -16,19 +16,17 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.errors import MotionError
-from mech_twin.measurements.errors import MeasurementError
+from mech_twin.errors import MeasurementError, MotionError, StudyError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.process.parent_death import end_with_parent
+from mech_twin.process.interruption import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.recent_samples import RecentFit, RecentSamples, fitted_recent
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.observer.estimate import SeenSample
 
 SPAN_S = "span_s"
 USUAL_SPAN_S, SHORTEST_SPAN_S, LONGEST_SPAN_S = 60.0, 2.0, 300.0

@@ -18,14 +18,13 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.measurements.machine_columns import is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
+from mech_twin.measurements.units import is_event
 from mech_twin.messages.cdr import CdrError, Stamp, received_message, stamp_of
 from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
 from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS, STAMP
 from mech_twin.roles import Machine
-from mech_twin.studies.observer.estimate import SensedChannel
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample, SensedChannel
 
 BEHIND_NS = SECOND_NS  # largest lag between topics of a machine
 AHEAD_NS = SECOND_NS // 4

@@ -26,11 +26,9 @@ from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
 from mech_twin.studies.live_monitor import LiveMonitor, changes_by_faults, fault_values, has_news
-from mech_twin.studies.monitoring.alerts import Alert, alerts_of
-from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.findings import Alert, FaultLife, Findings, alerts_of
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 LOCAL, MQTT_PORT = "127.0.0.1", 1883
 ROOT = "mech_twin"

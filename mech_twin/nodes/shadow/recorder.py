@@ -18,11 +18,11 @@ from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.shadow_node import FOLLOWED
 from mech_twin.parameters.load import description_text
+from mech_twin.recording.bag_contents import stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import SECOND_NS
 from mech_twin.recording.schemas import offered_qos
-from mech_twin.recording.stamps import stamp_ns
 
 TICK_S = 0.1
 BEFORE_S, AFTER_S = 10.0, 5.0

@@ -29,7 +29,7 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.studies.advice_search import AdviceWish
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 
 class ShadowOutcome(NamedTuple):

@@ -21,9 +21,9 @@ from std_msgs.msg import Float64
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.measurements.machine_columns import is_event, joint_column, sliding_in
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.messages import impact
+from mech_twin.measurements.units import is_event, joint_column, sliding_in
+from mech_twin.messages import impacts
 from mech_twin.messages.cdr import CdrError, Header, Stamp, StepMessage, encoded
 from mech_twin.messages.topics import (
     DETECTED_IMPACTS,
@@ -53,8 +53,7 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.measured_topics import SECOND_NS
 from mech_twin.roles import Machine
 from mech_twin.samples import Event
-from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SeenSample, SensedChannel
 from mech_twin.studies.observer.model_run import held_sigma
 from mech_twin.studies.observer.observer import ObserverOptions, PhaseLockedObserver
 
@@ -166,7 +165,7 @@ class ShadowOutputs:
         """Publish the events with an impulse."""
         for event in events:
             if event.impulse_ns != 0.0:
-                message = impact.to_message(event)
+                message = impacts.to_message(event)
                 message.header.stamp.sec, message.header.stamp.nanosec = self._stamp(event.time_s)
                 self._impacts.send(message)
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from mech_twin.declarations.captions import titled
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.measurements.machine_columns import joint_column, sliding_in, unit_in
-from mech_twin.measurements.units import shown_unit
+from mech_twin.measurements.units import column_unit, joint_column, shown_unit, sliding_in
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.shadow.monitor_node import MonitorNode
 from mech_twin.nodes.shadow.shadow_node import ShadowNode
@@ -20,12 +19,11 @@ from mech_twin.samples import BodySample, Frame, LinkageSample, Shape
 from mech_twin.studies.advice import Recommendation
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.live_monitor import LiveMonitor
-from mech_twin.studies.monitoring.fault_life import FaultLife
+from mech_twin.studies.monitoring.findings import FaultLife
 from mech_twin.studies.monitoring.naming import Candidate
-from mech_twin.studies.observer.estimate import FrameEstimate, SensedChannel
+from mech_twin.studies.observer.estimate import FrameEstimate, SeenSample, SensedChannel
 from mech_twin.studies.observer.filter_state import GATE
-from mech_twin.studies.observer.lock_on import SeenSample
-from mech_twin.view.banner import Card
+from mech_twin.view.annotations import Card
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.shadow_scene import BenchShadowScene
 from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
@@ -240,7 +238,7 @@ def channel_title(column: str, sliding: frozenset[str]) -> str:
     """Return the title of a channel's plot, with unit; ``sliding`` are the joints measured in m."""
     parts = joint_column(column)
     name = f"{titled(parts.joint)} {parts.field}" if parts is not None else titled(column.partition(".")[2] or column)
-    return f"{name}, {shown_unit(unit_in(column, sliding))}"
+    return f"{name}, {shown_unit(column_unit(column, sliding))}"
 
 
 def channel_readings(shadow: ShadowNode, estimate: FrameEstimate, sample: SeenSample) -> dict[str, ChannelReading]:

@@ -14,8 +14,7 @@ from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.rod_waves.blow import RodBlow, Window, lead_blow
 from mech_twin.parts.rod_waves.chain import Array, Chain, ChainState, set_speed
 from mech_twin.parts.rod_waves.contact_law import BOND, LAW_COLUMNS
-from mech_twin.parts.rod_waves.fatigue import StressLine, blow_damage
-from mech_twin.parts.rod_waves.parameters import GridPiece, WaveGrid
+from mech_twin.parts.rod_waves.parameters import GridPiece, StressLine, WaveGrid, blow_damage
 
 LedBlow = Callable[[Array, Array], RodBlow]  # leads a blow; rooms for both waves at the gauge and for the forces
 NO_CURVE, NO_FORCES = np.empty((0, 2)), np.empty((0, 1))

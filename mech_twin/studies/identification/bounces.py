@@ -2,27 +2,224 @@
 """Coefficient of restitution from positions of a body bouncing under a constant force, in any unit, as from video.
 
 Bounces are the turning points at the stop, all at one level; the other turning points come down with each bounce.  The
-durations of successive flights have the ratio of the restitution (`event_estimates`), so neither the scale of the image
+durations of successive flights have the ratio of the restitution, so neither the scale of the image
 nor the force has to be known.
+
+Events give first estimates (restitution, period); missed and false ones are detected.  A mass that bounces under a
+constant force has flights of duration 2 v/a.  Each impact reduces the speed v by the restitution e, so T(k+1) = e T(k).
+A missed impact joins two flights; a false one divides a flight.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import stats
+from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.errors import MeasurementError
-from mech_twin.measurements.event_estimates import Estimate, restitution_from_flights
+from mech_twin.measurements.quality import NORMAL_MEDIAN
 
+OUTLIER = 5.0  # robust standard deviations
+LEAST_SPREAD = 1e-9  # of the value: a smaller spread is rounding error
+ON_SERIES = 0.2  # of a flight: tolerance for an impact to belong to a series
+MOST_SEEDED = 40  # first impacts, whose pairs of flights are tried
+LARGEST_RATIO = 1.2  # of a flight to the previous one: above 1 because of noise
+NO_LOSS = 1e-9
+ROUNDS = 5
+LOST_PERIOD = 0.25  # of a period: an event with a larger deviation is false
 LEAST_FLIGHT = 0.03  # of the range of positions: lower flights are below the resolution
 FEWEST_BOUNCES = 3
 FEWEST_CLEAN = 2  # runs without a missed or false bounce; with this many, the others are left out
+
+
+class Estimate(NamedTuple):
+    """A number estimated from several events.
+
+    Attributes
+    ----------
+    value, standard_deviation : float
+        The number, and its standard deviation (from speeds: robust, of a single impact).
+    used : int
+        Number of events used.
+    missed, false : tuple of int
+        Indices of the events before which one was missed, and of the false events.
+    """
+
+    value: float
+    standard_deviation: float
+    used: int
+    missed: tuple[int, ...] = ()
+    false: tuple[int, ...] = ()
+
+
+def restitution_from_speeds(pre_m_per_s: Array, post_m_per_s: Array) -> Estimate:
+    """Return the restitution, speed after over speed before; outlying impacts are returned as ``false``.
+
+    Raises
+    ------
+    ValueError
+        No impact has a speed before it other than 0.
+    """
+    moving = np.flatnonzero(pre_m_per_s != 0.0)
+    if not len(moving):
+        raise ValueError("expected impacts with a speed before, got none")
+    shares = np.abs(post_m_per_s[moving] / pre_m_per_s[moving])
+    agreeing, value, deviation = _agreeing(shares)
+    return Estimate(value, deviation, int(agreeing.sum()), (), tuple(moving[~agreeing].tolist()))
+
+
+def restitution_from_flights(impact_times_s: Array) -> Estimate:
+    """Return the restitution of a mass bouncing under a constant force, from the times of its impacts.
+
+    Every pair of flights gives a candidate series of impact times.  The series with most impacts is fitted to them by
+    least squares in time; assignment and fit are repeated `ROUNDS` times.
+
+    Parameters
+    ----------
+    impact_times_s : ndarray
+        Shape (n,), ascending.
+
+    Returns
+    -------
+    Estimate
+        ``standard_deviation`` is that of the fitted restitution.
+
+    Raises
+    ------
+    ValueError
+        Fewer than three impacts, times that do not ascend, or no series that contains most of them.
+    """
+    times = np.asarray(impact_times_s, dtype=np.float64)
+    if len(times) < 3 or not (np.diff(times) > 0.0).all():
+        raise ValueError("expected at least three impacts at rising times")
+    head = times[:MOST_SEEDED]
+    series = max(_seeds(head), key=lambda each: _agreement(each, head))
+    for _ in range(ROUNDS):
+        places, numbers = _on(series, times)
+        if len(places) < max(3, len(times) / 2):
+            raise ValueError("expected flights that shorten by one ratio, found no such ratio")
+        series, deviation = _fitted(series, times[places], numbers)
+    places, numbers = _on(series, times)
+    missed = tuple(int(places[i + 1]) for i in np.flatnonzero(np.diff(numbers) > 1))
+    false = tuple(sorted(set(range(int(places[0]), int(places[-1]))) - set(places.tolist())))
+    return Estimate(series.ratio, deviation, len(places), missed, false)
+
+
+class _Series(NamedTuple):
+    """Impacts at ``start + flight (1 - ratio^n) / (1 - ratio)``, n any integer."""
+
+    start_s: float
+    flight_s: float
+    ratio: float
+
+    def number(self, times_s: Array) -> Array:
+        """Return n of each time, not rounded; NaN after the end of the series."""
+        flown = (times_s - self.start_s) / self.flight_s
+        if abs(1.0 - self.ratio) < NO_LOSS:
+            return flown
+        left = 1.0 - flown * (1.0 - self.ratio)
+        return np.asarray(np.log(np.where(left > 0.0, left, np.nan)) / np.log(self.ratio))
+
+    def times_s(self, numbers: Array) -> Array:
+        """Return the time of each n."""
+        if abs(1.0 - self.ratio) < NO_LOSS:
+            return self.start_s + self.flight_s * numbers
+        return self.start_s + self.flight_s * (1.0 - self.ratio**numbers) / (1.0 - self.ratio)
+
+
+def _seeds(times: Array) -> Iterator[_Series]:
+    flights = np.diff(times)
+    for first in range(len(flights) - 1):
+        for second in range(first + 1, len(flights)):
+            ratio = float(flights[second] / flights[first]) ** (1.0 / (second - first))
+            if ratio <= LARGEST_RATIO:
+                yield _Series(float(times[first]), float(flights[first]), ratio)
+    yield _Series(float(times[0]), float(flights[0]), 1.0)
+
+
+def _on(series: _Series, times: Array) -> tuple[npt.NDArray[np.intp], Array]:
+    """Return the indices of the impacts in a series, one for each n, and their n."""
+    numbers = series.number(times)
+    off = np.abs(numbers - np.round(numbers))
+    best: dict[float, int] = {}
+    for place in np.flatnonzero(off < ON_SERIES).tolist():
+        number = float(np.round(numbers[place]))
+        if number not in best or off[place] < off[best[number]]:
+            best[number] = place
+    places = np.array(sorted(best.values()), dtype=np.intp)
+    return places, np.round(numbers[places])
+
+
+def _agreement(series: _Series, times: Array) -> tuple[float, float]:
+    """Return the number of impacts in a series minus the missing ones, then the negative mean deviation in time."""
+    places, numbers = _on(series, times)
+    if len(places) < 2:
+        return -np.inf, 0.0
+    empty = float(numbers[-1] - numbers[0]) + 1.0 - len(places)
+    return len(places) - empty, -float(np.mean(np.abs(series.times_s(numbers) - times[places])))
+
+
+def _fitted(series: _Series, times: Array, numbers: Array) -> tuple[_Series, float]:
+    """Return the series fitted by least squares in time, and the standard deviation of its ratio."""
+
+    def off(x: Array) -> Array:
+        return _Series(float(x[0]), float(x[1]), float(x[2])).times_s(numbers) - times
+
+    found = least_squares(
+        off, series, x_scale=(series.flight_s, series.flight_s, 0.1), xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    variance = 2.0 * found.cost / max(len(times) - 3, 1)
+    covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    return _Series(*(float(value) for value in found.x)), float(np.sqrt(covariance[2, 2]))
+
+
+def period_from_times(times_s: Array) -> Estimate:
+    """Return the period of events that occur once a cycle, by regression of their times on the cycle numbers.
+
+    Raises
+    ------
+    ValueError
+        Fewer than three events, or times that do not ascend.
+    """
+    intervals = np.diff(times_s)
+    if len(intervals) < 2 or not (intervals > 0.0).all():
+        raise ValueError("expected at least three events at rising times")
+    period, kept, cycle = float(np.median(intervals)), [0], [0]
+    false, missed = [], []
+    for place in range(1, len(times_s)):
+        passed = float(times_s[place] - times_s[kept[-1]]) / period
+        cycles = round(passed)
+        if cycles < 1 or abs(passed - cycles) > LOST_PERIOD:
+            false.append(place)
+            continue
+        if cycles > 1:
+            missed.append(place)
+        kept.append(place)
+        cycle.append(cycle[-1] + cycles)
+    if len(kept) < 3:
+        raise ValueError("expected events that come once a cycle, found no common period")
+    slope, offset = np.polyfit(cycle, times_s[kept], 1).tolist()
+    off = times_s[kept] - (slope * np.array(cycle) + offset)
+    spread = float(np.sqrt(np.sum(off**2) / max(len(kept) - 2, 1)))
+    return Estimate(float(slope), spread, len(kept), tuple(missed), tuple(false))
+
+
+def _agreeing(values: Array) -> tuple[npt.NDArray[np.bool_], float, float]:
+    """Return a mask of the values within `OUTLIER` robust deviations of the median, and their median and deviation."""
+    middle = float(np.median(values))
+    spread = float(np.median(np.abs(values - middle))) / NORMAL_MEDIAN
+    agreeing = np.abs(values - middle) <= OUTLIER * max(spread, LEAST_SPREAD * abs(middle))
+    kept = values[agreeing]
+    middle = float(np.median(kept))
+    return agreeing, middle, float(np.median(np.abs(kept - middle))) / NORMAL_MEDIAN
 
 
 @dataclass(frozen=True)

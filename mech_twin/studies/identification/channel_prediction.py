@@ -17,9 +17,8 @@ import numpy.typing as npt
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.engine.rollout import RollOut
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.machine_columns import is_angle
 from mech_twin.measurements.measurement_map import Channel, fixed
-from mech_twin.measurements.units import TURN
+from mech_twin.measurements.units import TURN, is_angle
 
 EVENT_FIELDS = {  # the last word of an event channel
     "time": "time_s",

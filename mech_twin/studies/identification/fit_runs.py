@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.errors import MeasurementError
-from mech_twin.measurements.machine_columns import EVENT, is_angle, is_event
 from mech_twin.measurements.measurement_map import Channel, fixed
 from mech_twin.measurements.quality import NORMAL_MEDIAN
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.measurements.units import EVENT, is_angle, is_event
 from mech_twin.studies.identification.channel_prediction import POSITION, jumps
 
 COMMANDS = ("motor.command", "linkage.command")

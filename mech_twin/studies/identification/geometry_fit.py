@@ -8,28 +8,41 @@ The measured crank angle q drives the model x; every other measured position y i
 Keys are shared by all runs.  The zero of the crank is estimated for each run (``per_run``) or for all together
 (``free``), and so are the zeros of the channels.  Errors within one run are correlated.  So the interval is that of the
 jackknife over runs (Student's t with runs - 1 degrees of freedom), where it is wider than that of least squares.
+
+The model gives positions as functions of the crank angle and of free keys.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from scipy import stats
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
-from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.crank_motion import smoothed
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
-from mech_twin.studies.identification.geometry_model import TURN, GeometryModel
+from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.roles import CrankState, GuidedLinkage
+from mech_twin.studies.identification.keyed_configuration import (
+    KeyedConfiguration,
+    declared_field,
+    machine_keys,
+    unit_at,
+)
 
+TURN = 2.0 * np.pi
+LENGTHENED = 1e-3  # relative change of a key: enough to move the mechanism
+ANGLES = 180  # in a turn, at which the mechanism is solved; interpolated by a periodic cubic spline
 STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and number of fits started from the best
 COARSE_SAMPLES = 150  # of a channel, while starts are compared
 COARSE_EVALUATIONS = 40
@@ -38,6 +51,95 @@ LAG_SCALE_S = 1e-3
 UNSEEN = 1e-6  # of the largest singular value: below it a direction is not observable
 LOST = 3e-8  # of the same: below it a direction is rounding error
 AUTOCORRELATED = 0.999
+
+
+@dataclass(frozen=True)
+class GeometryModel(KeyedConfiguration):
+    """A machine whose joint positions are functions of its crank angle, with lengths as free keys.
+
+    Parameters
+    ----------
+    columns : tuple of str
+        Requested positions.
+    """
+
+    columns: tuple[str, ...]
+
+    def positions(self, values: Sequence[float] | Array) -> Mapping[str, CubicSpline]:
+        """Return each column as a periodic spline over the crank angle (rad).
+
+        Raises
+        ------
+        ConfigurationError
+            The values are rejected, or the joint positions are not functions of the crank angle.
+        """
+        machine = catalogue_entry(self.name).build(self.parameters(values))
+        if not isinstance(machine.linkage, GuidedLinkage):
+            raise ConfigurationError(f"{self.name}: expected a machine whose joints follow from its crank")
+        angles = np.linspace(0.0, TURN, ANGLES + 1)
+        rows = [machine.linkage.guided(0, 0.0, CrankState(angle, 1.0, 0.0)).position for angle in angles.tolist()]
+        places = [machine.linkage.joints.index(column.split(".")[1]) for column in self.columns]
+        found = {}
+        for column, place in zip(self.columns, places, strict=True):
+            curve = np.array([row[place] for row in rows])
+            curve[-1] = curve[0]
+            found[column] = CubicSpline(angles, curve, bc_type="periodic")
+        return found
+
+
+def lengths(name: str, base: Parameters, columns: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the keys in metres that the positions in ``columns`` depend on."""
+    found = []
+    for key in machine_keys(name, base):
+        model = GeometryModel(name, base, (key,), columns)
+        if unit_at(type(base), key) == "m" and _moves(model, model.values() + LENGTHENED * model.scales()):
+            found.append(key)
+    return tuple(found)
+
+
+def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tuple[dict[str, str], GeometryModel]]:
+    """Yield the mechanism as configured, then in its other assembly modes, each with the changed configuration words.
+
+    Parameters
+    ----------
+    model : GeometryModel
+        The configured mechanism.
+    fixed : sequence of str
+        Keys that stay as configured.
+    """
+    yield {}, model
+    entry, base = catalogue_entry(model.name), type(model.base)
+    for key, value in _words(model.tree):
+        declared = declared_field(base, key)
+        for other in get_args(declared.annotation) if declared is not None and key not in fixed else ():
+            if other == value or not isinstance(other, str):
+                continue
+            tree = merged_tree(model.tree, tree_from_flat({key: other}))
+            try:
+                mirrored = GeometryModel(model.name, validated(entry, tree, key), model.keys, model.columns)
+                differs = _moves(model, model.values(), mirrored)
+            except ConfigurationError:
+                continue
+            if differs:
+                yield {key: other}, mirrored
+
+
+def _words(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _words(value, f"{prefix}{name}.")
+        elif isinstance(value, str):
+            yield prefix + name, value
+
+
+def _moves(model: GeometryModel, values: Array, other: GeometryModel | None = None) -> bool:
+    """Return whether other key values, or another model, change a position."""
+    before = model.positions(model.values())
+    try:
+        after = (other or model).positions(values)
+    except ConfigurationError:
+        return False
+    return any(not np.allclose(before[each].c, after[each].c, rtol=1e-9, atol=1e-12) for each in model.columns)
 
 
 @dataclass(frozen=True)

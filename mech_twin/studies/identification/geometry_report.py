@@ -12,14 +12,15 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.geometry_fit import (
     GeometryData,
     GeometryFit,
+    GeometryModel,
     GeometryProblem,
+    assemblies,
     fit_percent,
     half_width,
     jackknife,
     own_errors,
     unseen,
 )
-from mech_twin.studies.identification.geometry_model import GeometryModel, assemblies
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
     IDENTIFIED,

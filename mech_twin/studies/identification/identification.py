@@ -10,14 +10,12 @@ from functools import partial
 
 import numpy as np
 
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import StudyError
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.channel_fits import ChannelFit, channel_fits, noise_misfit, refutation
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun
-from mech_twin.studies.identification.fit_setting import FitSetting, fits_spread, problem_of
-from mech_twin.studies.identification.held_out import Score, scored
+from mech_twin.studies.identification.held_out import ChannelFit, Score, channel_fits, noise_misfit, refutation, scored
 from mech_twin.studies.identification.key_knowledge import (
     AroundFit,
     around_fit,
@@ -30,9 +28,9 @@ from mech_twin.studies.identification.key_knowledge import (
 )
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, quiet, refined
-from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.refits import FitSetting, fits_spread, problem_of
 from mech_twin.studies.identification.staged_search import Search, searched
-from mech_twin.studies.identification.unknowns import BEGIN, KEY
+from mech_twin.studies.identification.unknowns import BEGIN, KEY, IdentificationQuestion
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, KeyVerdict
 
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.channel_fits import refutation
 from mech_twin.studies.identification.combinations import Combination, Family, combinations
-from mech_twin.studies.identification.fit_setting import FitSetting, problem_of, profiles_spread
+from mech_twin.studies.identification.held_out import refutation
 from mech_twin.studies.identification.intervals import (
     Linearised,
     Uncertainty,
@@ -30,13 +29,26 @@ from mech_twin.studies.identification.least_squares_fit import (
     robust_weights,
     spreads,
 )
-from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.identification.refits import KeyProfile, Refits, family, key_profiles
+from mech_twin.studies.identification.refits import (
+    FitSetting,
+    KeyProfile,
+    Refits,
+    family,
+    key_profiles,
+    problem_of,
+    profiles_spread,
+)
 from mech_twin.studies.identification.residuals import FitProblem
-from mech_twin.studies.identification.sensitivity import Sensitivity, sensitivity
 from mech_twin.studies.identification.staged_search import BENDING, Search
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
-from mech_twin.studies.identification.verdicts import KeyEvidence, KeyVerdict, key_verdicts, refuted
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, IdentificationQuestion, Unknowns
+from mech_twin.studies.identification.verdicts import (
+    KeyEvidence,
+    KeyVerdict,
+    Sensitivity,
+    key_verdicts,
+    refuted,
+    sensitivity,
+)
 
 REFITS = 2  # at most, if a step or a profile shows that the fit had not converged
 PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs to try if derivatives over the whole runs are unreliable

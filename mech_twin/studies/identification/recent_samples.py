@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.studies.identification.fit_runs import COMMANDS, FitChannel, FitRun, fit_channel, placed_run
 from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
 from mech_twin.studies.identification.least_squares_fit import Progress, quiet
-from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.identification.written_identification import configuration_text
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 FEWEST_SAMPLES = 20  # of a channel, to be fitted
 

@@ -23,8 +23,7 @@ from mech_twin.studies.identification.channel_prediction import (
     usual_spacing,
 )
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.model_runs import Curves, ModelRuns
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Unknowns
+from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Curves, ModelRuns, Unknowns
 
 REFUSED = 1e3  # residual, in standard deviations, if the values are rejected or the simulation fails
 GUARD_STEPS = 2.5  # coupling steps left out on either side of an event

@@ -17,8 +17,8 @@ from scipy import stats
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree
 from mech_twin.engine.rollout import column_names, roll_out
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.machine_columns import joint_column
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
+from mech_twin.measurements.units import joint_column
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
@@ -26,13 +26,19 @@ from mech_twin.studies.identification.intervals import Linearised, inverse_infor
 from mech_twin.studies.identification.key_knowledge import PREDICTABLE, combined
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted
-from mech_twin.studies.identification.model_runs import ModelRuns
-from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.refits import Refits
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
-from mech_twin.studies.identification.sensitivity import sensitivity
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, unknowns_of
-from mech_twin.studies.identification.verdicts import IDENTIFIED, KeyEvidence, KeyVerdict, key_verdicts
+from mech_twin.studies.identification.unknowns import (
+    BEGIN,
+    GAIN,
+    KEY,
+    LAG,
+    ZERO,
+    IdentificationQuestion,
+    ModelRuns,
+    unknowns_of,
+)
+from mech_twin.studies.identification.verdicts import IDENTIFIED, KeyEvidence, KeyVerdict, key_verdicts, sensitivity
 
 ADDED_NOISE = 1e-3  # noise of a further sensor, in standard deviations of its signal
 ADDED_RATE_HZ = 500.0

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.channel_fits import channel_noise, noise_misfit, refutation
+from mech_twin.studies.identification.held_out import channel_noise, noise_misfit, refutation
 from mech_twin.studies.identification.least_squares_fit import (
     Fitted,
     Progress,

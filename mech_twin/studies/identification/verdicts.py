@@ -1,23 +1,145 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Verdict on each key after a fit, with its reason."""
+"""Sensitivity of the channels to the keys, and the verdict on each key after a fit, with its reason.
+
+The derivatives by the logarithm of each key are projected orthogonally to the effects of zeros, gains, lags and start
+times, then decomposed by singular values.  A direction with a small share of its keys' single effects may be due to
+model errors alone, so it counts as unobservable.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.combinations import Combination
-from mech_twin.studies.identification.sensitivity import ALONE, Sensitivity
 from mech_twin.studies.identification.staged_search import Search
 
+UNSEEN = 1.5e-3  # of the single effects of its keys: a smaller effect of a direction is not reliable
+PART = 0.1  # of a unit vector: a key with a smaller component is not part of a direction
+LEAST_EFFECT = 2.0  # standard deviations of all channels together for a change of a key by its own value
+LEAST_OF_ZERO = 1e-3
+ALONE = 1e-3  # share of a key's effect that zeros, gains, lags and start times cannot explain
+UNSURE = 0.3  # of an effect: if two step lengths differ by more, it is an artefact of the differences
 IDENTIFIED, ONE_SIDED, COMBINATION = "identified", "one-sided", "only_in_combination"
 NOT_EXCITED, AT_BOUND = "not_excited", "at_bound"
 MODEL_ERROR, NOT_CONVERGED = "model_error", "not_converged"
 WIDEST = 0.5  # half width over value: a wider interval gives only the order of magnitude
 NEAR_BOUND = 1e-6
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Sensitivity of the channels to the keys.
+
+    Attributes
+    ----------
+    effects : ndarray
+        Shape (keys,): norm of the derivatives by the logarithm of each key, in standard deviations.
+    left : ndarray
+        Shape (keys,): share of it that zeros, gains, lags and start times do not explain.
+    unseen : ndarray
+        Shape (keys, directions): unobservable unit vectors, in keys scaled by their effects.
+    jacobian : ndarray
+        Shape (rows, keys): the projected derivatives by logarithms.
+    least_effects : ndarray
+        Shape (keys,): a smaller effect counts as none.  It differs for a key of 0, which has no scale of its own.
+    contradicted : bool
+        Whether derivatives over two step lengths disagree in an observable direction: a motion without decay, or a
+        change of the order of events.
+    distinguished : bool
+        Whether the runs reject leaving out a key that derivatives hardly distinguish from others.
+    """
+
+    effects: Array
+    left: Array
+    unseen: Array
+    jacobian: Array
+    least_effects: Array
+    contradicted: bool = False
+    distinguished: bool = False
+
+    def with_all_of(self, chosen: Sequence[int]) -> Sensitivity:
+        """Return the same with the directions among these keys observable, unless derivatives are unreliable."""
+        if self.contradicted:
+            return self
+        among = np.array([part <= set(chosen) for part in self.parts()], bool)
+        return replace(self, unseen=self.unseen[:, ~among], distinguished=True)
+
+    def parts(self) -> list[set[int]]:
+        """Return the keys of each unobservable direction."""
+        return [set(np.flatnonzero(np.abs(direction) > PART).tolist()) for direction in self.unseen.T]
+
+    def groups(self) -> list[list[int]]:
+        """Return the groups of keys that unobservable directions tie together."""
+        groups: list[set[int]] = []
+        for part in self.parts():
+            touching = [group for group in groups if group & part]
+            groups = [group for group in groups if not group & part] + [part.union(*touching)]
+        return [sorted(group) for group in groups]
+
+    def estimated(self, among: Sequence[int]) -> list[int]:
+        """Return which of these keys to estimate so that no direction is unobservable; the rest stay fixed.
+
+        Of keys with the same effect, the one with the largest effect is kept: one with a small effect would move to a
+        bound to compensate for an error of the others.
+        """
+        kept: list[int] = []
+        rest = {i: self.jacobian[:, i] for i in among if self.effects[i] >= self.least_effects[i]}
+        while rest:
+            best = max(rest, key=lambda i: float(np.linalg.norm(rest[i])))
+            column = rest.pop(best)
+            size = float(np.linalg.norm(column))
+            if size > UNSEEN * float(np.linalg.norm(self.jacobian[:, best])):
+                kept.append(best)
+                rest = {i: other - column * float(column @ other) / size**2 for i, other in rest.items()}
+        for part in self.parts():
+            if part and part <= set(kept):  # else one of them is already fixed, and the direction with it
+                kept.remove(min(part, key=lambda i: float(np.linalg.norm(self.jacobian[:, i]))))
+        return sorted(kept)
+
+
+def sensitivity(jacobian: Array, other: Array, keys: npt.NDArray[np.intp], values: Array) -> Sensitivity:
+    """Return the sensitivity of the channels to the keys.
+
+    Parameters
+    ----------
+    jacobian : ndarray
+        Shape (rows, unknowns): derivatives by scaled unknowns.
+    other : ndarray
+        The same from another step length of the differences.
+    keys : ndarray of int
+        Indices of the keys among the unknowns.
+    values : ndarray
+        Shape (keys,): the keys in scales; for a key of 0, its scale replaces the logarithm.
+    """
+    zero = values == 0.0
+    logs = np.where(zero, 1.0, np.abs(values))
+    own, again = jacobian[:, keys] * logs, other[:, keys] * logs
+    others = np.delete(jacobian, keys, axis=1)
+    others = others[:, np.linalg.norm(others, axis=0) > 0.0]
+    effects = np.linalg.norm(own, axis=0)
+    if others.shape[1]:
+        basis, _ = np.linalg.qr(others / np.linalg.norm(others, axis=0))
+        own, again = own - basis @ (basis.T @ own), again - basis @ (basis.T @ again)
+    remaining = np.linalg.norm(own, axis=0)
+    left = remaining / np.where(effects > 0.0, effects, 1.0)
+    least = np.where(zero, LEAST_OF_ZERO, LEAST_EFFECT)
+    seen = np.flatnonzero((effects >= least) & (left > ALONE))
+    unseen, contradicted = np.zeros((len(keys), 0)), False
+    if len(seen):
+        scaled, differing = own[:, seen] / remaining[seen], (own - again)[:, seen] / remaining[seen]
+        _, singular, directions = np.linalg.svd(scaled, full_matrices=False)
+        unsure = np.linalg.norm(differing @ directions.T, axis=0) > UNSURE * singular
+        small = singular < UNSEEN * np.sqrt(len(seen))
+        contradicted = bool((unsure & ~small).any())
+        lost = directions[small | unsure]
+        unseen = np.zeros((len(keys), len(lost)))
+        unseen[seen] = lost.T
+    return Sensitivity(effects, left, unseen, own, least, contradicted)
 
 
 @dataclass(frozen=True)

@@ -7,29 +7,109 @@ autoregression.  Burg's recursion fits it; the Bayesian information criterion se
     e_t = (x_t - m) - sum_i a_i (x_(t-i) - m),     i = 1 .. p
 
 The residuals e are the innovations; S is their covariance across the features.
+
+Its origin names runs, hashes of configuration and sensors, and the date.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cached_property
 from math import log
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import BaseModel
 from scipy.linalg import cholesky, solve_triangular
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.kernels.kernel import kernel
+from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.studies.burg import burg_orders
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 
+APART = 1000  # numbers skipped between two runs, so that their cycles do not count as consecutive
+OLD_DAYS = 90.0  # assumed: seasons change oil, bearings and mains
+DAY_S = 86400.0
+UNCOUNTED = {"source", "rate_hz", "sigma", "quantum", "jitter_s", "drop"}
 LARGEST_ORDER = 4
 LEAST_CYCLES = 30
 CYCLES_PER_FEATURE = 3
 SMALLEST_SPREAD = 1e-6  # lower bound of a standard deviation, as a share of the mean
 RIDGE = 1e-6  # added to the diagonal, as a share of each variance
+
+
+class BaselineRun(NamedTuple):
+    """A healthy run of a baseline, and the number of its cycles used, from its beginning."""
+
+    run: str
+    cycles: int
+
+    @property
+    def path(self) -> Path:
+        """Path of the run."""
+        return Path(self.run)
+
+
+class Origin(NamedTuple):
+    """Origin of a baseline.
+
+    Attributes
+    ----------
+    made_utc : str
+        Time of creation, ISO 8601.
+    configuration, sensors : str
+        SHA-256 hashes of the machine's configuration and of its sensors' definitions.
+    runs : tuple of BaselineRun
+        In the order they were given.
+    """
+
+    made_utc: str
+    configuration: str
+    sensors: str
+    runs: tuple[BaselineRun, ...]
+
+    def age_days(self, now: datetime) -> float:
+        """Return the age in days, at least 0, since clocks differ."""
+        return max(0.0, (now - datetime.fromisoformat(self.made_utc)).total_seconds() / DAY_S)
+
+
+def new_origin(now: datetime, parameters: BaseModel, given: MeasurementMap, runs: Iterable[BaselineRun]) -> Origin:
+    """Return the origin of a baseline created at ``now``."""
+    return Origin(now.isoformat(timespec="seconds"), configuration_hash(parameters), sensors_hash(given), tuple(runs))
+
+
+def configuration_hash(parameters: BaseModel) -> str:
+    """Return the hash of a machine's parameters, independent of how the file writes them."""
+    return _hash(parameters.model_dump(mode="json"))
+
+
+def sensors_hash(given: MeasurementMap) -> str:
+    """Return the hash of the measured quantities with unit, zero, gain and lag.
+
+    The topic or column of a channel, its rate and its noise are left out.
+    """
+    rows = [channel.model_dump(mode="json", exclude=UNCOUNTED) for channel in given.channels]
+    return _hash(sorted(rows, key=lambda row: json.dumps(row, sort_keys=True)))
+
+
+def joined_runs(runs: Sequence[Sequence[FeatureVector]]) -> list[FeatureVector]:
+    """Return the cycles of several runs, numbered with a gap between runs."""
+    found: list[FeatureVector] = []
+    for vectors in runs:
+        first = found[-1].number + APART if found else 0
+        found += [vector._replace(number=first + vector.number) for vector in vectors]
+    return found
+
+
+def _hash(values: Any) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)

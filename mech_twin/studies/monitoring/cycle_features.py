@@ -23,7 +23,7 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, CycleReference, SampledCycle, sampled
 from mech_twin.capabilities.cycle_kernels import crossed_turn, first_rise, gap_limits, phase_of_turn
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality
 
 PATIENCE_S = 1.0  # by which the reference may run ahead of another channel

@@ -1,18 +1,116 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Result of one cycle: the verdict with its candidates, and the changes of state of faults."""
+r"""Result of one cycle: the verdict with its candidates, the changes of state of faults, and the alerts sent out.
+
+There is one alert per fault, the same for every outlet.  A fault on the panel is a state machine::
+
+    cleared --seen--> pending --seen for `debounce` cycles--> active --not seen for `clear` cycles--> latched
+       ^                 |                                       |  \--acknowledged before-->  cleared
+       |<---not seen-----+                                       |<--------- seen again --------+
+       |<--------------------------- acknowledged ----------------------------------------------+
+
+A latched fault has gone but is not acknowledged.  A shelved one changes state, but is not announced until a stamp.
+The states are those of an alarm in ISA-18.2 (normal, unacknowledged, acknowledged, returned unacknowledged, shelved).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from math import isfinite
 from typing import Literal, NamedTuple
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.charts import ChartValues
-from mech_twin.studies.monitoring.fault_life import FaultLife
 from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.monitoring.operating import OperatingValue
 
+State = Literal["cleared", "pending", "active", "latched"]
 UNKNOWN = "unknown"
 Verdict = Literal["learning", "healthy", "operating_point", "pending", "named", "group", "unknown", "passing"]
+
+
+class LifeRules(NamedTuple):
+    """Cycles with the fault until it is active, cycles without until it clears; least time between announcements."""
+
+    debounce: int = 3
+    clear: int = 10
+    announce_every_s: float = 600.0
+
+
+class FaultLife(NamedTuple):
+    """A fault and its state.
+
+    Attributes
+    ----------
+    name : str
+        Name of the fault, or of the group of faults.
+    state : str
+        ``cleared``, ``pending``, ``active`` or ``latched``.
+    since_s : float
+        Stamp at which it entered this state.
+    cycles : int
+        Consecutive cycles counted towards the next state.
+    is_acknowledged : bool
+        Whether it was acknowledged since it became active.
+    shelved_until_s : float
+        Stamp until which it is not announced.
+    """
+
+    name: str
+    state: State = "cleared"
+    since_s: float = 0.0
+    cycles: int = 0
+    is_acknowledged: bool = False
+    shelved_until_s: float = float("-inf")
+
+    def is_announced(self, time_s: float) -> bool:
+        """Return whether it is shown to the operator: active or latched, not shelved."""
+        return self.state in ("active", "latched") and time_s >= self.shelved_until_s
+
+
+def after_cycle(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
+    """Return the fault after a cycle that ended at ``time_s``; ``seen`` is whether it was observed in it."""
+    step = {"cleared": _after_cleared, "pending": _after_pending, "active": _after_active, "latched": _after_latched}
+    return step[life.state](life, seen, time_s, rules)
+
+
+def _after_cleared(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
+    return _moved(life, "pending" if rules.debounce > 1 else "active", time_s, 1) if seen else life
+
+
+def _after_pending(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
+    if not seen:
+        return _moved(life, "cleared", time_s)
+    if life.cycles + 1 < rules.debounce:
+        return life._replace(cycles=life.cycles + 1)
+    return _moved(life, "active", time_s)._replace(is_acknowledged=False)
+
+
+def _after_active(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
+    if seen:
+        return life._replace(cycles=0)
+    if life.cycles + 1 < rules.clear:
+        return life._replace(cycles=life.cycles + 1)
+    return _moved(life, "cleared" if life.is_acknowledged else "latched", time_s)
+
+
+def _after_latched(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
+    return _moved(life, "active", time_s)._replace(is_acknowledged=False) if seen else life
+
+
+def acknowledged(life: FaultLife, time_s: float) -> FaultLife:
+    """Return the fault after acknowledgement: a latched one is cleared, an active one stays active."""
+    if life.state == "latched":
+        return _moved(life, "cleared", time_s)
+    return life._replace(is_acknowledged=True) if life.state == "active" else life
+
+
+def shelved(life: FaultLife, until_s: float) -> FaultLife:
+    """Return the fault shelved until a stamp (s)."""
+    return life._replace(shelved_until_s=until_s)
+
+
+def _moved(life: FaultLife, state: State, time_s: float, cycles: int = 0) -> FaultLife:
+    return life._replace(state=state, since_s=time_s, cycles=cycles)
 
 
 class FaultEvent(NamedTuple):
@@ -98,3 +196,78 @@ def finding_name(verdict: Verdict, found: tuple[Candidate, ...]) -> str:
     if verdict in ("named", "group"):
         return " or ".join(sorted(candidate.name for candidate in found))
     return UNKNOWN if verdict == "unknown" else ""
+
+
+class Alert(NamedTuple):
+    """A fault as it is shown to people who are not at the terminal.
+
+    Attributes
+    ----------
+    machine, name, state : str
+        Name of the machine, of the fault, and the fault's state.
+    since_s : float
+        Time by the machine's clock at which it entered that state.
+    size, low_95, high_95 : float or None
+        Estimate and 95 % interval of the best candidate, in ``unit``; None where there is no estimate.
+    unit : str
+        Of the size.
+    acknowledged : bool
+        Whether an operator has acknowledged it.
+    alarm : bool
+        Whether it calls for action: active or latched, neither acknowledged nor shelved.
+    """
+
+    machine: str
+    name: str
+    state: str
+    since_s: float
+    size: float | None
+    low_95: float | None
+    high_95: float | None
+    unit: str
+    acknowledged: bool
+    alarm: bool
+
+
+def alerts_of(
+    machine: str, lives: Iterable[FaultLife], found: Findings, now_s: float, origin_s: float = 0.0
+) -> tuple[Alert, ...]:
+    """Return one alert per fault, cleared ones included, so that an outlet can remove them.
+
+    Parameters
+    ----------
+    machine : str
+        Name of the machine.
+    lives : iterable of FaultLife
+        All faults so far.
+    found : Findings
+        Findings of the newest cycle; its candidates give the sizes.
+    now_s : float
+        Current stamp; it decides whether a fault is still shelved.
+    origin_s : float
+        Time by the machine's clock at stamp 0.
+    """
+    alerts = []
+    for life in lives:
+        best = next((c for c in found.candidates if life.name in (found.finding, c.name)), None)
+        size, low, high = (None, None, None) if best is None else map(_finite, best[1:4])
+        alarm = life.is_announced(now_s) and not life.is_acknowledged
+        alerts.append(
+            Alert(
+                machine,
+                life.name,
+                life.state,
+                origin_s + life.since_s,
+                size,
+                low,
+                high,
+                "" if best is None else best.unit,
+                life.is_acknowledged,
+                alarm,
+            )
+        )
+    return tuple(alerts)
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None

@@ -23,10 +23,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.studies.monitoring.baseline import joined_runs
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Candidate
-from mech_twin.studies.monitoring.origin import joined_runs
 from mech_twin.studies.monitoring.report import Alarm, judged
 
 LATE_CYCLES = 200  # newest cycles, whose mean is compared

@@ -19,14 +19,22 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.studies.monitoring.baseline import Baseline
+from mech_twin.studies.monitoring.baseline import Baseline, Origin
 from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
-from mech_twin.studies.monitoring.findings import FaultEvent, Findings, Verdict, finding_name
+from mech_twin.studies.monitoring.findings import (
+    FaultEvent,
+    FaultLife,
+    Findings,
+    LifeRules,
+    Verdict,
+    acknowledged,
+    after_cycle,
+    finding_name,
+    shelved,
+)
 from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, candidates, estimated_change
 from mech_twin.studies.monitoring.operating import MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
-from mech_twin.studies.monitoring.origin import Origin
 from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
 SENSOR = "sensor_"

@@ -11,11 +11,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from mech_twin.capabilities.cycle import TURN, Array
-from mech_twin.capabilities.operating_point import OperatingVariable
+from mech_twin.capabilities.faults import OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.errors import MotionError
 from mech_twin.engine.rollout import RollOut, roll_out
+from mech_twin.errors import MotionError
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import USED_CYCLES

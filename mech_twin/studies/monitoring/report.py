@@ -1,24 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of a whole run: its alarms, each with its diagnosis."""
+"""Evaluation of a whole run: its alarms, each with its diagnosis and the evidence.
+
+Evidence is each feature healthy, measured, and as the fault would change it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.measurements.machine_columns import is_event
+from mech_twin.capabilities.cycle import Array
+from mech_twin.declarations.captions import axis_title
+from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
 from mech_twin.measurements.runs import MeasuredRun
+from mech_twin.measurements.units import is_event
 from mech_twin.studies.monitoring.charts import CHARTS
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
-from mech_twin.studies.monitoring.fault_life import FaultLife
-from mech_twin.studies.monitoring.findings import FaultEvent, Findings
-from mech_twin.studies.monitoring.monitor import Monitor
-from mech_twin.studies.monitoring.naming import Candidate, Change
+from mech_twin.studies.monitoring.findings import FaultEvent, FaultLife, Findings
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, fitted_faults
 from mech_twin.studies.monitoring.operating import OperatingValue
 from mech_twin.studies.monitoring.sensing import Seen, first_channels
+
+HALF_95 = 1.96  # half of a 95 % interval, in standard deviations
+CURVES, BARS = 3, 16  # features plotted over time, and as changes
 
 
 class Alarm(NamedTuple):
@@ -153,3 +162,164 @@ def _known(channel: Channel, rate_hz: float) -> Channel:
     rated = channel.rate_hz is None and not is_event(channel.quantity) and np.isfinite(rate_hz) and rate_hz > 0.0
     numbers = {"zero": fixed(channel.zero, 0.0), "gain": fixed(channel.gain, 1.0), "lag_s": fixed(channel.lag_s, 0.0)}
     return channel.model_copy(update=numbers | ({"rate_hz": float(rate_hz)} if rated else {}))
+
+
+class FeatureChange(NamedTuple):
+    """Change of one feature in an alarm.
+
+    Attributes
+    ----------
+    name, unit : str
+        Name and unit of the feature.
+    healthy, sigma : float
+        Mean in the baseline, and standard deviation of its innovations from cycle to cycle.
+    change, half_95 : float
+        Change since the onset, and half of its 95 % interval.
+    expected : float
+        Change that the fault would cause, at the size that fits the change of all features best.
+    """
+
+    name: str
+    unit: str
+    healthy: float
+    sigma: float
+    change: float
+    half_95: float
+    expected: float
+
+    @property
+    def moved_sigma(self) -> float:
+        """Change, in standard deviations of one cycle."""
+        return self.change / self.sigma
+
+    @property
+    def left_sigma(self) -> float:
+        """Change that the fault does not explain, in standard deviations of one cycle."""
+        return (self.change - self.expected) / self.sigma
+
+    def record(self) -> dict[str, Any]:
+        """Return the feature as a dictionary of JSON values."""
+        return {**self._asdict(), "moved_sigma": self.moved_sigma, "left_sigma": self.left_sigma}
+
+
+class Explanation(NamedTuple):
+    """Evidence for and against a fault in one alarm.
+
+    Attributes
+    ----------
+    fault : Candidate
+        The fault at its best-fitting size, with the share of the change left unexplained.
+    explains : bool
+        Whether it is among the monitor's candidates.
+    finding : str
+        Name of the alarm's finding, or its verdict.
+    onset_s, cycles : float
+        Stamp at which the change began, and number of cycles averaged.
+    features : tuple of FeatureChange
+        Sorted by the size of the change, largest first.
+    """
+
+    fault: Candidate
+    explains: bool
+    finding: str
+    onset_s: float
+    cycles: float
+    features: tuple[FeatureChange, ...]
+
+    def record(self) -> dict[str, Any]:
+        """Return the explanation as a dictionary of JSON values."""
+        return {**self._asdict(), "features": [each.record() for each in self.features]}
+
+
+def known_fault(setup: MonitorSetup, fault: str) -> Signature:
+    """Return the signature of a fault.
+
+    Raises
+    ------
+    StudyError
+        The monitor knows no such fault.
+    """
+    for signature in setup.signatures:
+        if signature.name == fault:
+            return signature
+    known = ", ".join(sorted(each.name for each in setup.signatures))
+    raise StudyError(f"fault {fault!r}: expected one of {known}")
+
+
+def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fault: str) -> Explanation | None:
+    """Return the evidence for and against a fault in an alarm; None if the alarm had too few cycles.
+
+    Raises
+    ------
+    StudyError
+        The monitor knows no such fault.
+    """
+    signature = known_fault(setup, fault)
+    if alarm.change is None:
+        return None
+    (fit,), delta, baseline = fitted_faults(alarm.change, [signature]), alarm.change.delta, setup.baseline
+    found = fit.candidate
+    half_95 = HALF_95 * np.sqrt(np.diag(alarm.change.covariance))
+    rows = zip(
+        baseline.names, healthy_features(setup), baseline.sigma, delta, half_95, signature.response(found.size),
+        strict=True,
+    )  # fmt: skip
+    features = [FeatureChange(name, units.get(name, "1"), *map(float, numbers)) for name, *numbers in rows]
+    features.sort(key=lambda each: -abs(each.moved_sigma))
+    explains = fault in {candidate.name for candidate in alarm.candidates}
+    called = alarm.finding or alarm.verdict
+    return Explanation(found, explains, called, alarm.onset_s, alarm.change.cycles, tuple(features))
+
+
+def healthy_features(setup: MonitorSetup) -> Array:
+    """Return the healthy means (d,) of the monitored features, before the operating point's effect is removed."""
+    if setup.operating is None:
+        return setup.baseline.mean
+    return setup.baseline.mean + setup.operating.mean[list(setup.operating.others)]
+
+
+def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], alarm: Alarm, found: Explanation) -> Any:
+    """Return the figure: changes of features and those that the fault predicts; the largest also over time."""
+    from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style, sheet
+
+    bars, curves = found.features[:BARS], found.features[:CURVES]
+    with house_style():
+        figure, all_axes = sheet(1 + len(curves), 1, height=1.6 + 0.2 * len(bars) + 1.6 * len(curves))
+        axes, rows = all_axes[0], np.arange(len(bars))[::-1]
+        moved, half = [each.moved_sigma for each in bars], [each.half_95 / each.sigma for each in bars]
+        axes.errorbar(moved, rows, xerr=half, fmt="o", color=BLUE, markersize=4, label="measured, 95 %")
+        expected = [each.expected / each.sigma for each in bars]
+        unit = "" if found.fault.unit == "1" else f" {found.fault.unit}"
+        label = f"{found.fault.name} of {found.fault.size:.3g}{unit}"
+        axes.plot(expected, rows, "x", color=RED, label=label)
+        axes.axvline(0.0, color=GREY, linewidth=0.8)
+        axes.set_yticks(rows, [each.name for each in bars], fontsize=7.5)
+        axes.set_xlabel("change, in standard deviations of a cycle")
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        for panel, feature in zip(all_axes[1:], curves, strict=True):
+            _draw_over_time(panel, setup, vectors, feature)
+            panel.axvline(alarm.onset_s, color=RED, linewidth=1.0)
+            panel.axvline(alarm.alarm_s, color=RED, linewidth=1.0, linestyle="--")
+        all_axes[-1].set_xlabel("time [s]; band: healthy cycles, 95 %; line: onset; dashed: alarm")
+    return figure
+
+
+def _draw_over_time(panel: Any, setup: MonitorSetup, vectors: Sequence[FeatureVector], feature: FeatureChange) -> None:
+    from mech_twin.capabilities.plots import BLUE, GREY
+
+    place = setup.baseline.names.index(feature.name)
+    offset = feature.healthy - setup.baseline.mean[place]
+    seen = vectors if setup.operating is None else [setup.operating.reduced(vector)[0] for vector in vectors]
+    values = [vector.values[vector.names.index(feature.name)] + offset for vector in seen]
+    panel.plot([vector.end_s for vector in seen], values, ".", color=BLUE, markersize=3)
+    half = HALF_95 * _spread(setup, place)
+    panel.axhspan(feature.healthy - half, feature.healthy + half, color=GREY, alpha=0.3, linewidth=0.0)
+    panel.set_ylabel(fill(axis_title(feature.name, feature.unit), 24), fontsize=7.5)
+
+
+def _spread(setup: MonitorSetup, place: int) -> float:
+    """Return the standard deviation of a healthy feature: that of its innovations times its autoregression's gain."""
+    impulse = np.zeros((400, len(setup.baseline.names)))
+    impulse[0] = 1.0
+    response = setup.baseline.features(impulse) - setup.baseline.mean
+    return float(setup.baseline.sigma[place] * np.sqrt((response[:, place] ** 2).sum()))

@@ -11,16 +11,15 @@ import numpy as np
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.capabilities.cycle import TURN, Array, CycleFeatures
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.faults import MachineFault
-from mech_twin.capabilities.operating_point import OperatingVariable
+from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import Entry
-from mech_twin.measurements.machine_columns import is_angle, is_event
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.sensors import EVENT_FIELDS
+from mech_twin.measurements.units import is_angle, is_event
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels

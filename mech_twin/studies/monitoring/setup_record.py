@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from mech_twin.files.plain_values import of_plain
+from mech_twin.files.output_file import of_plain
 from mech_twin.studies.monitoring.baseline import LARGEST_ORDER
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.operating import polynomial_terms

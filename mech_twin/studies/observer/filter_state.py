@@ -21,13 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_run import DONE, Indices
-from mech_twin.engine.errors import MotionError
+from mech_twin.engine.compiled_steps import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.errors import MotionError
 from mech_twin.samples import Event
-from mech_twin.studies.observer.model_run import without_turns
+from mech_twin.studies.observer.model_run import StepBank, without_turns
 from mech_twin.studies.observer.state_space import StateSpace
-from mech_twin.studies.observer.step_bank import StepBank
 
 CHANGE = 1e-6  # perturbation for differences, in scales of the state
 GATE = 25.0  # squared innovation over its variance above which a sample is rejected

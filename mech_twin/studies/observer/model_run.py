@@ -1,22 +1,114 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated run of the model, with all columns: for locking on, and for the scales of the columns."""
+"""Simulated run of the model, with all columns: for locking on, and for the scales of the columns.
+
+A bank advances several frames together by one coupling step.  The time origin of a closed-form motion, normally its
+last event, can be moved to the current frame.
+
+The load of some machines changes at fixed crank angles.  If a correction moves the crank past such an angle, the event
+there never occurs in the model.  So the regime is set to that of the model's own run at this angle, if it is unique in
+the neighbourhood.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_run import Indices
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
+from mech_twin.engine.compiled_steps import DONE, Indices, Models, Widths, run_steps
 from mech_twin.engine.rollout import roll_out
-from mech_twin.engine.sample_vectors import Array
-from mech_twin.measurements.machine_columns import is_angle
+from mech_twin.engine.sample_vectors import Array, Places
+from mech_twin.kernels.kernel import released_kernel
+from mech_twin.measurements.units import is_angle
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
-from mech_twin.studies.observer.step_bank import StepBank
+from mech_twin.samples import Event
 
 SETTLED_SHARE = 0.4  # of the run, at its end, from which scales are computed
 SMALLEST = 1e-9  # lower bound of a scale, against division by 0
+TURN = 2.0 * np.pi
+AROUND = 3  # frames on either side that must have the same regime
+
+
+class BankStep(NamedTuple):
+    """Frames one step later: rows (m, w), number of events of each (m,), failure codes, events of the first."""
+
+    rows: Array
+    event_counts: Indices
+    failed: Indices
+    events: Array
+
+
+@released_kernel
+def step_rows(
+    models: Models, at: Places, widths: Widths, first: int, step_s: float, target: float, rows: Array
+) -> tuple[Indices, Indices, Array]:
+    """Advance each row by one step, in place; return numbers of events, failure codes, and the first row's events.
+
+    Parameters
+    ----------
+    models, at, widths, first, step_s
+        As in `engine.compiled_steps.run_steps`.
+    target : float
+        Requested fraction of rated supply frequency.
+    rows : (m, w) array
+        Frames at step ``first``.
+    """
+    count = len(rows)
+    event_counts, failed = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    targets, picked, columns = np.full(1, target), np.zeros(0, np.int64), np.zeros((1, 0))
+    events = np.zeros((0, widths.table))
+    for i in range(count):
+        table, event_counts[i], _, failed[i], _ = run_steps(
+            models, at, widths, first, step_s, targets, rows[i], picked, columns, picked, np.zeros(0)
+        )
+        if i == 0:
+            events = table[: event_counts[i]].copy()
+    return event_counts, failed, events
+
+
+class StepBank:
+    """The machine as a map from rows at one step to rows at the next.
+
+    Parameters
+    ----------
+    machine : Machine
+        Machine whose roles are all compiled.
+
+    Raises
+    ------
+    ConfigurationError
+        A role of the machine is not compiled.
+    """
+
+    def __init__(self, machine: Machine) -> None:
+        compiled = compiled_machine(machine)
+        if compiled is None:
+            raise ConfigurationError(f"{machine.name}: expected a machine whose roles are compiled")
+        self.compiled: CompiledMachine = compiled
+        self.columns = compiled.layout.columns
+        self.step_s = float(machine.coupling_step_s)
+
+    def advanced(self, step: int, rows: Array, target: float) -> BankStep:
+        """Return rows (m, w) of frames advanced by one step."""
+        compiled, later = self.compiled, np.array(rows, dtype=np.float64, order="C")
+        event_counts, failed, events = step_rows(
+            compiled.models, compiled.layout.places, compiled.widths, step, self.step_s, float(target), later
+        )
+        return BankStep(later, event_counts, failed, events)
+
+    def events(self, table: Array) -> tuple[Event, ...]:
+        """Return the events in the event table of one step, in order of time."""
+        return tuple(event for _, event in self.compiled.events_in_order(table)) if len(table) else ()
+
+
+def all_went_on(step: BankStep) -> bool:
+    """Return whether every row could be advanced."""
+    return bool((step.failed == DONE).all())
 
 
 @dataclass(frozen=True)
@@ -94,3 +186,65 @@ def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
     way = np.minimum(run.steepest * max(silent_s, 0.0), run.spread)
     held: Array = np.hypot(sigma, way)
     return held
+
+
+class AnchorNow:
+    """Re-anchors frames at their own instant, if the machine's motion is given from an anchor; else leaves them.
+
+    Parameters
+    ----------
+    run : ModelRun
+        Simulated run of the model.
+    machine_name : str
+        Name of the machine in the catalogue.
+    """
+
+    def __init__(self, run: ModelRun, machine_name: str) -> None:
+        self._motion = catalogue_entry(machine_name).capabilities.anchored_motion
+        self._linkage = run.bank.compiled.layout.places.linkage
+        self._model: Any = run.bank.compiled.models.linkage
+
+    def restated(self, row: Array, step: int) -> Array:
+        """Return a frame of the same motion, with its anchor at this step."""
+        if self._motion is None:
+            return row
+        found: Array = row.copy()
+        self._motion.anchor_at(self._model, found[self._linkage :], step)
+        return found
+
+
+class RegimeByAngle:
+    """Regimes of the settled run as a function of the angle.
+
+    Parameters
+    ----------
+    run : ModelRun
+        Simulated run of the model.
+    angle : int or None
+        Index of the crank angle; None without one.
+    has_body : bool
+        Whether the regimes come from the contact of a body, which is not a function of the angle.
+    """
+
+    def __init__(self, run: ModelRun, angle: int | None, *, has_body: bool) -> None:
+        self._place = run.bank.columns["linkage.regime"]
+        self._angle = angle
+        rows = run.settled
+        self.in_use = angle is not None and not has_body and bool(np.ptp(rows[:, self._place]) > 0.0)
+        if not self.in_use:
+            return
+        phases = np.mod(rows[:, angle], TURN)
+        order = np.argsort(phases)
+        self._phases, self._regimes = phases[order], rows[order, self._place]
+
+    def repaired(self, row: Array) -> Array:
+        """Return a frame with the regime of its angle; unchanged if that is not unique."""
+        if not self.in_use:
+            return row
+        at = int(np.searchsorted(self._phases, row[self._angle] % TURN))
+        around = self._regimes[np.arange(at - AROUND, at + AROUND) % len(self._regimes)]
+        if np.ptp(around) > 0.0 or around[0] == row[self._place]:
+            return row
+        repaired: Array = row.copy()
+        repaired[self._place] = around[0]
+        return repaired

@@ -12,18 +12,22 @@ import numpy as np
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.compiled_run import Indices
-from mech_twin.engine.errors import MotionError
+from mech_twin.engine.compiled_steps import Indices
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.errors import MotionError
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
-from mech_twin.studies.observer.anchor_now import AnchorNow
-from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SensedChannel
+from mech_twin.studies.observer.estimate import (
+    ACCEPTED,
+    FrameEstimate,
+    ObserverState,
+    SeenSample,
+    SensedChannel,
+    located,
+)
 from mech_twin.studies.observer.filter_state import FilterState, Prediction, SaltedFilter, observation, output_variance
-from mech_twin.studies.observer.lock_on import ACCEPTED, SeenSample, located
-from mech_twin.studies.observer.model_run import model_run
+from mech_twin.studies.observer.model_run import AnchorNow, RegimeByAngle, model_run
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
-from mech_twin.studies.observer.regime_by_angle import RegimeByAngle
 from mech_twin.studies.observer.state_space import state_space, undetermined
 
 ON_STEP = 1e-6  # of a step: tolerance for a stamp that coincides with a step

@@ -21,11 +21,10 @@ from mech_twin.declarations.configuration_tree import (
     tree_from_flat,
 )
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.compiled_run import DONE, Indices
+from mech_twin.engine.compiled_steps import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.roles import Machine
-from mech_twin.studies.observer.model_run import ModelRun, without_turns
-from mech_twin.studies.observer.step_bank import StepBank
+from mech_twin.studies.observer.model_run import ModelRun, StepBank, without_turns
 
 BINS = 64  # of the crank angle over a turn
 FRAMES = 256  # of the model's run that are evaluated

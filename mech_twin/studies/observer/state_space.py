@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.capabilities.anchored_motion import AnchoredMotion
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.engine.compiled_run import DONE, Indices
+from mech_twin.engine.compiled_steps import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.parameters.load import catalogue_entry
+from mech_twin.roles import AnchoredMotion
 from mech_twin.studies.observer.model_run import ModelRun, without_turns
 
 PROBES = 12  # rows of the settled run in which columns are perturbed

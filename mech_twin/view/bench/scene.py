@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run on the bench: each picture has drawing, state, cards and curves of one instant."""
+"""A run on the bench: each picture has drawing, state, cards and curves of one instant.
+
+A frame, the complete state of a run at a step, becomes plain lists for JSON and back.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +10,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import caption
-from mech_twin.engine.invariants import RunInvariants
+from mech_twin.engine.trajectory import RunInvariants
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample
-from mech_twin.view.annotations import Annotations, lost_energy
-from mech_twin.view.banner import Banner, sliding_joints
-from mech_twin.view.bench.frame_text import listed
+from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
+from mech_twin.view.annotations import Annotations, Banner, lost_energy, sliding_joints
 from mech_twin.view.bench.lanes import Lanes
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import (
@@ -40,12 +41,12 @@ from mech_twin.view.curve_groups import (
     quantity_path,
     same_names,
 )
-from mech_twin.view.decimation import extreme_rows
-from mech_twin.view.event_text import event_line, is_logged
-from mech_twin.view.extent import Bounds, DrawnExtent
-from mech_twin.view.labels import texts_of
-from mech_twin.view.sending import Sending
+from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, texts_of
+from mech_twin.view.sending import Sending, extreme_rows
 
+AnySample = TypeVar("AnySample", MotorSample, LinkageSample, ForceSample, BodySample)
+NAMED = ("memory", "residuals", "quantities")
+LEFT_OUT = ("events", "loads")  # of the step that ends here; not needed to continue
 Sample = MotorSample | LinkageSample | ForceSample | BodySample
 KEPT_SAMPLES = 4000  # per role, while the bench accepts none
 STATE_S = 0.1  # wall-clock time between two states of the run
@@ -56,6 +57,37 @@ HALTED_S = 0.3  # time without a step that counts as a pause or a wait for a pee
 MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
 UNITLESS = "number"
 TINY = 1e-300
+
+
+def listed(frame: Frame) -> dict[str, Any]:
+    """Return the samples of a frame by role, without events."""
+    roles = {name: sample for name, sample in frame._asdict().items() if sample is not None}
+    return {
+        name: {field: value for field, value in sample._asdict().items() if field not in LEFT_OUT}
+        for name, sample in roles.items()
+    }
+
+
+def framed(content: dict[str, Any]) -> Frame:
+    """Return the frame made of the lists of `listed`."""
+    return Frame(
+        linkage=_sample(LinkageSample, content["linkage"]),
+        motor=_sample(MotorSample, content["motor"]),
+        forces=_sample(ForceSample, content["forces"]),
+        body=_sample(BodySample, content["body"]) if "body" in content else None,
+    )
+
+
+def _sample(kind: type[AnySample], content: dict[str, Any]) -> AnySample:
+    fields: dict[str, Any] = {}
+    for name, value in content.items():
+        if name in NAMED:
+            fields[name] = Named(*(tuple(part) for part in value))
+        elif name == "wrenches":
+            fields[name] = tuple(Wrench(*each) for each in value)
+        else:
+            fields[name] = tuple(value) if isinstance(value, list) else value
+    return kind(**fields)
 
 
 class _Role:

@@ -10,8 +10,7 @@ from types import TracebackType
 
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, packed_bounds, packed_curves, packed_layout, packed_shapes
-from mech_twin.view.extent import Bounds, DrawnExtent
-from mech_twin.view.labels import texts_of
+from mech_twin.view.extent import Bounds, DrawnExtent, texts_of
 from mech_twin.view.shadow_picture import (
     BANDED,
     CURVES,

@@ -15,9 +15,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from mech_twin.errors import ViewerError
 from mech_twin.process.terminal_output import printable
 from mech_twin.view.bench.link import FEED, PREFIX
-from mech_twin.view.errors import ViewerError
 
 LOOPBACK = "127.0.0.1"
 STOP_LIMIT_S = 2.0

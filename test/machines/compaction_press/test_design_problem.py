@@ -7,11 +7,22 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.machines.compaction_press.design_configuration import configured_press, described, design_problem
-from mech_twin.machines.compaction_press.design_evaluation import evaluation
-from mech_twin.machines.compaction_press.design_problem import Limits, Objectives, packed, unpacked
-from mech_twin.machines.compaction_press.design_rule import Lengths, mass_rule, scaled_press
+from mech_twin.errors import StudyError
+from mech_twin.machines.compaction_press.design_evaluation import (
+    configured_press,
+    described,
+    design_problem,
+    evaluation,
+)
+from mech_twin.machines.compaction_press.design_problem import (
+    Lengths,
+    Limits,
+    Objectives,
+    mass_rule,
+    packed,
+    scaled_press,
+    unpacked,
+)
 from mech_twin.machines.compaction_press.design_search import BOUNDS, Effort, searched
 from mech_twin.machines.compaction_press.metrics import cycle_metrics
 from mech_twin.machines.compaction_press.parameters import press_constants

@@ -6,8 +6,7 @@ import pytest
 
 from mech_twin.machines.compaction_press.cycle import flywheel_metrics
 from mech_twin.machines.compaction_press.design_evaluation import evaluation
-from mech_twin.machines.compaction_press.design_problem import SENSES
-from mech_twin.machines.compaction_press.design_rule import Lengths, scaled_press
+from mech_twin.machines.compaction_press.design_problem import SENSES, Lengths, scaled_press
 from mech_twin.machines.compaction_press.design_search import (
     OBJECTIVES,
     Effort,
@@ -21,9 +20,8 @@ from mech_twin.machines.compaction_press.design_search import (
     scan,
     single_goal,
 )
-from mech_twin.machines.compaction_press.dynamics import CONTACT, FREE, loaded_height, press_reduced
+from mech_twin.machines.compaction_press.dynamics import CONTACT, FREE, StrokeLoad, loaded_height, press_reduced
 from mech_twin.machines.compaction_press.parameters import press_stroke
-from mech_twin.machines.compaction_press.stroke_load import StrokeLoad
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.flywheel import exact_inertia
 from mech_twin.studies.design_scan import design_question

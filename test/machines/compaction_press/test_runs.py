@@ -12,8 +12,8 @@ from crank_drives import PRESS_KLOSS as KLOSS
 from scipy.integrate import quad
 
 from mech_twin.engine.run import frames
+from mech_twin.machines.compaction_press.dynamics import layer_force
 from mech_twin.machines.compaction_press.parameters import press_constants
-from mech_twin.machines.compaction_press.stroke_load import layer_force
 from mech_twin.parameters.load import machine
 
 

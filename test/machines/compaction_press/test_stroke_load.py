@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from mech_twin.machines.compaction_press.stroke_load import StrokeLoad, layer_force, layer_work
+from mech_twin.machines.compaction_press.dynamics import StrokeLoad, layer_force, layer_work
 
 
 def drawn(random, exponent):

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.impact_mass.contact_estimate import contact_estimate, merging_speed
+from mech_twin.machines.impact_mass.forces import contact_estimate, merging_speed
 from mech_twin.parameters.load import machine, machine_parameters
 
 

@@ -19,7 +19,10 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build
 from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
 from mech_twin.machines.impact_mass.dynamics import (
+    IMPACTS_SUMMED,
+    KIND_NAMES,
     LISTED_MOST,
+    STUCK,
     MassMotion,
     elapsed,
     impact_system,
@@ -28,7 +31,6 @@ from mech_twin.machines.impact_mass.dynamics import (
     next_event_until,
     rests_for_good,
 )
-from mech_twin.machines.impact_mass.states import IMPACTS_SUMMED, KIND_NAMES, STUCK
 from mech_twin.parameters.load import machine, machine_parameters
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from parameter_bounds import accepts, live_names
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.impact_mass.force_generator import GeneratorParameters, mean_level
+from mech_twin.machines.impact_mass.parameters import GeneratorParameters, mean_level
 from mech_twin.parameters.load import machine
 
 levels = st.floats(-1e6, 1e6)

@@ -13,11 +13,10 @@ from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.impact_mass import PARAMETERS, build
-from mech_twin.machines.impact_mass.balance import BalanceResiduals, residuals
 from mech_twin.machines.impact_mass.dynamics import initial_motion
 from mech_twin.machines.impact_mass.observer import CompensatedSum
 from mech_twin.machines.impact_mass.roles import RESIDUAL_LIMITS
-from mech_twin.machines.impact_mass.step import RunningCounts, Span, mass_step
+from mech_twin.machines.impact_mass.step import BalanceResiduals, RunningCounts, Span, mass_step, residuals
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.roles import RESIDUALS
 

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mech_twin.machines.impact_mass.dynamics import impact_system, initial_motion, next_event
-from mech_twin.machines.impact_mass.force_generator import mean_level
+from mech_twin.machines.impact_mass.dynamics import IMPACT, impact_system, initial_motion, next_event
 from mech_twin.machines.impact_mass.one_impact_cycle import (
     impact_speed,
     least_stability_number,
@@ -20,7 +19,7 @@ from mech_twin.machines.impact_mass.one_impact_cycle import (
     phase1_chatter_share,
     synthesised_cycle,
 )
-from mech_twin.machines.impact_mass.states import IMPACT
+from mech_twin.machines.impact_mass.parameters import mean_level
 
 
 @given(st.floats(0.1, 10.0), st.floats(0.01, 2.0), st.floats(-0.9, 0.9), st.floats(0.5, 50.0), st.floats(0.05, 0.95))

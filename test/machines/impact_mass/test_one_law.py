@@ -9,8 +9,16 @@ from engine.hybrid.linear_system import IMPULSE, KIND, STRUCK, TIME, linear, run
 
 from mech_twin.engine.hybrid.laws import HOLD, OPEN
 from mech_twin.engine.hybrid.loop import SHORTEST_SERIES_S
-from mech_twin.machines.impact_mass.dynamics import impact_system, initial_motion, next_event, phase_end
-from mech_twin.machines.impact_mass.states import CHATTER_END, IMPACT, PHASE_CHANGE, STUCK
+from mech_twin.machines.impact_mass.dynamics import (
+    CHATTER_END,
+    IMPACT,
+    PHASE_CHANGE,
+    STUCK,
+    impact_system,
+    initial_motion,
+    next_event,
+    phase_end,
+)
 
 PHASES, MASS_KG = 8, 3.0
 SERIES_S = 1e-8  # of an endless series that is compared impact by impact up to this time before its limit

@@ -13,9 +13,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.impacts import blow, blow_contact, fading
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine_parameters
 
 PARAMETERS = machine_parameters("mb10_breaker")

@@ -14,9 +14,9 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import masses_at, spring_moment
-from mech_twin.messages.step_codec import linkage
+from mech_twin.machines.mb10_breaker.state import breaker
+from mech_twin.messages.step_message import linkage
 from mech_twin.parameters.load import machine, machine_parameters
 
 mounts = pytest.mark.parametrize("mount", ["frame", "body"])

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.drawing import drawing
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine
 
 TWIN = machine("mb10_breaker")

@@ -11,10 +11,9 @@ from scipy.integrate import solve_ivp
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT
 from mech_twin.machines.mb10_breaker.forces import pin_forces
-from mech_twin.machines.mb10_breaker.state import BreakerMemory
+from mech_twin.machines.mb10_breaker.state import BreakerMemory, breaker
 from mech_twin.parameters.load import machine, machine_parameters
 
 RUBBING = {"friction.viscous_nms_per_rad": 0.05, "body.friction.viscous_nms_per_rad": 30.0}

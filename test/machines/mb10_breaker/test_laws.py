@@ -11,11 +11,11 @@ from machines.mb10_breaker.coupling_error import coupling_error
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, crank_torque, energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
 from mech_twin.machines.mb10_breaker.impacts import blow, touchdown
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine, machine_parameters
 
 PARAMETERS = machine_parameters("mb10_breaker")

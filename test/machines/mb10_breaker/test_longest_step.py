@@ -8,8 +8,8 @@ import pytest
 from machines.mb10_breaker.test_reference import drawn
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.engine.errors import MotionError
 from mech_twin.engine.run import frames
+from mech_twin.errors import MotionError
 from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.mb10_breaker.parameters import LONGEST_TURN_RAD, shaft_time_s
 from mech_twin.machines.mb10_breaker.pressed_body import flight

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine, machine_parameters
 
 PARAMETERS = machine_parameters("mb10_breaker")

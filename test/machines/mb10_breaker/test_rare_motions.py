@@ -10,9 +10,9 @@ from draws.outcomes import worst_margin
 from machines.mb10_breaker.breaker_reference import BreakerReference
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.engine.invariants import broken_lines
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import broken_lines
 from mech_twin.machines.mb10_breaker.dynamics import energies, striker
 from mech_twin.parameters.load import machine
 

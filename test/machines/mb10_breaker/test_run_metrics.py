@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import masses_at, striker
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.run_metrics import striker_energy
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine, machine_parameters
 
 HALF_SINE = {

@@ -3,8 +3,8 @@
 
 import pytest
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.capabilities.tolerance_box import inner_points, scaled
+from mech_twin.capabilities.variation import inner_points, scaled
+from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker import running_sizing, sizing
 from mech_twin.machines.mb10_breaker.metrics import SEATED_GAP_M, SEATED_REST, is_seated
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics

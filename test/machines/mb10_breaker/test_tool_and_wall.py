@@ -9,11 +9,10 @@ import pytest
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import masses_at, striker
 from mech_twin.machines.mb10_breaker.impacts import strike
 from mech_twin.machines.mb10_breaker.metrics import striking_angle
-from mech_twin.machines.mb10_breaker.state import BreakerMemory
+from mech_twin.machines.mb10_breaker.state import BreakerMemory, breaker
 from mech_twin.parameters.load import machine, machine_parameters
 
 HELD = {

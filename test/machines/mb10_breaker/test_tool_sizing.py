@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker import tool_sizing
-from mech_twin.machines.mb10_breaker.constants import breaker
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import size
 

@@ -12,7 +12,6 @@ import pytest
 import mech_twin
 from mech_twin.capabilities.plots import house_style
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import energies, masses_at, striker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction, push_on_body, strike, strike_as_wave
 from mech_twin.machines.mb10_breaker.metrics import (
@@ -23,6 +22,7 @@ from mech_twin.machines.mb10_breaker.metrics import (
     striking_angle,
 )
 from mech_twin.machines.mb10_breaker.plots import pictures, pressing, rated_rod_blow
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine
 from mech_twin.parts.rod_waves.struck_tool import NO_CURVE, NO_FORCES, rod_blow
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 
-from mech_twin.engine.errors import MotionError
+from mech_twin.errors import MotionError
 from mech_twin.machines.page import build
 
 BIT = """

@@ -8,8 +8,8 @@ import pytest
 from machines.page.pages import BALL, page
 from machines.page.test_page_machines import page as shipped
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.machines.page.features import faults, features
+from mech_twin.errors import StudyError
+from mech_twin.machines.page.metrics import faults, features
 from mech_twin.measurements.measurement_map import read_map
 from mech_twin.parameters.load import machine
 from mech_twin.results.opened_runs import columns_of

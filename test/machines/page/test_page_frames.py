@@ -11,8 +11,7 @@ from catalogue import PAGES
 from mechanics.random_structures import coordinates_of, thrown
 from urdf_parser_py.urdf import URDF
 
-from mech_twin.capabilities.mechanism import poses
-from mech_twin.capabilities.urdf import POINT_M, urdf
+from mech_twin.capabilities.mechanism import POINT_M, poses, urdf
 from mech_twin.machines.page.mechanism import mechanism
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import PageModel

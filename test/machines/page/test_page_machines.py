@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mech_twin.engine.run import frames
-from mech_twin.machines.mb10_breaker.constants import breaker
 from mech_twin.machines.mb10_breaker.dynamics import striker
+from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.load import machine
 from mech_twin.roles import CrankState
 

@@ -19,14 +19,12 @@ from mech_twin.engine.run import frames
 from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import Modes, state_array
-from mech_twin.machines.roller_former.forces import former_forces
+from mech_twin.machines.roller_former.former_row import FormerMemory
 from mech_twin.machines.roller_former.integration import advance_motion
-from mech_twin.machines.roller_former.memory import FormerMemory
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import joints_of, start_modes
-from mech_twin.machines.roller_former.start_up import start_motion
-from mech_twin.machines.roller_former.steady import steady_turn
+from mech_twin.machines.roller_former.roles import former_forces, joints_of, start_modes
+from mech_twin.machines.roller_former.steady import start_motion, steady_turn
 from mech_twin.parts.induction_motor import motor_torque, supplied_motor
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame

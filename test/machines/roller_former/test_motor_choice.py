@@ -11,8 +11,7 @@ from mech_twin.machines.roller_former.drive_choice import (
     speed_under_mean_load,
     standstill_margin,
 )
-from mech_twin.parameters.load import MOTOR_TABLE, configuration_file
-from mech_twin.parameters.motors import motor_table
+from mech_twin.parameters.load import MOTOR_TABLE, configuration_file, motor_table
 
 TABLE = motor_table(configuration_file(MOTOR_TABLE))
 

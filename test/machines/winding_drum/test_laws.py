@@ -14,16 +14,21 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.hybrid.laws import HOLD
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
-from mech_twin.machines.winding_drum.dynamics import ANGLE, DRIVE_WORK, STATE_SIZE, DrumSystem, advance_drum, drum_room
-from mech_twin.machines.winding_drum.parameters import package_constants
-from mech_twin.machines.winding_drum.wound_package import (
+from mech_twin.machines.winding_drum.dynamics import (
+    ANGLE,
+    DRIVE_WORK,
+    STATE_SIZE,
+    DrumSystem,
     Package,
+    advance_drum,
+    drum_room,
     package_inertia,
     radius_after,
     speed_terms,
     tangent_arm,
     wound_at,
 )
+from mech_twin.machines.winding_drum.parameters import package_constants
 from mech_twin.parameters.load import machine
 
 

@@ -10,8 +10,8 @@ import pytest
 from parameter_bounds import has_range, live_names
 from pydantic import ValidationError
 
+from mech_twin.machines.winding_drum.dynamics import package_inertia, wound_at
 from mech_twin.machines.winding_drum.parameters import WindingDrum, YarnSupply, package_constants
-from mech_twin.machines.winding_drum.wound_package import package_inertia, wound_at
 
 VALID: dict[str, Any] = {
     "package_radius_m": 0.25,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from mech_twin.parts.rod_waves.first_pass import (
+from mech_twin.parts.rod_waves.blow import (
     STRIKERS,
     led_share_of_mass,
     led_share_of_rectangle,

@@ -10,14 +10,15 @@ from mech_twin import rollout
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.identification.acting_keys import acting_tree, other_value
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
+    acting_tree,
     assumed_keys,
     machine_keys,
     numbers_of,
+    other_value,
 )
-from mech_twin.studies.identification.sensitivity import sensitivity
+from mech_twin.studies.identification.verdicts import sensitivity
 
 
 def test_a_load_set_fills_the_carts_anew_when_one_of_its_numbers_changes() -> None:

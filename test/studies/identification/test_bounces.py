@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.measurements.errors import MeasurementError
+from mech_twin.errors import MeasurementError
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 
 G = 9.81

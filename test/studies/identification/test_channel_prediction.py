@@ -11,9 +11,9 @@ import pytest
 from catalogue import built
 
 from mech_twin.engine.run import frames
-from mech_twin.measurements.machine_columns import machine_columns
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.sensors import SensorBench
+from mech_twin.measurements.units import machine_columns
 from mech_twin.samples import Frame
 from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns, predicted
 from mech_twin.studies.named_rollouts import rollout

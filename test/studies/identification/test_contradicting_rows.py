@@ -10,11 +10,11 @@ import numpy as np
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.fit_setting import problem_of
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.question import IdentificationQuestion
+from mech_twin.studies.identification.refits import problem_of
 from mech_twin.studies.identification.residuals import contradicting
 from mech_twin.studies.identification.staged_search import BENDING
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
 
 ROWS = 400
 FIRST = np.column_stack([np.linspace(50.0, 80.0, ROWS), np.linspace(-20.0, 30.0, ROWS)])

@@ -12,9 +12,9 @@ import yaml
 from command_line import mech_twin
 
 from mech_twin.capabilities.cycle import SampledCycle, sampled
-from mech_twin.capabilities.errors import StudyError
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.rollout import roll_out
+from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.sensors import SensorBench
 from mech_twin.parameters.load import catalogue_entry, machine

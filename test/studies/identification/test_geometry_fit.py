@@ -14,8 +14,7 @@ from command_line import Ended, mech_twin
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import configuration_file, machine_parameters
-from mech_twin.studies.identification.geometry_fit import GeometryFit, half_width, unseen
-from mech_twin.studies.identification.geometry_model import GeometryModel
+from mech_twin.studies.identification.geometry_fit import GeometryFit, GeometryModel, half_width, unseen
 
 pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.slow

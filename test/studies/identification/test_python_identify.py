@@ -26,8 +26,8 @@ from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.identification import identified
-from mech_twin.studies.identification.question import IdentificationQuestion
-from mech_twin.studies.identification.saved_identification import SavedIdentification
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.written_identification import SavedIdentification
 
 pytest.importorskip("matplotlib")
 MACHINE, TRUE = "vibration_crank", {"crank_m": 0.131, "rod_m": 0.47}

@@ -9,12 +9,12 @@ from catalogue import built
 
 from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.engine.rollout import roll_out
-from mech_twin.measurements.errors import MeasurementError
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.identification.question import IdentificationQuestion
 from mech_twin.studies.identification.recent_samples import RecentSamples, fitted_recent
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.observer.estimate import SeenSample
 
 NAME, KEY = "vibration_crank", "masses.extra_kg"
 AT_FIRST = pytest.approx(0.0, abs=0.11)  # a sample apart

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from mech_twin.studies.identification.combinations import Combination
-from mech_twin.studies.identification.sensitivity import Sensitivity
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
@@ -17,6 +16,7 @@ from mech_twin.studies.identification.verdicts import (
     MODEL_ERROR,
     NOT_CONVERGED,
     KeyEvidence,
+    Sensitivity,
     key_verdicts,
     refuted,
 )

@@ -14,11 +14,11 @@ from scipy.signal import lfilter
 from scipy.stats import poisson
 from studies.monitoring.synthetic import autoregressive, vectors
 
-from mech_twin.capabilities.errors import StudyError
-from mech_twin.files.plain_values import of_plain, plain
+from mech_twin.errors import StudyError
+from mech_twin.files.output_file import of_plain, plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import ALLOWANCE, WINDOW, advance_cusum, chart_limits, chart_rows
-from mech_twin.studies.monitoring.fault_life import FaultLife, LifeRules, acknowledged, after_cycle, shelved
+from mech_twin.studies.monitoring.findings import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])

@@ -15,7 +15,7 @@ import pytest
 from mech_twin.capabilities.cycle import TURN
 from mech_twin.capabilities.faults import MachineFault, value_at
 from mech_twin.capabilities.variation import varied
-from mech_twin.files.plain_values import plain
+from mech_twin.files.output_file import plain
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import PROMPT_CYCLES, fitted_setup, sensor_design, simulated_vectors

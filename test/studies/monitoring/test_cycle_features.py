@@ -22,7 +22,7 @@ from mech_twin.capabilities.cycle import (
     swing,
     upper,
 )
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.cycle_features import PATIENCE_S, FeatureFeed, FeatureVector, feed_channels
 
 CRANK, TORQUE, TIME, PRE, POST = "crank", "torque", "event.blow.time", "event.blow.pre", "event.blow.post"

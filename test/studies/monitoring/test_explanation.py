@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from studies.monitoring.synthetic import autoregressive, vectors
 
-from mech_twin.capabilities.errors import StudyError
+from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
-from mech_twin.studies.monitoring.explanation import HALF_95, explanation
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Signature
-from mech_twin.studies.monitoring.report import Alarm, judged
+from mech_twin.studies.monitoring.report import HALF_95, Alarm, explanation, judged
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2]])
 COVARIANCE = np.diag([1.0, 0.25, 4.0])

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from studies.monitoring.synthetic import autoregressive, vectors
 
-from mech_twin.files.plain_values import of_plain, plain
+from mech_twin.files.output_file import of_plain, plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.findings import Findings

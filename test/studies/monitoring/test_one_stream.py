@@ -24,7 +24,7 @@ from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.report import judged, vectors_of_parts
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, Seen, needed_columns, seen_roll_out
 from mech_twin.studies.monitoring.sensor_quality import sensor_limits
-from mech_twin.studies.observer.lock_on import SeenSample
+from mech_twin.studies.observer.estimate import SeenSample
 
 NAME, RUN_S, FAULT_S = "vibration_crank", 20.0, 4.0
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mech_twin.capabilities.operating_point import motor_changes
+from mech_twin.capabilities.faults import motor_changes
 from mech_twin.capabilities.variation import varied
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque

@@ -13,12 +13,18 @@ from pydantic import ValidationError
 from studies.monitoring.synthetic import autoregressive, vectors
 from studies.monitoring.test_machines import monitored
 
-from mech_twin.files.plain_values import plain
+from mech_twin.files.output_file import plain
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.monitoring.baseline import fitted_baseline
+from mech_twin.studies.monitoring.baseline import (
+    BaselineRun,
+    configuration_hash,
+    fitted_baseline,
+    joined_runs,
+    new_origin,
+    sensors_hash,
+)
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.origin import BaselineRun, configuration_hash, joined_runs, new_origin, sensors_hash
 from mech_twin.studies.monitoring.setup_record import SetupRecord
 
 DAYS = 3

@@ -7,7 +7,7 @@ import pytest
 from catalogue import built
 
 from mech_twin.engine.run import frames
-from mech_twin.view.banner import RECENT_S, Banner
+from mech_twin.view.annotations import RECENT_S, Banner
 from mech_twin.view.bench.scene import body_regimes, rated_power_w
 
 

@@ -13,12 +13,12 @@ import pytest
 from browser import UP_MS, opened, running
 from served_bench import LIMIT_S, in_loop, served, status
 
+from mech_twin.errors import ViewerError
 from mech_twin.samples import Shape
 from mech_twin.view.bench.link import FEED, PREFIX, BenchLink
 from mech_twin.view.bench.picture import Curves, packed_curves, packed_shapes
-from mech_twin.view.errors import ViewerError
+from mech_twin.view.bench.rerun_door import keep_own
 from mech_twin.view.rerun_pictures import unpacked_shapes
-from mech_twin.view.rerun_viewer import keep_own
 
 PROGRAM = Path("/bin/sh")
 PANEL = {"title": "Torque, N m", "curves": [{"path": "motor/torque", "names": ["motor"]}]}

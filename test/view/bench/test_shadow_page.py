@@ -16,7 +16,7 @@ from catalogue import built
 from playwright.sync_api import expect
 
 from mech_twin.engine.rollout import roll_out
-from mech_twin.files.plain_values import plain
+from mech_twin.files.output_file import plain
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits

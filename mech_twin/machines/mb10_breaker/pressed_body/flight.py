@@ -20,7 +20,7 @@ import cmath
 import math
 from typing import NamedTuple
 
-from mech_twin.engine.errors import MotionError
+from mech_twin.errors import MotionError
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 

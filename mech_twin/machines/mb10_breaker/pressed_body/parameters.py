@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
-from mech_twin.parts.friction import Friction
+from mech_twin.parts.friction_and_gear import Friction
 
 STIFFEST = 1000.0  # k over the cycle frequency up to which the half sine's chain of events is followed
 MOST_DAMPING = 0.99

@@ -1,22 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Strain gauge signals of a blow as messages: its numbers on ``blow/gauge``, its curve on ``blow/wave``.
+"""Impacts as messages, and a blow's strain gauge: its numbers on ``blow/gauge``, its curve on ``blow/wave``.
 
 Both have the stamp of the blow.  The curve is a trajectory of one joint, ``gauge``: position is the strain, effort the
 force (N), compression positive; each point has its time since first contact, rounded to the nanosecond.
+
+An event is a geometry_msgs/Vector3Stamped on ``impacts``: x velocity before (m/s), y after (m/s), z impulse (N s).
+
+The stamp is the event's time rounded to the nanosecond.  The exact time is in the step message of the role that the
+event belongs to.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from geometry_msgs.msg import Vector3Stamped
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
-from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
+from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of, stamped_bytes
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Event
 
 JOINT = "gauge"
+
+
+def to_bytes(event: Event) -> bytes:
+    """Return `to_message` as CDR bytes."""
+    numbers = (event.pre_velocity_m_per_s, event.post_velocity_m_per_s, event.impulse_ns)
+    return stamped_bytes(event.time_s, f"{event.contact}/{event.kind}", numbers=numbers)
+
+
+def to_message(event: Event) -> Vector3Stamped:
+    """Return an event as a message; ``frame_id`` is ``contact/kind``."""
+    message = Vector3Stamped()
+    set_stamp(message.header, event.time_s)
+    message.header.frame_id = f"{event.contact}/{event.kind}"
+    message.vector.x = event.pre_velocity_m_per_s
+    message.vector.y = event.post_velocity_m_per_s
+    message.vector.z = event.impulse_ns
+    return message
 
 
 def numbers_message(gauge: BlowGauge, event: Event) -> StepMessage:

@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Errors of studies, motions, stored states, measurements and the view; each message is one line for the user."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class RerunSceneError(RuntimeError):
+    """The view cannot show the run or write its file; the message is one line."""
+
+
+class ViewerError(RuntimeError):
+    """The page cannot be served; the message is one line."""
+
+
+class MeasurementError(Exception):
+    """An unusable measurement; the message is one line for the user."""
+
+    def __init__(self, file: Path | str, reason: str) -> None:
+        self.file = Path(file)
+        self.reason = " ".join(reason.split())
+        super().__init__(f"{self.file}: {self.reason}")
+
+
+class MotionError(ArithmeticError):
+    """A step for which the integration fails or which has too many events; one line for the user."""
+
+
+class StateError(ValueError):
+    """A text that is no state of a machine, or a state that cannot be stored; one line for the user."""
+
+
+class StudyError(ValueError):
+    """An error in the request; the message is one line for the user."""
+
+
+class UnknownNameError(StudyError, KeyError):
+    """An unknown name; the message lists similar ones."""
+
+    def __str__(self) -> str:  # KeyError would quote the message
+        return str(self.args[0])
