@@ -28,7 +28,8 @@ QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py mea
 QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
 SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
 ALONE := -n 2 --dist loadfile test $(addprefix --ignore=,$(QUIET) test/reliability)
-# these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before
+# these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before,
+# and with nothing beside them
 FAULTS := test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
 PYTEST := $(BIN)/python -m pytest
 BESIDE := $(BIN)/python test/side_by_side.py
@@ -49,16 +50,16 @@ run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
 test: lint kernels # every room, without the slow tests
-	$(BESIDE) $(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS) beside \
-	  $(PYTEST) -m "$(MAIN)" $(ALONE) $(ARGS) then $(PYTEST) -m "$(MAIN)" $(FAULTS) $(ARGS)
+	$(BESIDE) $(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS) beside $(PYTEST) -m "$(MAIN)" $(ALONE) $(ARGS)
+	$(PYTEST) -m "$(MAIN)" $(FAULTS) $(ARGS)
 
 test-fast: $(VENV)/.test # of those the ones without topics
 	$(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS)
 
 test-rest: $(VENV)/.test # what `make test` leaves out
+	$(PYTEST) -m "$(REST)" -n 2 --dist loadfile $(FAULTS) $(ARGS)
 	$(BESIDE) $(PYTEST) -m "$(REST)" $(SHARED) $(ARGS) beside \
-	  $(PYTEST) -m "$(REST)" $(ALONE) $(ARGS) then $(PYTEST) -m "$(REST)" -n 2 --dist loadfile $(FAULTS) $(ARGS) then \
-	  make test-browser then make colcon then make test-ros ROS=kilted
+	  $(PYTEST) -m "$(REST)" $(ALONE) $(ARGS) then make test-browser then make colcon then make test-ros ROS=kilted
 
 test-all:
 	$(MAKE) test
