@@ -32,7 +32,9 @@ from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.burg import burg_orders
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, robust_weights
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
 
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
@@ -318,3 +320,10 @@ def _jackknife(found: Linearised, labels: npt.NDArray[np.int64], most_leverage: 
     away = np.array(moved)
     away = away - away.mean(axis=0)
     return np.asarray(np.sqrt((len(groups) - 1) / len(groups) * np.sum(away**2, axis=0)))
+
+
+def intervals_before(asked: IdentificationQuestion) -> dict[str, tuple[float, float]]:
+    """Return the prior knowledge of each free key: the 95 % interval of its prior, else its search bounds."""
+    bounds = KeyedConfiguration(asked.machine, asked.base, asked.keys).bounds(asked.bounds)
+    priors = {key: (mean - NORMAL * sd, mean + NORMAL * sd) for key, (mean, sd) in asked.priors.items()}
+    return {**{key: (float(low), float(high)) for key, low, high in zip(asked.keys, *bounds, strict=True)}, **priors}

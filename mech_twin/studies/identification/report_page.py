@@ -16,13 +16,12 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.units import UNITS, shown_unit
 from mech_twin.studies.identification.held_out import beside
 from mech_twin.studies.identification.identification import Identification
-from mech_twin.studies.identification.intervals import NORMAL
+from mech_twin.studies.identification.intervals import NORMAL, intervals_before
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.sensor_plan import Help
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.verdicts import IDENTIFIED
-from mech_twin.studies.identification.written_identification import intervals_before
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

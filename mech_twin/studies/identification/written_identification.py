@@ -32,8 +32,7 @@ from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
-from mech_twin.studies.identification.intervals import NORMAL
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.intervals import intervals_before
 from mech_twin.studies.identification.sensor_plan import Help, sensor_helps
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
@@ -118,13 +117,6 @@ def document(
         "model_runs": found.model_runs,
         "seconds": found.seconds,
     }
-
-
-def intervals_before(asked: IdentificationQuestion) -> dict[str, tuple[float, float]]:
-    """Return the prior knowledge of each free key: the 95 % interval of its prior, else its search bounds."""
-    bounds = KeyedConfiguration(asked.machine, asked.base, asked.keys).bounds(asked.bounds)
-    priors = {key: (mean - NORMAL * sd, mean + NORMAL * sd) for key, (mean, sd) in asked.priors.items()}
-    return {**{key: (float(low), float(high)) for key, low, high in zip(asked.keys, *bounds, strict=True)}, **priors}
 
 
 def _channel(each: ChannelFit) -> dict[str, Any]:
