@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.util import find_spec
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from mech_twin.cli.console import bar, print_json, print_table, say
 from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.identify_measured import identify_bounces, identify_lengths, say_open, show_keys, split_runs
 from mech_twin.cli.measured import NoNameError, checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
@@ -27,22 +27,10 @@ from mech_twin.studies.identification.identification import Identification, iden
 from mech_twin.studies.identification.keyed_configuration import AUTO, assumed_keys, machine_keys, number_in
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
-from mech_twin.studies.identification.verdicts import IDENTIFIED
 from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 
-FEWEST_RUNS_TO_HOLD_OUT = 3
 DEFAULT_SHARE = 0.2
 MOST_SHOWN = 12  # of what would help
-
-
-def split_runs(runs: Sequence[Path], held_out: Path | None) -> tuple[list[Path], Path | None]:
-    """Return the runs that are fitted, and the one held out: as asked, else the last of three or more."""
-    every = list(runs)
-    if held_out is None:
-        return (every[:-1], every[-1]) if len(every) >= FEWEST_RUNS_TO_HOLD_OUT else (every, None)
-    if held_out not in every or len(every) < 2:
-        raise CommandError(f"--hold-out {held_out}: expected one of at least two runs")
-    return [run for run in every if run != held_out], held_out
 
 
 def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
@@ -50,17 +38,6 @@ def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple
     bounded, rising = [text for text in texts if "=" in text], ("LOW below HIGH", lambda ends: ends[0] < ends[1])
     bounds = assigned("--free", bounded, "KEY=LOW:HIGH, with numbers", lambda text: two_numbers(text, ":"), rising)
     return tuple(dict.fromkeys(text.partition("=")[0].strip() for text in texts)), bounds
-
-
-def show_keys(title: str, keys: Sequence[Any]) -> None:
-    """Print the keys with their intervals and verdicts."""
-    heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
-    print_table(title, heads, map(attrgetter("key", "before", "estimate", "low_95", "high_95", "verdict"), keys))
-
-
-def say_open(keys: Sequence[Any]) -> None:
-    """Say why keys are not identified."""
-    say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED))
 
 
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
@@ -77,15 +54,11 @@ def identify_machine(request: IdentifyVerb) -> None:
     if not request.runs:
         raise CommandError("expected at least one run, a bag or a table")
     if _bouncing(request):
-        from mech_twin.cli.identify_measured import identify_bounces
-
         identify_bounces(request)
         return
     machine = request.built
     turn = model_turn(machine)
     if _motion(request, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
-        from mech_twin.cli.identify_measured import identify_lengths
-
         identify_lengths(request)
         return
     if request.out is not None:

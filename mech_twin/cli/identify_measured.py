@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin identify`` without a simulated run: lengths from measured positions, the restitution from bounces."""
+"""``mech-twin identify`` without a simulated run: lengths from measured positions, restitution from bounces."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from mech_twin.cli.console import print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.identify import say_open, show_keys, split_runs
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.errors import MeasurementError
 from mech_twin.files.output_file import check_output_file
@@ -26,6 +27,29 @@ from mech_twin.studies.identification.geometry_fit import GeometryData, Geometry
 from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
 from mech_twin.studies.identification.keyed_configuration import AUTO, KeyedConfiguration
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
+
+FEWEST_RUNS_TO_HOLD_OUT = 3
+
+
+def split_runs(runs: Sequence[Path], held_out: Path | None) -> tuple[list[Path], Path | None]:
+    """Return the runs that are fitted, and the one held out: as asked, else the last of three or more."""
+    every = list(runs)
+    if held_out is None:
+        return (every[:-1], every[-1]) if len(every) >= FEWEST_RUNS_TO_HOLD_OUT else (every, None)
+    if held_out not in every or len(every) < 2:
+        raise CommandError(f"--hold-out {held_out}: expected one of at least two runs")
+    return [run for run in every if run != held_out], held_out
+
+
+def show_keys(title: str, keys: Sequence[Any]) -> None:
+    """Print the keys with their intervals and verdicts."""
+    heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
+    print_table(title, heads, map(attrgetter("key", "before", "estimate", "low_95", "high_95", "verdict"), keys))
+
+
+def say_open(keys: Sequence[Any]) -> None:
+    """Say why keys are not identified."""
+    say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED))
 
 
 def identify_lengths(request: IdentifyVerb) -> None:
