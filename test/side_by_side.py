@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 
 
 def parted(words: Sequence[str], mark: str) -> list[list[str]]:
@@ -33,7 +34,8 @@ def main(words: Sequence[str]) -> int:
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     quiet, others = parted(words, "beside")
     with tempfile.TemporaryFile("w+") as said, subprocess.Popen(quiet, stdout=said) as beside:
-        os.sched_setscheduler(beside.pid, os.SCHED_IDLE, os.sched_param(0))  # what it starts is idle too
+        with suppress(OSError):  # a system without idle priority runs both alike
+            os.sched_setscheduler(beside.pid, os.SCHED_IDLE, os.sched_param(0))  # what it starts is idle too
         try:
             failed = any(subprocess.run(command, check=False).returncode for command in parted(others, "then"))
             failed = beside.wait() != 0 or failed
