@@ -17,8 +17,8 @@ in both halves of a last long window.
 *Undecided* otherwise: a transient longer than the run, or a marginal motion.
 
 The growth of a small perturbation is in closed form (tangent map).  A perturbation is (dx, dv) at one time, with dx
-divided by the period so that both are speeds.  Flight: (1 t; 0 1). Impact with speed v- under A: (-R 0; (1 + R) A/v-
--R).  A completed series erases every perturbation.
+divided by the period so that both are speeds.  Flight: (1 t; 0 1).
+Impact with speed v- under A: (-R 0; (1 + R) A/v- -R).  A completed series erases every perturbation.
 """
 
 from __future__ import annotations
