@@ -190,6 +190,7 @@ class _LinearScan:
         self._verified_chunk: tuple[int, list[Record]] = (-1, [])
         self._backups: list[dict[str, str]] = []
         self._outside: list[Schema | Channel] = []
+        self._loose = FileIndex(index.file)  # the messages outside chunks
         self._limit_bytes = SCAN_BYTES + MOST_EXPANSION * index.file.size
         self._taken_bytes = 0
 
@@ -251,7 +252,7 @@ class _LinearScan:
             index.extents.append(Extent(found.offset, found.length, min(times), max(times), size, frozenset(channels)))
 
     def _take_message(self, found: LocatedRecord, message: RawMessage) -> None:
-        index = self._index
+        index = self._loose
         index.counts[message.channel_id] += 1
         last = index.extents[-1] if index.extents else None
         time = message.log_time_ns
@@ -269,8 +270,9 @@ class _LinearScan:
             index.extents.append(Extent(found.offset, found.length, time, time, found.length, one))
 
     def complete(self) -> None:
-        """Add schemas and channels that no intact chunk contains: from the summary, then from the backup records."""
+        """Add what no intact chunk contains: loose messages, and schemas and channels of summary and backups."""
         index = self._index
+        self._add_loose_messages()
         for record in self._outside:
             table: dict[int, Schema] | dict[int, Channel] = (
                 index.schemas if isinstance(record, Schema) else index.channels
@@ -281,6 +283,20 @@ class _LinearScan:
         index.channels = {
             key: channel for key, channel in index.channels.items() if channel.schema_id in {0, *index.schemas}
         }
+
+    def _add_loose_messages(self) -> None:
+        """Add the messages outside chunks, unless the file has chunks: one is a record of another kind then.
+
+        A message has no checksum, and one flipped bit makes a message of a channel, an index or the header.  Writers
+        put all messages of a file in chunks, or none.
+        """
+        index = self._index
+        if index.extents:
+            reason = "a message outside the chunks"
+            index.damages += [Damage(extent.offset, extent.length, reason) for extent in self._loose.extents]
+            index.damages.sort()
+        else:
+            index.extents, index.counts = self._loose.extents, self._loose.counts
 
     def _take_copy(self, copy: dict[str, str]) -> None:
         index = self._index

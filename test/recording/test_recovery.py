@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from bag_cases import CONFIGURATION, DESCRIPTION, FORCES, JOINTS, NOTES, TYPES, counts, written
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
@@ -18,8 +19,11 @@ from mech_twin.files.input_file import UnboundedYamlError, bounded_yaml
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagExistsError, DamagedBagError, MissingBagError, UnwritableDirectoryError
+from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.recovery import RecoveryReport, recover
 from mech_twin.recording.schemas import string_cdr
+
+_ONE_BIT_FROM_A_MESSAGE = {Opcode.HEADER, Opcode.CHANNEL, Opcode.MESSAGE_INDEX, Opcode.METADATA_INDEX}
 
 
 class Sound:
@@ -108,6 +112,21 @@ def test_a_flipped_bit_costs_no_more_than_its_chunk(sound: Sound, tmp_path: Path
         missing = Counter(sound.messages) - Counter(messages)
         assert missing.total() <= largest + 2
         assert not Counter(messages) - Counter(sound.messages)
+
+
+def test_a_record_that_changed_its_kind_is_no_message(sound: Sound, tmp_path: Path) -> None:
+    """The nearest kinds differ from a message's by one bit, and their content would do for one."""
+    file = RecordFile(sound.file)
+    kinds = {found.offset: file.head_at(found.offset)[0] for found in file.scan(lambda _: None)}
+    file.close()
+    near = [at for at, kind in kinds.items() if kind in _ONE_BIT_FROM_A_MESSAGE]
+    assert len(near) > len(sound.chunks)
+    for at in near:
+        data = bytearray(sound.data)
+        data[at] = Opcode.MESSAGE
+        report, messages = recovered(bytes(data), tmp_path)
+        assert messages == sound.messages
+        assert report.bytes_skipped > 0
 
 
 def _chunk_of(sound: Sound, time_ns: int) -> int:
