@@ -18,9 +18,8 @@ import numpy as np
 from numba.core import config, types
 from numba.experimental import structref
 
-from mech_twin.engine.compiled_steps import body_step, force_step, motor_step, whole_linkage_step
+from mech_twin.engine.compiled_steps import force_step, motor_step, whole_body_step, whole_linkage_step, work_for
 from mech_twin.engine.sample_vectors import (
-    FEW_ROWS,
     LOAD_WIDTH,
     Array,
     BodyLayout,
@@ -81,29 +80,22 @@ def held_motor_step(held: Any, linkage: Array, target: float, out: Array) -> Non
 def held_linkage_step(
     held: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill ``out`` as `linkage_step` does."""
-    return whole_linkage_step(held.model, step, linkage, motor, body, out, log)
+    """Fill ``out`` as `whole_linkage_step` does."""
+    return whole_linkage_step(held.model, step, linkage, motor, body, out, log, work_for(held.model))
 
 
 @kernel
-def held_force_step(
-    held: Any, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+def held_force_step(held: Any, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array) -> int:
     """Fill ``out`` as `force_step` does."""
-    return force_step(held.model, step, linkage, log, count, out, loads)
+    return force_step(held.model, step, linkage, log, count, out, loads, work_for(held.model))
 
 
 @kernel
 def held_body_step(
     held: Any, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
 ) -> tuple[Array, int]:
-    """Fill ``out`` as `body_step` does."""
-    return body_step(held.model, step, body, forces, loads, count, out, log)
-
-
-def no_loads() -> Array:
-    """Return an empty table of loads with room for a few."""
-    return np.empty((FEW_ROWS, LOAD_WIDTH))
+    """Fill ``out`` as `whole_body_step` does."""
+    return whole_body_step(held.model, step, body, forces, loads, count, out, log)
 
 
 def failed(failures: tuple[str, ...], status: int, begin_s: float) -> MotionError:
@@ -179,7 +171,8 @@ class CompiledForces(_Compiled[ForceLayout]):
         """Return every pin reaction, the derived quantities, and the loads on the body during the step."""
         layout, out = self.layout, np.empty(self.layout.size)
         events = layout.events.rows(linkage.events) if layout.reads_events and linkage.events else NO_EVENTS
-        loads, count = held_force_step(self.held, linkage.step, row_of(linkage), events, len(events), out, no_loads())
+        loads = np.empty((len(events), LOAD_WIDTH))
+        count = held_force_step(self.held, linkage.step, row_of(linkage), events, len(events), out, loads)
         listed_loads = layout.events.loads(loads[:count]) if count else ()
         return layout.of_row(linkage.step, linkage.time_s, out, listed_loads)
 

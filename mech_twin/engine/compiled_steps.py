@@ -10,9 +10,9 @@ A role's author declares its constants as a `NamedTuple` and, with `step_of`, th
     def torque_motor(model, linkage, target, out): ...
 
 The role calls that kernel (`compiled_roles`), and the compiled run calls the same one (`rollout`).
-Rows are those of `sample_vectors`.  A kernel fills every number of ``out``.  ``log`` is a table of events that may be
-replaced by a longer one (`with_room`); the count returned with it is negative if the step failed.  A linkage that
-returns `LOG_FULL` is asked again with a longer table.
+Rows are those of `sample_vectors`.  A kernel fills every number of ``out``, and returns the number of events that it
+wrote into the table ``log``; negative if the step failed.  It makes no array: ``work`` has the room that it declares
+(`work_room`), and one that returns `LOG_FULL` is asked again with a longer table.
 
 `run_steps` is the coupling scheme of `coupling`, compiled: many steps without samples or Python calls.  At step n::
 
@@ -50,24 +50,39 @@ def motor_step(model: Any, linkage: Array, target: float, out: Array) -> None:
     chosen(motor_step, model)(model, linkage, target, out)
 
 
+class Work(NamedTuple):
+    """Work arrays of a step, zeros at its begin: floats and integers."""
+
+    numbers: Array
+    marks: Indices
+
+
+def work_room(model: Any) -> Any:
+    """Return the lengths of the work arrays of a linkage or a force analysis; none where no function is declared."""
+    return chosen(work_room, model)(model) if is_declared(work_room, type(model)) else (0, 0)
+
+
 def linkage_step(
-    model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the linkage one step after ``step``; return the table and number of the events in between."""
-    return chosen(linkage_step, model)(model, step, linkage, motor, body, out, log)  # type: ignore[no-any-return]
+    model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
+) -> int:
+    """Fill ``out`` with the linkage one step after ``step``; return the number of events in between."""
+    return chosen(linkage_step, model)(model, step, linkage, motor, body, out, log, work)  # type: ignore[no-any-return]
 
 
 def force_step(
-    model: Any, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the forces at the step of a linkage row and its events; return table and number of loads."""
-    return chosen(force_step, model)(model, step, linkage, log, count, out, loads)  # type: ignore[no-any-return]
+    model: Any, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
+    """Fill ``out`` with the forces at the step of a linkage row and its events; return the number of loads.
+
+    ``loads`` has a row for each event.
+    """
+    return chosen(force_step, model)(model, step, linkage, log, count, out, loads, work)  # type: ignore[no-any-return]
 
 
 def body_step(
     model: Any, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the body at ``step``, one after that of ``body``; return table and number of its events."""
+) -> int:
+    """Fill ``out`` with the body at ``step``, one after that of ``body``; return the number of its events."""
     return chosen(body_step, model)(model, step, body, forces, loads, count, out, log)  # type: ignore[no-any-return]
 
 
@@ -114,6 +129,16 @@ def step_of(
     return declare
 
 
+@overload(work_room)
+def _no_room(model: Any) -> Any:
+    kind = getattr(model, "instance_class", None)
+
+    def none(model: Any) -> Any:
+        return 0, 0
+
+    return none if kind is not None and not is_declared(work_room, kind) else None
+
+
 class NoBody(NamedTuple):
     """Constants of a machine in which nothing moves but the linkage."""
 
@@ -123,31 +148,56 @@ class NoBody(NamedTuple):
 @step_of(body_step, NoBody)
 def no_body(
     model: NoBody, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
-) -> tuple[Array, int]:
+) -> int:
     """Return no events: the machine has no body."""
-    return log, 0
+    return 0
 
 
 @kernel
-def with_room(log: Array, count: int) -> Array:
-    """Return the table, or a copy of twice its length if ``count`` rows fill it."""
-    if count < len(log):
-        return log
-    longer = np.empty((2 * len(log), log.shape[1]))
-    copy_rows(log, count, longer, 0, 0)
-    return longer
+def work_for(model: Any) -> Work:
+    """Return new work arrays for the steps of a role."""
+    numbers, marks = work_room(model)
+    return Work(np.zeros(numbers), np.zeros(marks, dtype=np.int64))
+
+
+@kernel
+def longer(table: Array) -> Array:
+    """Return an empty table with room for more than twice as many rows."""
+    return np.empty((2 * len(table) + FEW_ROWS, table.shape[1]))
+
+
+@embedded_kernel
+def clear_work(work: Work) -> None:
+    """Fill work arrays with zeros."""
+    for i in range(len(work.numbers)):
+        work.numbers[i] = 0.0
+    for i in range(len(work.marks)):
+        work.marks[i] = 0
 
 
 @kernel
 def whole_linkage_step(
-    model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
+    model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
 ) -> tuple[Array, int]:
-    """Fill ``out`` as `linkage_step` does, with a table that is long enough."""
+    """Fill ``out`` as `linkage_step` does; return a table that is long enough, and the number of events."""
     while True:
-        log, count = linkage_step(model, step, linkage, motor, body, out, log)
+        clear_work(work)
+        count = linkage_step(model, step, linkage, motor, body, out, log, work)
         if count != LOG_FULL:
             return log, count
-        log = np.empty((2 * len(log) + 8, log.shape[1]))
+        log = longer(log)
+
+
+@kernel
+def whole_body_step(
+    model: Any, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
+) -> tuple[Array, int]:
+    """Fill ``out`` as `body_step` does; return a table that is long enough, and the number of events."""
+    while True:
+        found = body_step(model, step, body, forces, loads, count, out, log)
+        if found != LOG_FULL:
+            return log, found
+        log = longer(log)
 
 
 @borrowing_kernel
@@ -177,28 +227,12 @@ def fill_event(
     impulse_ns: float,
     period: float,
 ) -> None:
-    """Write an event without coordinates into an existing row."""
+    """Write an event without coordinates into a row, if the table has it."""
+    if row >= len(log):
+        return
     log[row, 0], log[row, 1], log[row, 2] = time_s, kind, contact
     log[row, 3], log[row, 4], log[row, 5], log[row, 6] = before_m_per_s, after_m_per_s, impulse_ns, period
     log[row, SIDES] = 0.0
-
-
-@kernel
-def log_event(
-    log: Array,
-    count: int,
-    time_s: float,
-    kind: int,
-    contact: int,
-    before_m_per_s: float,
-    after_m_per_s: float,
-    impulse_ns: float,
-    period: float,
-) -> Array:
-    """Write an event without coordinates into row ``count``; return the table, enlarged if needed."""
-    log = with_room(log, count)
-    fill_event(log, count, time_s, kind, contact, before_m_per_s, after_m_per_s, impulse_ns, period)
-    return log
 
 
 class Models(NamedTuple):
@@ -232,9 +266,9 @@ class RunEnd(NamedTuple):
 def keep_events(table: Array, filled: int, step: int, source: int, log: Array, count: int) -> Array:
     """Append the first ``count`` events of a step to the table of the run; return the table, enlarged if needed."""
     while filled + count > len(table):
-        longer = np.zeros((2 * len(table), table.shape[1]))
-        copy_rows(table, filled, longer, 0, 0)
-        table = longer
+        more = np.zeros((2 * len(table), table.shape[1]))
+        copy_rows(table, filled, more, 0, 0)
+        table = more
     for i in range(count):
         table[filled + i, STEP], table[filled + i, SOURCE] = step, source
     copy_rows(log, count, table, filled, TABLE_EXTRA)
@@ -299,18 +333,21 @@ def run_steps(
     log, body_log = np.empty((FEW_ROWS, widths.linkage)), np.empty((FEW_ROWS, widths.body))
     loads = np.empty((FEW_ROWS, LOAD_WIDTH))
     table, filled = np.zeros((FEW_ROWS, widths.table)), 0
+    work, force_work = work_for(models.linkage), work_for(models.forces)
     for n in range(len(targets)):
         step = first + n + 1
-        log, count = whole_linkage_step(models.linkage, step - 1, linkage, motor, body, later, log)
+        log, count = whole_linkage_step(models.linkage, step - 1, linkage, motor, body, later, log, work)
         if count < 0:
             return table, filled, n, LINKAGE_FAILED, count
         copy_numbers(later, linkage)
         motor_step(models.motor, linkage, targets[n], motor)
-        loads, loaded = force_step(models.forces, step, linkage, log, count, forces, loads)
+        while len(loads) < count:
+            loads = longer(loads)
+        loaded = force_step(models.forces, step, linkage, log, count, forces, loads, force_work)
         table = keep_events(table, filled, step, FROM_LINKAGE, log, count)
         filled += count
         if len(body) > 0:
-            body_log, count = body_step(models.body, step, body, forces, loads, loaded, followed, body_log)
+            body_log, count = whole_body_step(models.body, step, body, forces, loads, loaded, followed, body_log)
             if count < 0:
                 return table, filled, n, BODY_FAILED, count
             copy_numbers(followed, body)

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage, failed
-from mech_twin.engine.compiled_steps import linkage_step, step_of
+from mech_twin.engine.compiled_steps import Work, linkage_step, step_of, work_room
 from mech_twin.engine.crank_motion import (
     ANGLE,
     BEGIN_ROOM,
@@ -63,7 +63,7 @@ from mech_twin.engine.crank_state import (
     within_a_turn,
 )
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.laws import Array, Indices
+from mech_twin.engine.hybrid.laws import Array
 from mech_twin.engine.hybrid.loop import (
     CONTRADICTS,
     MOST_PIECES,
@@ -205,12 +205,20 @@ def start_row(model: TurnedCrank, f: float, w: float, e: float, command: float, 
     return fill_row(model, y, f, sign_of(w), regime, memory, command, out)
 
 
-@borrowing_kernel
-def try_step(
-    model: TurnedCrank, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
+@step_of(work_room, TurnedCrank, borrowing_kernel)
+def room_of_step(model: TurnedCrank) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `crank_step`."""
+    size, places = room_sizes(1, 1, 1, STATE_SIZE)
+    return BEGIN_ROOM + size, 2 + places
+
+
+@step_of(linkage_step, TurnedCrank, borrowing_kernel)
+def crank_step(
+    model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
 ) -> int:
-    """Fill ``out`` with the linkage one step later; return the number of events, negative for a failure."""
-    crank, y, kept, regimes = model.crank, numbers[:STATE_SIZE], numbers[STATE_SIZE:BEGIN_ROOM], marks[:2]
+    """Fill ``out`` with the linkage one step later; changes of regime and stops are located within the step."""
+    crank, y, kept = model.crank, work.numbers[:STATE_SIZE], work.numbers[STATE_SIZE:BEGIN_ROOM]
+    regimes = work.marks[:2]
     f, w, regime = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], int(linkage[REGIME])
     joints, _, energy = count_torque_energy(model.mechanism, f, w, 0.0, regime)
     past = memory_of(linkage, joints)
@@ -226,7 +234,7 @@ def try_step(
     )  # fmt: skip
     regimes[CRANK_LAW], regimes[MECHANISM_REGIME] = law_of(sense), regime
     motion = TurningCrank(model, drive, e, command, kept)
-    room = room_in(numbers[BEGIN_ROOM:], marks[2:], 1, 1, 1, STATE_SIZE, DORMAND_PRINCE_5)
+    room = room_in(work.numbers[BEGIN_ROOM:], work.marks[2:], 1, 1, 1, STATE_SIZE, DORMAND_PRINCE_5)
     system = declared(motion, room.at)
     fill_tolerance(model, y, past.crank_acceleration_rad_per_s2, regime, past.load_work_j, room.tolerance)
     count = note_stall(motion, system, y, regimes, room, log)
@@ -245,16 +253,6 @@ def try_step(
     )  # fmt: skip
     finite = fill_row(model, y, kept[TURNED], sense, regimes[MECHANISM_REGIME], memory, command, out)
     return count if finite else NO_TORQUE
-
-
-@step_of(linkage_step, TurnedCrank)
-def crank_step(
-    model: TurnedCrank, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the linkage one step later; changes of regime and stops are located within the step."""
-    size, places = room_sizes(1, 1, 1, STATE_SIZE)
-    numbers, marks = np.zeros(BEGIN_ROOM + size), np.zeros(2 + places, dtype=np.int64)
-    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)
 
 
 @dataclass(frozen=True)

@@ -37,9 +37,9 @@ from mech_twin.engine.compiled_steps import (
     force_step,
     motor_step,
     run_steps,
+    work_for,
 )
 from mech_twin.engine.sample_vectors import (
-    FEW_ROWS,
     IMPULSE,
     KIND,
     LOAD_WIDTH,
@@ -74,8 +74,9 @@ def mech_step(reals_at, wholes_at, flags_at, begin, step, target, row_at, events
     models = {models}
     if begin:
         motor_step(models.motor, row[{at.linkage}:{at.motor}], target, row[{at.motor}:{at.forces}])
-        log, loads = empty(({few}, {widths.linkage})), empty(({few}, {load_width}))
-        force_step(models.forces, step, row[{at.linkage}:{at.motor}], log, 0, row[{at.forces}:{at.body}], loads)
+        log, loads = empty((0, {widths.linkage})), empty((0, {load_width}))
+        work = work_for(models.forces)
+        force_step(models.forces, step, row[{at.linkage}:{at.motor}], log, 0, row[{at.forces}:{at.body}], loads, work)
         return 0
     targets = empty(1)
     targets[0] = target
@@ -217,7 +218,7 @@ class StepCode:
             reals=len(packed.reals), wholes=len(packed.wholes), flags=len(packed.flags), row=places.end,
             kinds=max(1, len(layout.linkage.events.kinds) + len(of_body)), fields=len(EVENT_FIELDS),
             models=packed.expression, at=places, places=", ".join(map(str, places)), widths=widths,
-            width_list=", ".join(map(str, widths)), few=FEW_ROWS, load_width=LOAD_WIDTH,
+            width_list=", ".join(map(str, widths)), load_width=LOAD_WIDTH,
             step_s=float(compiled.machine.coupling_step_s), extra=TABLE_EXTRA, source=SOURCE, from_body=FROM_BODY,
             linkage_kinds=len(layout.linkage.events.kinds), kind=KIND, time=TIME, pre=PRE_VELOCITY,
             post=POST_VELOCITY, impulse=IMPULSE,
@@ -249,8 +250,8 @@ class StepCode:
         packed = self._packed
         named: dict[str, Any] = {
             "carray": _numba.carray, "empty": np.empty, "float64": np.float64, "int64": np.int64, "bool_": np.bool_,
-            "motor_step": motor_step, "force_step": force_step, "run_steps": run_steps, "Places": Places,
-            "Widths": Widths, Models.__name__: Models, **packed.names,
+            "motor_step": motor_step, "force_step": force_step, "run_steps": run_steps, "work_for": work_for,
+            "Places": Places, "Widths": Widths, Models.__name__: Models, **packed.names,
         }  # fmt: skip
         exec(compile(self._source, "<entry of the unit>", "exec"), named)  # only numbers and names of this package
         pointer, whole, real = types.voidptr, types.int64, types.float64

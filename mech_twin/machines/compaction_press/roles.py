@@ -11,7 +11,7 @@ from functools import cached_property
 from math import nan
 from typing import ClassVar, NamedTuple
 
-from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.compiled_steps import Work, force_step, step_of
 from mech_twin.engine.crank_linkage import CrankForces, CrankLinkage, route_miss
 from mech_twin.engine.crank_state import NO_FRICTION, Boundary, Resisting, ShaftFriction, Transmission, memory_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array
@@ -68,8 +68,8 @@ class LoadedPress(NamedTuple):
 
 @step_of(force_step, LoadedPress)
 def press_forces(
-    model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill ``out`` with the pin forces at the crank's angle, rate and acceleration, and its torque by both routes."""
     memory = memory_of(linkage, 3)
     press = with_load_share(model.press, memory.load_share)
@@ -112,7 +112,7 @@ def press_forces(
     for i in range(len(numbers)):
         out[i] = numbers[i]
     out[len(numbers)] = route_miss(pins.moment, torque, now.inertia, memory, model.moment_scale_nm)
-    return loads, 0
+    return 0
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_roles import CompiledForces
-from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.compiled_steps import Work, force_step, step_of
 from mech_twin.engine.sample_vectors import (
     KIND,
     LINKAGE_JOINTS,
@@ -159,8 +159,8 @@ def hardest_contact(model: Stop, memory: Any, log: Array, count: int) -> Contact
 
 @step_of(force_step, Stop)
 def stop_reaction(
-    model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill ``out`` with the stop's reaction on the mass, its impulse in this step and its mean over the last period."""
     memory, force = memory_of(linkage), linkage[LINKAGE_JOINTS + 2]
     reaction = max(force, 0.0) if memory.mode_1 == STUCK else 0.0
@@ -186,7 +186,7 @@ def stop_reaction(
     out[PINS] = -reaction if reaction != 0.0 else 0.0
     for i in range(len(values)):
         out[PINS + 3 + i] = values[i]
-    return loads, 0
+    return 0
 
 
 @dataclass(frozen=True)

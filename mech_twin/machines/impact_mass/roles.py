@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledLinkage, CompiledMotor
-from mech_twin.engine.compiled_steps import linkage_step, motor_step, step_of
+from mech_twin.engine.compiled_steps import LOG_FULL, Work, linkage_step, motor_step, step_of
 from mech_twin.engine.sample_vectors import (
     COMMAND,
     LINKAGE_JOINTS,
@@ -240,8 +240,8 @@ def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
 
 @step_of(linkage_step, StoppedMass)
 def mass_on_stop(
-    model: StoppedMass, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
+    model: StoppedMass, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
+) -> int:
     """Fill ``out`` with the mass one coupling step later, and log every event in between at its own time."""
     memory, levels = memory_of(linkage), (motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8])
     system = under_levels(model, levels[0], levels[1])
@@ -265,7 +265,7 @@ def mass_on_stop(
     out[LINKAGE_JOINTS], out[LINKAGE_JOINTS + 1] = model.stop_m - done.gap_m, done.velocity_m_per_s
     out[LINKAGE_JOINTS + 2] = levels[0] if done.motion.phase == PHASE_1 else levels[1]
     out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = done.residuals.momentum_balance, done.residuals.energy_balance
-    return done.log, done.found
+    return done.found if done.found <= len(log) else LOG_FULL
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from mech_twin.engine.compiled_steps import log_event
+from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.dynamics import (
@@ -145,7 +145,7 @@ def rescaled(counts: RunningCounts, ratio: float) -> RunningCounts:
 class MassStep(NamedTuple):
     """The mass one coupling step later.
 
-    Motion, counts, balance and its errors; gap (m) and velocity (m/s) at the end; regime; table and number of events.
+    Motion, counts, balance and its errors; gap (m) and velocity (m/s) at the end; regime; number of events.
     """
 
     motion: MassMotion
@@ -155,7 +155,6 @@ class MassStep(NamedTuple):
     gap_m: float
     velocity_m_per_s: float
     regime: int
-    log: Array
     found: int
 
 
@@ -196,12 +195,12 @@ def counts_after_step(counts: RunningCounts, rest_impulse: float, step_impulse: 
 
 
 @kernel
-def logged(log: Array, count: int, event: MotionEvent, system: ImpactSystem, span: Span) -> Array:
-    """Return the table with an event in row ``count``, its time not after the step's end."""
+def log_event(log: Array, count: int, event: MotionEvent, system: ImpactSystem, span: Span) -> None:
+    """Write an event into row ``count``, its time not after the step's end."""
     time_s = min(span.origin_s + (event.period * system.period_s + event.tau_s), span.latest_s)
     kind, impulse_ns = int(event.kind), event.impulse_per_mass * span.mass_kg
     contact = CONTACT_OF_KIND[kind]
-    return log_event(log, count, time_s, kind, contact, event.pre_m_per_s, event.post_m_per_s, impulse_ns, event.period)
+    fill_event(log, count, time_s, kind, contact, event.pre_m_per_s, event.post_m_per_s, impulse_ns, event.period)
 
 
 @kernel
@@ -266,7 +265,7 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
     span : Span
         The step.
     log : ndarray
-        Table of events; replaced by a longer one where they do not fit.
+        Table of events; those beyond its end are counted.
     """
     steps, step_s, found, struck = span.steps, span.step_s, 0, False
     balance = empty_balance()
@@ -278,7 +277,7 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
         balance, rest = balance_after_event(balance, motion, system, coming, gap, passed)
         counts = counts_after_event(counts, coming, rest)
         struck = struck or coming.impacts > 0.0
-        log = logged(log, found, coming, system, span)
+        log_event(log, found, coming, system, span)
         found += 1
         motion, passed, gap = after, 0.0, after.gap_m
         most = LISTED_MOST if found < LISTED_MOST else 1.0  # a step full of events sums each series from its second on
@@ -294,7 +293,7 @@ def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, s
     counts = counts_after_step(counts, rest, balance.stop_impulse_m_per_s)
     regime = regime_at(motion, coming, struck)
     left = residuals(balance, first, end_velocity)
-    return MassStep(motion, counts, balance, left, end_gap, end_velocity, regime, log, found)
+    return MassStep(motion, counts, balance, left, end_gap, end_velocity, regime, found)
 
 
 @kernel

@@ -18,7 +18,7 @@ import numpy as np
 
 from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledBody
-from mech_twin.engine.compiled_steps import body_step, log_event, step_of
+from mech_twin.engine.compiled_steps import LOG_FULL, body_step, fill_event, step_of
 from mech_twin.engine.sample_vectors import BODY_JOINTS, PRESSING_FORCE, REGIME, Array, BodyLayout, EventLayout
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
@@ -149,7 +149,7 @@ def start_row(model: HalfSine, step: int, out: Array) -> None:
 @step_of(body_step, HalfSine)
 def follow_half_sine(
     model: HalfSine, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
-) -> tuple[Array, int]:
+) -> int:
     """Fill ``out`` with the body one step later, and log the events in between."""
     constants, memory, found, time_s = model.body, memory_of(body), 0, step * model.step_s
     origin, blow_angle, piece = memory.origin_s, memory.blow_angle_rad, piece_of(memory)
@@ -163,13 +163,13 @@ def follow_half_sine(
             blow_angle = piece.angle
         if ending.cause != ONSET:
             at = origin + ended.cycle * constants.period + ended.end
-            log = log_event(log, found, at, ending.cause, 0, ending.pre, ending.post, ending.impulse, ended.cycle)
+            fill_event(log, found, at, ending.cause, 0, ending.pre, ending.post, ending.impulse, ended.cycle)
             found += 1
             if ended.regime == CONTACT and piece.regime != CONTACT and ending.cause == BLOW:
-                log = log_event(log, found, at, LIFT_OFF, 0, 0.0, ending.post, 0.0, ended.cycle)
+                fill_event(log, found, at, LIFT_OFF, 0, 0.0, ending.post, 0.0, ended.cycle)
                 found += 1
     fill_body(model, time_s, origin, piece, blow_angle, out)
-    return log, found
+    return found if found <= len(log) else LOG_FULL
 
 
 class HalfSineBody(CompiledBody):

@@ -219,13 +219,13 @@ def fill_body(b: Breaker, forces: Array, regime: int, out: Array) -> None:
 @step_of(body_step, Body)
 def follow_linkage(
     model: Body, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
-) -> tuple[Array, int]:
+) -> int:
     """Fill ``out`` with the body one step later."""
     regime = int(body[REGIME])
     for i in range(count):
         regime = after_load(regime, int(loads[i, LOAD_KIND]), loads[i, LOAD_IMPULSE])
     fill_body(model.breaker, forces, regime, out)
-    return log, 0
+    return 0
 
 
 class DrivenBody(CompiledBody):

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.addresses import record_at
-from mech_twin.engine.compiled_steps import force_step, linkage_step, motor_step, step_of, with_room
-from mech_twin.engine.hybrid.laws import Indices
+from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, motor_step, step_of, work_room
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
     BODY_MOMENT,
@@ -55,6 +54,7 @@ from mech_twin.machines.mb10_breaker.state import (
     GEAR_REVERSED,
     GEAR_STARTED,
     GEAR_STOPPED,
+    LAWS,
     LIFT_OFF,
     MEMORY,
     PUSH_BEGINS,
@@ -171,13 +171,19 @@ def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
     fill_row(b, y, HELD if b.held else REST, total, 0.0, command, 0.0, 0.0, out)
 
 
-@borrowing_kernel
-def try_step(
-    model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, numbers: Array,
-    marks: Indices,
-) -> int:  # fmt: skip
-    """Fill ``out`` with the linkage one step later; return the number of events, negative for a failure."""
-    b, y, regime = model.breaker, numbers[:STATES], int(linkage[REGIME])
+@step_of(work_room, LedBreaker, borrowing_kernel)
+def room_of_step(model: LedBreaker) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `breaker_step`."""
+    size, places = breaker_room()
+    return STATES + size, places
+
+
+@step_of(linkage_step, LedBreaker, borrowing_kernel)
+def breaker_step(
+    model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
+) -> int:
+    """Fill ``out`` with the linkage one step later; angle and rate of the body are taken from its own row."""
+    b, y, regime = model.breaker, work.numbers[:STATES], int(linkage[REGIME])
     for i in range(len(out)):
         out[i] = linkage[i]
     state, memory = named(y), memory_of(out)
@@ -189,27 +195,18 @@ def try_step(
     defect = memory.coupling_defect_j
     if len(body) > 0:
         rests = int(body[REGIME]) == REST
-        regime, total = take_body(b, y, memory, regime, total, body[BODY_JOINTS], body[BODY_JOINTS + 1], rests)
+        phi, p = body[BODY_JOINTS], body[BODY_JOINTS + 1]
+        regime, total = take_body(b, y, memory, regime, total, phi, p, rests, work.marks[:LAWS])
     command = motor[MOTOR_COMMAND]
     rotor = rotor_speed(b, state.crank_rad_per_s, state.body_rad_per_s)
     turning = motor_in_step(model.curve, linkage[COMMAND], rotor, motor[MOTOR_JOINTS + 2], command, model.step_s)
     regime, count, torque, total = advance_step(
         b, turning, y, out[MEMORY_AT:RESIDUALS_AT], regime, total, step * model.step_s, model.step_s, log,
-        numbers[STATES:], marks,
+        work.numbers[STATES:], work.marks,
     )  # fmt: skip
     if count >= 0:
         fill_row(b, y, regime, total, torque, command, memory.coupling_defect_j - defect, model.step_s, out)
     return count
-
-
-@step_of(linkage_step, LedBreaker)
-def breaker_step(
-    model: LedBreaker, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the linkage one step later; angle and rate of the body are taken from its own row."""
-    size, places = breaker_room()
-    numbers, marks = np.zeros(STATES + size), np.zeros(places, dtype=np.int64)
-    return log, try_step(model, step, linkage, motor, body, out, log, numbers, marks)
 
 
 class LoadedBreaker(NamedTuple):
@@ -274,10 +271,8 @@ def write_load(load: Array, event: Array, before_nm: float, after_nm: float, imp
 
 
 @kernel
-def fill_loads(
-    b: Breaker, log: Array, events: int, moment_nm: float, loads: Array
-) -> tuple[Array, int, Impulses, float]:
-    """Fill the loads on the body at each event of a step; return them, the sums, and the collar's impulse (N m s).
+def fill_loads(b: Breaker, log: Array, events: int, moment_nm: float, loads: Array) -> tuple[int, Impulses, float]:
+    """Fill the loads on the body at each event; return their number, the sums, and the collar's impulse (N m s).
 
     ``moment_nm`` is the moment on the body at the end of the step, used for an event without coordinates.
     """
@@ -285,7 +280,6 @@ def fill_loads(
     for i in range(events):
         event = log[i]
         if event[SIDES] == 0.0:
-            loads = with_room(loads, count)
             write_load(loads[count], event, moment_nm, moment_nm, 0.0)
             count += 1
         elif int(event[KIND]) in LOADING:
@@ -293,7 +287,6 @@ def fill_loads(
             pressed = collar_impulse(b, event, jump.moment)
             before = side_moment(b, event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH])
             after = side_moment(b, event[EVENT_WIDTH + SIDE_WIDTH :])
-            loads = with_room(loads, count)
             write_load(loads[count], event, before, after, jump.moment + pressed)
             count += 1
             collar += pressed
@@ -301,7 +294,7 @@ def fill_loads(
             crank = max(crank, math.hypot(jump.o_x, jump.o_y))
             rocker = max(rocker, math.hypot(jump.c_x, jump.c_y))
             miss = max(miss, abs(jump.drive))
-    return loads, count, Impulses(moment, crank, rocker, miss), collar
+    return count, Impulses(moment, crank, rocker, miss), collar
 
 
 @kernel
@@ -323,8 +316,8 @@ def largest_moment(b: Breaker, found: PinForces) -> float:
 
 @step_of(force_step, LoadedBreaker)
 def breaker_forces(
-    model: LoadedBreaker, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: LoadedBreaker, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill ``out`` with the forces at the step, and the loads on the body at each event of the step."""
     b, memory, regime = model.breaker, memory_of(linkage), int(linkage[REGIME])
     q, u, torque, phi, p = (
@@ -337,7 +330,7 @@ def breaker_forces(
     found = pin_forces(
         b, q, u, phi, p, torque, regime, memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm
     )
-    loads, load_count, sums, collar = fill_loads(b, log, count, found.moment, loads)
+    load_count, sums, collar = fill_loads(b, log, count, found.moment, loads)
     opening, closing = gap(b, q, u, phi, p)
     out[BODY_MOMENT] = found.moment
     numbers = (
@@ -367,4 +360,4 @@ def breaker_forces(
     scale = max(abs(found.drive), b.crank.inertia_kg_m2 * u * u, 1.0, largest_moment(b, found))
     out[FORCE_RESIDUALS_AT], out[FORCE_RESIDUALS_AT + 1] = abs(found.drive_error) / scale, abs(found.body_error) / scale
     out[FORCE_RESIDUALS_AT + 2] = sums.miss / scale
-    return loads, load_count
+    return load_count

@@ -83,11 +83,12 @@ def gear_stands(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
 
 @kernel
 def take_body(
-    b: Breaker, y: Array, memory: Any, regime: int, before: Total, phi: float, p: float, rests: bool
+    b: Breaker, y: Array, memory: Any, regime: int, before: Total, phi: float, p: float, rests: bool, regimes: Indices
 ) -> tuple[int, Total]:
     """Set angle and rate of an externally simulated body, add the jumps of energy and momentum.
 
     Return regime and totals.  The breaker's own body returns the linkage's values: nothing changes.
+    ``regimes`` (6,) are work.
     """
     state = named(y)
     if regime == HELD or (phi == state.body_rad and p == state.body_rad_per_s and rests == (regime == REST)):
@@ -97,10 +98,11 @@ def take_body(
     state.body_rad_per_s = 0.0 if rests else p
     if carried and not rests:
         state.crank_rad_per_s = p  # the gear's shaft stays at rest
-    regimes = np.zeros(LAWS, dtype=np.int64)
     fill_regimes(REST if rests else FLIGHT, int(memory.tool_regime), regimes)
     if regimes[TOOL_LAW] == HOLD:
         project_contact(b, y, regimes)
+    for law in range(LAWS):
+        regimes[law] = OPEN
     after = total_of(b, state)
     memory.coupling_defect_j += after.energy_j - before.energy_j
     memory.coupling_defect_nms += after.momentum_nms - before.momentum_nms

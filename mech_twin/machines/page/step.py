@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import force_step, linkage_step, motor_step, step_of
+from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, motor_step, step_of, work_room
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
@@ -276,15 +276,23 @@ def fill_residuals(model: PageMachine, y: Array, energy: float, begun: float, tu
     return misses
 
 
-@borrowing_kernel
-def try_step(
-    model: PageMachine, step: int, linkage: Array, motor: Array, out: Array, log: Array,
-    numbers: Array, marks: Indices, y: Array, regimes: Indices,
-) -> int:  # fmt: skip
-    """Fill ``out`` with the machine one coupling step later; return the number of events, negative for a failure."""
-    s, t = model.system, step * model.step_s
+@step_of(work_room, PageMachine, borrowing_kernel)
+def room_of_step(model: PageMachine) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `page_step`."""
+    s, size = model.system, len(model.tolerance)
+    length, places = room_sizes(s.free, s.law_count, s.switches, size)
+    return 2 * size + length, s.law_count + s.switches + places
+
+
+@step_of(linkage_step, PageMachine, borrowing_kernel)
+def page_step(
+    model: PageMachine, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
+) -> int:
+    """Fill ``out`` with the machine one coupling step later; events are located within the step."""
+    s, t, size = model.system, step * model.step_s, len(model.tolerance)
     motor_controls(model, linkage, motor)
-    room = page_room(s, len(y), numbers, marks)
+    y, regimes = work.numbers[:size], work.marks[: s.law_count + s.switches]
+    room = page_room(s, size, work.numbers[size:], work.marks[len(regimes) :])
     for i in range(len(y)):
         room.tolerance[i] = model.tolerance[i]
     fill_state(model, linkage, y, regimes)
@@ -322,18 +330,6 @@ def try_step(
     out[held], out[held + 1], out[held + 2] = begun, turned, energy
     fill_residuals(model, y, energy, begun, max(turned, abs(energy), abs(begun)), out)
     return count
-
-
-@step_of(linkage_step, PageMachine)
-def page_step(
-    model: PageMachine, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the machine one coupling step later; events are located within the step."""
-    s, size = model.system, len(model.tolerance)
-    length, places = room_sizes(s.free, s.law_count, s.switches, size)
-    numbers, marks = np.zeros(size + length), np.zeros(places, dtype=np.int64)
-    y, regimes = np.empty(size), np.empty(s.law_count + s.switches, dtype=np.int64)
-    return log, try_step(model, step, linkage, motor, out, log, numbers, marks, y, regimes)
 
 
 @kernel
@@ -383,12 +379,16 @@ def fill_forces(model: PageForces, t: float, linkage: Array, y: Array, regimes: 
     out[PINS + place] = worst
 
 
+@step_of(work_room, PageForces, borrowing_kernel)
+def room_of_forces(model: PageForces) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `page_forces`."""
+    return len(model.machine.tolerance), model.machine.system.law_count + model.machine.system.switches
+
+
 @step_of(force_step, PageForces)
 def page_forces(
-    model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill the forces in joints and elements, and the difference of the two routes to an effort."""
-    s = model.machine.system
-    y, regimes = np.empty(len(model.machine.tolerance)), np.empty(s.law_count + s.switches, dtype=np.int64)
-    fill_forces(model, step * model.machine.step_s, linkage, y, regimes, out)
-    return loads, 0
+    fill_forces(model, step * model.machine.step_s, linkage, work.numbers, work.marks, out)
+    return 0

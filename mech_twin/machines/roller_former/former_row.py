@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.addresses import record_at, record_of
-from mech_twin.engine.compiled_steps import LOG_FULL, linkage_step, step_of
-from mech_twin.engine.hybrid.laws import Indices
+from mech_twin.engine.compiled_steps import LOG_FULL, Work, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, Array
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
@@ -237,21 +236,22 @@ def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array
     fill_row(former, y, modes, 0.0, command, out)
 
 
-@borrowing_kernel
-def try_step(
-    model: CoupledFormer,
-    step: int,
-    linkage: Array,
-    motor: Array,
-    out: Array,
-    log: Array,
-    numbers: Array,
-    marks: Indices,
+@step_of(work_room, CoupledFormer, borrowing_kernel)
+def room_of_step(model: CoupledFormer) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `former_step`."""
+    carts = model.former.bank.offset_rad.size
+    size, places = former_room(carts)
+    return STATE_SIZE + carts + size, places
+
+
+@step_of(linkage_step, CoupledFormer, borrowing_kernel)
+def former_step(
+    model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
 ) -> int:
-    """Fill ``out`` with the linkage one coupling step later; return the number of events, negative for a failure."""
+    """Fill ``out`` with the linkage one coupling step later."""
     former, carts, begin_s = model.former, model.former.bank.offset_rad.size, step * model.step_s
-    past, before, y = memory_of(linkage, carts), shaft_of(linkage), numbers[:STATE_SIZE]
-    sides = numbers[STATE_SIZE : STATE_SIZE + carts]
+    past, before, y = memory_of(linkage, carts), shaft_of(linkage), work.numbers[:STATE_SIZE]
+    sides = work.numbers[STATE_SIZE : STATE_SIZE + carts]
     if max(abs(before.drive_rad_per_s), abs(before.crank_rad_per_s)) > RUNAWAY * former.scales.crank_speed_rad_per_s:
         return -3
     crank_rad = before.crank_rad
@@ -266,7 +266,8 @@ def try_step(
         sides[cart] = 1.0
     begun = stored_energy(former, state_of(y), sides)
     times = begin_s, (step + 1) * model.step_s
-    done = advance_in(former, torque, times, np.inf, y, modes_of(past), log, numbers[STATE_SIZE + carts :], marks)
+    numbers = work.numbers[STATE_SIZE + carts :]
+    done = advance_in(former, torque, times, np.inf, y, modes_of(past), log, numbers, work.marks)
     if done.status < 0:
         return done.status if done.status == LOG_FULL else -1 if done.status == UNSTEADY else -2
     stored = stored_energy(former, state_of(y), sides)
@@ -279,14 +280,3 @@ def try_step(
     shaft_nm = shaft_torque(former, torque, model.step_s, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
     fill_row(former, y, done.modes, shaft_nm, command, out)
     return done.status
-
-
-@step_of(linkage_step, CoupledFormer)
-def former_step(
-    model: CoupledFormer, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the linkage one coupling step later."""
-    carts = model.former.bank.offset_rad.size
-    size, places = former_room(carts)
-    numbers, marks = np.zeros(STATE_SIZE + carts + size), np.zeros(places, dtype=np.int64)
-    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
-from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.compiled_steps import Work, force_step, step_of, work_room
 from mech_twin.engine.sample_vectors import BODY_MOMENT, PINS, EventLayout, ForceLayout, LinkageLayout
-from mech_twin.kernels.kernel import borrowing_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_parameters import REVERSING
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, Modes, at_motor, may_stick, state_array
@@ -157,9 +157,12 @@ def fill_cart_forces(
 
 @kernel
 def former_forces(
-    former: Former, crank: float, speed: float, drive_speed: float, efforts: tuple[float, float, float], pulls: Array
-) -> tuple[CartForces, ShaftForces, FormerQuantities, float]:
-    """Return forces of carts and shaft, the quantities, and the difference of two routes to the coupling moment.
+    former: Former, crank: float, speed: float, drive_speed: float, efforts: tuple[float, float, float], pulls: Array,
+    forces: CartForces,
+) -> tuple[ShaftForces, FormerQuantities, float]:  # fmt: skip
+    """Fill the forces of the carts; return those of the shaft, the quantities, and the difference of two routes.
+
+    The routes lead to the coupling moment.
 
     ``efforts`` are the motor's moment at the crank, the moment in the coupling and its elastic part (N m).
     """
@@ -169,8 +172,6 @@ def former_forces(
     driving = transmitted - load - weight - speed * speed * slope
     friction = friction_moment(former, speed, driving)
     acceleration = (driving - friction) / inertia
-    n = pulls.size
-    forces = CartForces(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     shaft = fill_cart_forces(former, crank, speed, acceleration, pulls, forces)
     residual = transmitted - friction + shaft.moment_nm - former.bank.crank_inertia_kg_m2 * acceleration
     scale = former.motor.breakdown_torque_nm * former.ratio + abs(transmitted) + abs(load) + abs(friction)
@@ -195,7 +196,7 @@ def former_forces(
         motor * drive_speed,
         load * speed,
     )
-    return forces, shaft, quantities, residual / scale
+    return shaft, quantities, residual / scale
 
 
 class LoadedFormer(NamedTuple):
@@ -204,22 +205,37 @@ class LoadedFormer(NamedTuple):
     former: Former
 
 
+@inline_kernel
+def cart_forces_in(numbers: Array, carts: int) -> CartForces:
+    """Return the forces of the carts as views of an array of five times their number."""
+    return CartForces(
+        numbers[:carts], numbers[carts : 2 * carts], numbers[2 * carts : 3 * carts], numbers[3 * carts : 4 * carts],
+        numbers[4 * carts : 5 * carts],
+    )  # fmt: skip
+
+
+@step_of(work_room, LoadedFormer, borrowing_kernel)
+def room_of_forces(model: LoadedFormer) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `fill_forces`."""
+    return 6 * model.former.bank.offset_rad.size, 0
+
+
 @step_of(force_step, LoadedFormer)
 def fill_forces(
-    model: LoadedFormer, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: LoadedFormer, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill ``out`` with every force at the linkage's step.
 
     The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
     """
     former, carts = model.former, model.former.bank.offset_rad.size
-    pulls = np.empty(carts)
+    pulls, forces = work.numbers[:carts], cart_forces_in(work.numbers[carts:], carts)
     for cart in range(carts):
         pulls[cart] = linkage[CARTS_AT + 6 * cart + 2]
     now = shaft_of(linkage)
     efforts = (now.drive_nm, now.crank_nm, now.twist_nm)
-    forces, shaft, quantities, residual = former_forces(
-        former, now.crank_rad, now.crank_rad_per_s, now.drive_rad_per_s, efforts, pulls
+    shaft, quantities, residual = former_forces(
+        former, now.crank_rad, now.crank_rad_per_s, now.drive_rad_per_s, efforts, pulls, forces
     )
     out[BODY_MOMENT] = 0.0
     out[PINS], out[PINS + 1], out[PINS + 2] = -shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm
@@ -238,7 +254,7 @@ def fill_forces(
     for cart in range(carts):
         out[at + cart] = forces.rod[cart]
     out[at + carts] = residual
-    return loads, 0
+    return 0
 
 
 @dataclass(frozen=True)

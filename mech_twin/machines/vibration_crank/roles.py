@@ -14,7 +14,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.engine.compiled_steps import force_step, step_of
+from mech_twin.engine.compiled_steps import Work, force_step, step_of
 from mech_twin.engine.crank_linkage import CrankForces, route_miss
 from mech_twin.engine.crank_state import (
     mechanism_drive_moment,
@@ -62,8 +62,8 @@ class LoadedCrank(NamedTuple):
 
 @step_of(force_step, LoadedCrank)
 def crank_forces(
-    model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill ``out`` with the pin forces at the crank's angle, rate and acceleration, and its torque by both routes."""
     memory, s = memory_of(linkage, 3), model.mechanism
     th, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
@@ -91,7 +91,7 @@ def crank_forces(
     for i in range(len(numbers)):
         out[i] = numbers[i]
     out[len(numbers)] = route_miss(at.moment, torque, inertia, memory, model.moment_scale_nm)
-    return loads, 0
+    return 0
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from math import cos, inf, sin
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from mech_twin.engine.addresses import record_at, record_of
-from mech_twin.engine.compiled_steps import force_step, linkage_step, step_of
-from mech_twin.engine.hybrid.laws import HOLD, Indices
+from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, step_of, work_room
+from mech_twin.engine.hybrid.laws import HOLD
 from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS
 from mech_twin.engine.sample_vectors import MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
@@ -178,13 +176,20 @@ def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
     fill_row(model, RUNNING, command, out)
 
 
-@borrowing_kernel
-def try_step(
-    model: Drum, step: int, linkage: Array, motor: Array, out: Array, log: Array, numbers: Array, marks: Indices
+@step_of(work_room, Drum, borrowing_kernel)
+def room_of_step(model: Drum) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `drum_step`."""
+    size, places = drum_room()
+    return STATE_SIZE + size, 2 + places
+
+
+@step_of(linkage_step, Drum, borrowing_kernel)
+def drum_step(
+    model: Drum, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
 ) -> int:
-    """Fill ``out`` with the drum one step later; return the number of events, negative for a failure."""
+    """Fill ``out`` with the drum one step later; the end of the package is located exactly within the step."""
     p, h, command, start = model.package, model.step_s, motor[MOTOR_COMMAND], model.start_radius_m
-    y, regimes = numbers[:STATE_SIZE], marks[:2]
+    y, regimes = work.numbers[:STATE_SIZE], work.marks[:2]
     for i in range(len(out)):
         out[i] = linkage[i]
     now, past, regime = motion_of(out), memory_of(out), int(linkage[REGIME])
@@ -198,7 +203,7 @@ def try_step(
     y[ANGLE], y[SPEED] = now.drum_rad, now.drum_rad_per_s
     y[DRIVE_WORK], y[GRAVITY_WORK], y[FRICTION_LOSS] = 0.0, 0.0, 0.0
     motion = DrumSystem(p, first, last, theta, a, left, step * h)
-    count = advance_drum(motion, h, y, regimes, log, numbers[STATE_SIZE:], marks[2:])
+    count = advance_drum(motion, h, y, regimes, log, work.numbers[STATE_SIZE:], work.marks[2:])
     if count < 0:
         return count
     now.drum_rad, now.drum_rad_per_s = y[ANGLE], y[SPEED]
@@ -221,20 +226,10 @@ def try_step(
     return count
 
 
-@step_of(linkage_step, Drum)
-def drum_step(
-    model: Drum, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array
-) -> tuple[Array, int]:
-    """Fill ``out`` with the drum one step later; the end of the package is located exactly within the step."""
-    size, places = drum_room()
-    numbers, marks = np.zeros(STATE_SIZE + size), np.zeros(2 + places, dtype=np.int64)
-    return log, try_step(model, step, linkage, motor, out, log, numbers, marks)
-
-
 @step_of(force_step, LoadedDrum)
 def drum_forces(
-    model: LoadedDrum, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array
-) -> tuple[Array, int]:
+    model: LoadedDrum, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
     """Fill ``out`` with each torque term, and the reaction of the shaft.
 
     The drive torque of the linkage is a sum of terms; the second route is the chain rule on J0 omega.  The shaft's
@@ -286,4 +281,4 @@ def drum_forces(
     )
     for i in range(len(numbers)):
         out[i] = numbers[i]
-    return loads, 0
+    return 0

@@ -23,7 +23,7 @@ from mech_twin.machines.roller_former.former_row import FormerMemory
 from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import former_forces, joints_of, start_modes
+from mech_twin.machines.roller_former.roles import CartForces, former_forces, joints_of, start_modes
 from mech_twin.machines.roller_former.steady import start_motion, steady_turn
 from mech_twin.parts.induction_motor import motor_torque, supplied_motor
 from mech_twin.roles import Machine
@@ -294,7 +294,9 @@ def test_the_expansion_misses_the_linkage_by_no_more_than_its_transfer_function_
     expanded = {"kinematics": "expanded", "load": "none", "carts.crank_m": crank_m, "carts.offsets_deg": offsets_deg}
     machine = machine_for(2, {**expanded, "carts.rod_mass_kg": 1.0})
     former, limit = machine.linkage.former, machine.forces.residual_limits["drive_torque_routes"]
-    *_, residual = former_forces(former, crank_rad, 100.0, 100.0, (0.0, 0.0, 0.0), np.zeros(2))
+    *_, residual = former_forces(
+        former, crank_rad, 100.0, 100.0, (0.0, 0.0, 0.0), np.zeros(2), CartForces(*np.zeros((5, 2)))
+    )
     assert limit == pytest.approx(0.2 * (crank_m / 0.8) ** 3)
     assert abs(residual) <= limit
 
