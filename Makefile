@@ -13,6 +13,7 @@ EXTRAS := $(ROS),view,plots,tables
 INSTALL_HASHED = $(BIN)/python -m pip install -q --require-hashes --no-deps -r $(HASHES) && \
   $(BIN)/python -m pip install -q --no-deps --no-build-isolation -e .
 READERS := test/recording/npm
+comma := ,
 # rooms, and files of others, whose tests neither talk over topics nor watch the clock; the others run apart from them,
 # file by file on two cores, each test in a ROS domain of its own
 # the longest first, so that no core waits at the end
@@ -141,8 +142,8 @@ $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/b
 	touch $@
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
-	@echo "installing 1.8 GB of packages into $(VENV), which takes some minutes the first time"
-	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,life,test]" $(PINS))
+	@echo "installing 2.2 GB of packages into $(VENV), which takes some minutes the first time"
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,life,$(if $(filter jazzy,$(ROS)),cuda$(comma))test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 

@@ -105,6 +105,7 @@ setup(
         "cluster": ["distributed>=2026.8"],
         "fmu": ["ziglang>=0.14"],
         "life": ["rainflow>=3.2"],
+        "cuda": ["numba-cuda[cu12]>=0.30"],
         "test": [
             "pytest", "pytest-timeout", "pytest-cov", "pytest-xdist", "hypothesis", "mpmath", "playwright", "psutil",
             "rosbags", "pandas", "ruff", "mypy", "import-linter", "types-PyYAML", "colcon-common-extensions",

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-EXTRAS = ("view", "plots", "tables", "cluster", "alerts", "foxglove", "fmu", "life", "test")
+EXTRAS = ("view", "plots", "tables", "cluster", "alerts", "foxglove", "fmu", "life", "cuda", "test")
 
 
 def main(tools: Path) -> None:

@@ -15,12 +15,17 @@ import sys
 from pathlib import Path
 
 # what states its licence elsewhere than in its metadata
-STATED_ELSEWHERE = {"urdf_parser_py": "BSD (by its package.xml)", "FMPy": "BSD-2-Clause (by its LICENSE.txt)"}
+STATED_ELSEWHERE = {
+    "urdf_parser_py": "BSD (by its package.xml)",
+    "FMPy": "BSD-2-Clause (by its LICENSE.txt)",
+    "cuda-toolkit": "empty, names the packages of a toolkit",
+}
 HEAD = """# Licences
 
 What an installation for development brings (`make test`), with the licence each distribution states;
 written by `make licences`.
 The twin itself is Apache-2.0 (`LICENSE`). Nothing of what is listed is copied into it.
+Packages of the extra `cuda` named nvidia are proprietary, and free to use.
 
 The wheels of ROS 2 state no licence in their metadata; the packages they are built from are
 Apache-2.0 or BSD-3-Clause by their `package.xml`.

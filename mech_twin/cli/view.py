@@ -30,7 +30,7 @@ from mech_twin.parameters.load import PAGE, is_page
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.roles import Machine
 from mech_twin.studies.run_comparison import changed_settings
-from mech_twin.studies.run_metrics import RunMetrics
+from mech_twin.studies.simulation import RunMetrics
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_samples import BagSamples

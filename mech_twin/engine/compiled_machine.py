@@ -1,14 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine whose roles are all backed by kernels, as needed by the compiled run."""
+"""A machine whose roles are all backed by kernels, as the compiled run needs it, and its constants as flat arrays.
+
+Kernels take named tuples.  Code that is called with arrays alone, in a unit or on a graphics processor, begins with an
+expression such as ``Models(Generator(reals[0], reals[1]), ...)``, which the compiler optimises away.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
 
 from mech_twin.engine.compiled_roles import CompiledBody, CompiledForces, CompiledLinkage, CompiledMotor, failed
 from mech_twin.engine.compiled_steps import (
@@ -40,8 +48,94 @@ from mech_twin.errors import MotionError
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 
+KINDS = {"f": "reals", "i": "wholes", "b": "flags"}  # NumPy kind of an array, and its flat array
 FIRST_BLOCK = 256  # steps of the first call of `CompiledMachine.run`; later ones are adapted to the time below
 SHORTEST_BLOCK_S, LONGEST_BLOCK_S = 0.05, 0.2  # wall time of one call: the delay of a signal
+
+
+@dataclass
+class PackedModels:
+    """Constants of the kernels of one machine.
+
+    Attributes
+    ----------
+    reals, wholes, flags : list
+        Floats, integers (and single booleans as 0 or 1), and arrays of booleans.
+    expression : str
+        Python expression over arrays of these names that restores the constants.
+    names : dict of str to object
+        The named tuples in it, and the functions that return the address of each generated function.
+    generated : dict of str to object
+        The generated functions by symbol.
+    """
+
+    reals: list[float] = field(default_factory=list)
+    wholes: list[int] = field(default_factory=list)
+    flags: list[bool] = field(default_factory=list)
+    expression: str = ""
+    names: dict[str, Any] = field(default_factory=dict)
+    generated: dict[str, Any] = field(default_factory=dict)
+
+
+def packed_models(models: Any, function_at: Callable[[int], Any] = lambda _: None) -> PackedModels:
+    """Return the constants of a machine's kernels, packed.
+
+    ``function_at`` returns the generated function whose address an integer is, None for a number.
+    """
+    packed = PackedModels()
+    packed.expression = _expression(packed, models, function_at)
+    return packed
+
+
+def _expression(packed: PackedModels, value: Any, function_at: Callable[[int], Any]) -> str:
+    """Return the expression of one constant, and add its numbers to the arrays."""
+    if isinstance(value, tuple):
+        if type(value) is tuple:
+            return f"({', '.join(_expression(packed, item, function_at) for item in value)},)"
+        inner = ", ".join(_expression(packed, item, function_at) for item in value)
+        name = f"{type(value).__module__}.{type(value).__name__}".replace(".", "_")
+        packed.names[name] = type(value)
+        return f"{name}({inner})"
+    if isinstance(value, bool | np.bool_):
+        packed.wholes.append(int(value))
+        return f"(wholes[{len(packed.wholes) - 1}] != 0)"
+    if isinstance(value, int):
+        return _whole(packed, value, function_at(value))
+    if isinstance(value, float):
+        packed.reals.append(value)
+        return f"reals[{len(packed.reals) - 1}]"
+    name = KINDS[value.dtype.kind]
+    into = getattr(packed, name)
+    begin = len(into)
+    into.extend(value.ravel().tolist())
+    flat = f"{name}[{begin}:{len(into)}]"
+    return flat if value.ndim == 1 else f"{flat}.reshape({value.shape})"
+
+
+def _whole(packed: PackedModels, value: int, function: Any) -> str:
+    """Return the expression of an integer, or of the address of a generated function."""
+    if function is None:
+        packed.wholes.append(value)
+        return f"wholes[{len(packed.wholes) - 1}]"
+    symbol = f"mech_generated_{len(packed.generated)}"
+    packed.generated[symbol] = function
+    packed.names[f"address_of_{symbol}"] = _address_of(symbol)
+    return f"address_of_{symbol}()"
+
+
+def _address_of(symbol: str) -> Any:
+    """Return a numba intrinsic without arguments that returns the address of a symbol linked with the code."""
+
+    def address(typing_context: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            module = builder.module
+            known = module.globals.get(symbol)
+            function = known or ir.Function(module, ir.FunctionType(ir.VoidType(), ()), symbol)
+            return builder.ptrtoint(function, ir.IntType(64))
+
+        return types.int64(), generate
+
+    return intrinsic(address)
 
 
 @dataclass(frozen=True)

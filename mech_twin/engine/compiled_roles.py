@@ -143,6 +143,11 @@ class CompiledLinkage(_Compiled[LinkageLayout]):
     step_s: float
 
     @property
+    def processor_only(self) -> str:
+        """Why its steps cannot run on a graphics processor; empty if they can."""
+        return ""
+
+    @property
     def failures(self) -> tuple[str, ...]:
         """Messages of the failures of a step, in the order of their status -1, -2, ..."""
         return ()

@@ -14,7 +14,7 @@ Rows are those of `sample_vectors`.  A kernel fills every number of ``out``, and
 wrote into the table ``log``; negative if the step failed.  It makes no array: ``work`` has the room that it declares
 (`work_room`), and one that returns `LOG_FULL` is asked again with a longer table.
 
-`run_steps` is the coupling scheme of `coupling`, compiled: many steps without samples or Python calls.  At step n::
+`advance_frame` is the coupling scheme of `coupling`, compiled: many steps without samples or Python calls.  At step n::
 
     linkage(n) -> motor(n)
     linkage(n) -> forces(n) -> body(n)          body(n) from body(n-1)
@@ -23,6 +23,7 @@ wrote into the table ``log``; negative if the step failed.  It makes no array: `
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
@@ -42,7 +43,8 @@ Indices = NDArray[np.int64]
 STEP, SOURCE = 0, 1  # columns before those of an event in the table of a run
 FROM_LINKAGE, FROM_BODY = 0, 1
 TABLE_EXTRA = 2
-DONE, LINKAGE_FAILED, BODY_FAILED = 0, 1, 2
+DONE, LINKAGE_FAILED, BODY_FAILED, TOO_SHORT = 0, 1, 2, 3
+EVENTS, BODY_EVENTS, ALL_EVENTS = 0, 1, 2  # the table that is too short
 
 
 def motor_step(model: Any, linkage: Array, target: float, out: Array) -> None:
@@ -162,8 +164,8 @@ def work_for(model: Any) -> Work:
 
 @kernel
 def longer(table: Array) -> Array:
-    """Return an empty table with room for more than twice as many rows."""
-    return np.empty((2 * len(table) + FEW_ROWS, table.shape[1]))
+    """Return a table of zeros with more than twice as many rows."""
+    return np.zeros((2 * len(table) + FEW_ROWS, table.shape[1]))
 
 
 @embedded_kernel
@@ -217,16 +219,9 @@ def copy_numbers(numbers: Array, out: Array) -> None:
 
 @borrowing_kernel
 def fill_event(
-    log: Array,
-    row: int,
-    time_s: float,
-    kind: int,
-    contact: int,
-    before_m_per_s: float,
-    after_m_per_s: float,
-    impulse_ns: float,
-    period: float,
-) -> None:
+    log: Array, row: int, time_s: float, kind: int, contact: int, before_m_per_s: float, after_m_per_s: float,
+    impulse_ns: float, period: float,
+) -> None:  # fmt: skip
     """Write an event without coordinates into a row, if the table has it."""
     if row >= len(log):
         return
@@ -252,6 +247,24 @@ class Widths(NamedTuple):
     table: int
 
 
+class RunRoom(NamedTuple):
+    """Work arrays of a run.
+
+    Rows: linkage and body at the end of a step, the frame at its begin.  Tables: events of linkage and body in a step,
+    loads on the body (as many as events of the linkage), events of the run.  Work of linkage and forces.
+    """
+
+    later: Array
+    followed: Array
+    before: Array
+    log: Array
+    body_log: Array
+    loads: Array
+    table: Array
+    work: Work
+    force_work: Work
+
+
 class RunEnd(NamedTuple):
     """End of a run: table and number of its events, steps done, failed role if any, and its status."""
 
@@ -262,42 +275,80 @@ class RunEnd(NamedTuple):
     status: int
 
 
-@kernel
-def keep_events(table: Array, filled: int, step: int, source: int, log: Array, count: int) -> Array:
-    """Append the first ``count`` events of a step to the table of the run; return the table, enlarged if needed."""
-    while filled + count > len(table):
-        more = np.zeros((2 * len(table), table.shape[1]))
-        copy_rows(table, filled, more, 0, 0)
-        table = more
+@borrowing_kernel
+def keep_events(table: Array, filled: int, step: int, source: int, log: Array, count: int) -> None:
+    """Append the first ``count`` events of a step to the table of the run."""
     for i in range(count):
         table[filled + i, STEP], table[filled + i, SOURCE] = step, source
     copy_rows(log, count, table, filled, TABLE_EXTRA)
-    return table
 
 
-@kernel
+@borrowing_kernel
 def keep_worst(row: Array, residuals: Indices, worst: Array) -> None:
     """Update the largest magnitude of each residual; once a residual was NaN, its worst is NaN."""
     for i in range(len(residuals)):
         size = abs(row[residuals[i]])
-        if size > worst[i] or np.isnan(size):
+        if size > worst[i] or math.isnan(size):
             worst[i] = size
+
+
+@borrowing_kernel
+def advance_frame(
+    models: Models, at: Places, first: int, step_s: float, targets: Array, row: Array, picked: Indices, columns: Array,
+    residuals: Indices, worst: Array, room: RunRoom,
+) -> tuple[int, int, int, int]:  # fmt: skip
+    """Advance a frame by one step for each target; return numbers of events and steps, what failed, and its status.
+
+    With `TOO_SHORT` the frame is that of the last whole step, and the status names the table.
+
+    Parameters
+    ----------
+    models, at, first, step_s, targets, row, picked, columns, residuals, worst
+        As for `run_steps`.
+    room : RunRoom
+        Work arrays; the table of the run is filled from its start.
+    """
+    linkage, motor = row[at.linkage : at.motor], row[at.motor : at.forces]
+    forces, body, filled = row[at.forces : at.body], row[at.body : at.end], 0
+    for n in range(len(targets)):
+        step = first + n + 1
+        clear_work(room.work)
+        count = linkage_step(models.linkage, step - 1, linkage, motor, body, room.later, room.log, room.work)
+        if count == LOG_FULL:
+            return filled, n, TOO_SHORT, EVENTS
+        if count < 0:
+            return filled, n, LINKAGE_FAILED, count
+        if filled + count > len(room.table):
+            return filled, n, TOO_SHORT, ALL_EVENTS
+        copy_numbers(row, room.before)
+        copy_numbers(room.later, linkage)
+        motor_step(models.motor, linkage, targets[n], motor)
+        loads = force_step(models.forces, step, linkage, room.log, count, forces, room.loads, room.force_work)
+        keep_events(room.table, filled, step, FROM_LINKAGE, room.log, count)
+        if len(body) > 0:
+            found = body_step(models.body, step, body, forces, room.loads, loads, room.followed, room.body_log)
+            if found == LOG_FULL or (found >= 0 and filled + count + found > len(room.table)):
+                copy_numbers(room.before, row)
+                return filled, n, TOO_SHORT, BODY_EVENTS if found == LOG_FULL else ALL_EVENTS
+            filled += count
+            if found < 0:
+                return filled, n, BODY_FAILED, found
+            copy_numbers(room.followed, body)
+            keep_events(room.table, filled, step, FROM_BODY, room.body_log, found)
+            count = found
+        filled += count
+        row[0] = step * step_s
+        for k in range(len(picked)):
+            columns[n, k] = row[picked[k]]
+        keep_worst(row, residuals, worst)
+    return filled, len(targets), DONE, 0
 
 
 @released_kernel
 def run_steps(
-    models: Models,
-    at: Places,
-    widths: Widths,
-    first: int,
-    step_s: float,
-    targets: Array,
-    row: Array,
-    picked: Indices,
-    columns: Array,
-    residuals: Indices,
-    worst: Array,
-) -> tuple[Array, int, int, int, int]:
+    models: Models, at: Places, widths: Widths, first: int, step_s: float, targets: Array, row: Array, picked: Indices,
+    columns: Array, residuals: Indices, worst: Array,
+) -> tuple[Array, int, int, int, int]:  # fmt: skip
     """Advance a frame by one step for each target; return the fields of `RunEnd`.
 
     A plain tuple is returned: numba's wrapper crashes if a signal raises while it builds a named tuple.
@@ -327,34 +378,23 @@ def run_steps(
     worst : (r,) array
         Greatest magnitude of each so far, changed in place.
     """
-    linkage, motor = row[at.linkage : at.motor], row[at.motor : at.forces]
-    forces, body = row[at.forces : at.body], row[at.body : at.end]
-    later, followed = np.empty(len(linkage)), np.empty(len(body))
+    later, followed, before = np.empty(at.motor - at.linkage), np.empty(at.end - at.body), np.empty(len(row))
     log, body_log = np.empty((FEW_ROWS, widths.linkage)), np.empty((FEW_ROWS, widths.body))
-    loads = np.empty((FEW_ROWS, LOAD_WIDTH))
-    table, filled = np.zeros((FEW_ROWS, widths.table)), 0
-    work, force_work = work_for(models.linkage), work_for(models.forces)
-    for n in range(len(targets)):
-        step = first + n + 1
-        log, count = whole_linkage_step(models.linkage, step - 1, linkage, motor, body, later, log, work)
-        if count < 0:
-            return table, filled, n, LINKAGE_FAILED, count
-        copy_numbers(later, linkage)
-        motor_step(models.motor, linkage, targets[n], motor)
-        while len(loads) < count:
-            loads = longer(loads)
-        loaded = force_step(models.forces, step, linkage, log, count, forces, loads, force_work)
-        table = keep_events(table, filled, step, FROM_LINKAGE, log, count)
-        filled += count
-        if len(body) > 0:
-            body_log, count = whole_body_step(models.body, step, body, forces, loads, loaded, followed, body_log)
-            if count < 0:
-                return table, filled, n, BODY_FAILED, count
-            copy_numbers(followed, body)
-            table = keep_events(table, filled, step, FROM_BODY, body_log, count)
-            filled += count
-        row[0] = step * step_s
-        for k in range(len(picked)):
-            columns[n, k] = row[picked[k]]
-        keep_worst(row, residuals, worst)
-    return table, filled, len(targets), DONE, 0
+    loads, table = np.empty((FEW_ROWS, LOAD_WIDTH)), np.zeros((FEW_ROWS, widths.table))
+    work, force_work, filled, done = work_for(models.linkage), work_for(models.forces), 0, 0
+    while True:
+        room = RunRoom(later, followed, before, log, body_log, loads, table[filled:], work, force_work)
+        events, steps, failed, status = advance_frame(
+            models, at, first + done, step_s, targets[done:], row, picked, columns[done:], residuals, worst, room
+        )
+        filled, done = filled + events, done + steps
+        if failed != TOO_SHORT:
+            return table, filled, done, failed, status
+        if status == EVENTS:
+            log, loads = longer(log), longer(loads)
+        elif status == BODY_EVENTS:
+            body_log = longer(body_log)
+        else:
+            more = longer(table)
+            copy_rows(table, filled, more, 0, 0)
+            table = more

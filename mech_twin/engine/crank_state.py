@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-from math import pi
+from math import copysign, pi
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
@@ -20,7 +18,7 @@ LARGE_ANGLE = 1e3  # rad: of a larger one, rounding in every step adds up
 @kernel
 def within_a_turn(angle: float) -> float:
     """Return an angle of 1e3 rad or more modulo 2 pi, which keeps digits in sums; a smaller one unchanged."""
-    return angle if abs(angle) < LARGE_ANGLE else float(np.fmod(angle, TURN))
+    return angle if abs(angle) < LARGE_ANGLE else copysign(abs(angle) % TURN, angle)
 
 
 class Memory(NamedTuple):

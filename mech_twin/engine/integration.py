@@ -218,7 +218,7 @@ def controlled_step(
         error = step_error(system, h, tolerance, work)
         if error <= 1.0:
             return h, h * (5.0 if error < 1e-7 else min(5.0, max(0.3, 0.9 * error**exponent)))
-        h *= max(0.2, 0.9 * error**exponent) if np.isfinite(error) else 0.2
+        h *= max(0.2, 0.9 * error**exponent) if math.isfinite(error) else 0.2
     return 0.0, 0.0
 
 

@@ -10,7 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from math import ceil
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,7 @@ from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
+from mech_twin.engine.compiled_steps import RunEnd
 from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
 from mech_twin.engine.sample_vectors import LAYOUTS, Array, EventNumbers, FrameLayout
 from mech_twin.engine.trajectory import Residual, RunInvariants, frame_events, residuals_of_run
@@ -112,6 +115,97 @@ class RollOut:
         return self.columns[column]
 
 
+class RunPiece(NamedTuple):
+    """A stretch of a run under one set of parameters: the machine, and how many steps it takes."""
+
+    machine: Machine
+    steps: int
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A run that is ready to be computed: its stretches, first frame, commands, and the columns asked for."""
+
+    pieces: tuple[RunPiece, ...]
+    start: Frame
+    targets: Targets
+    columns: Sequence[str] | None
+
+    @cached_property
+    def compiled(self) -> tuple[CompiledMachine, ...]:
+        """The machine of each stretch as the kernels use it; empty if one of them, or a command, is not for kernels."""
+        found = [compiled_machine(piece.machine) for piece in self.pieces]
+        compiled = tuple(machine for machine in found if machine is not None)
+        return compiled if len(compiled) == len(found) and isinstance(self.targets, np.ndarray) else ()
+
+    def computed(self, between: Callable[[], None]) -> RollOut:
+        """Return the run; ``between`` as for `roll_out`."""
+        if self.compiled:
+            run = CompiledRun(self)
+            for here, view in zip(run.stretches, self.compiled, strict=True):
+                if run.error is None:
+                    end, error = view.run_interruptibly(
+                        run.step, run.row, here.targets, run.picked, here.columns, run.worst, between
+                    )
+                    run.take(view, end, error)
+            return run.told()
+        asked = self.targets.tolist() if isinstance(self.targets, np.ndarray) else self.targets
+        if any(isinstance(target, EffortCommand) for target in asked):
+            effort_limit(self.pieces[0].machine)
+        return replace(_run_by_roles(self.pieces, self.start, asked[1:], self.columns, between), machines=self.machines)
+
+    @property
+    def machines(self) -> tuple[tuple[int, Machine], ...]:
+        """The machine that runs, and the step up to which it does."""
+        lasts = np.cumsum([self.start.linkage.step, *(piece.steps for piece in self.pieces)])[1:].tolist()
+        return tuple((last, piece.machine) for last, piece in zip(lasts, self.pieces, strict=True))
+
+
+class Stretch(NamedTuple):
+    """The commands of a stretch of a run, and its part of the table of columns."""
+
+    targets: Array
+    columns: Array
+
+
+class CompiledRun:
+    """A run by kernels: its frame as a row, its columns, and what it did so far."""
+
+    def __init__(self, plan: RunPlan) -> None:
+        first, self.plan, self.layout = plan.compiled[0], plan, plan.compiled[0].layout
+        self.row, self.step = self.layout.row(plan.start), plan.start.linkage.step
+        self.names = _picked(self.layout, plan.columns)
+        self.picked = np.array([self.layout.columns[name] for name in self.names], dtype=np.int64)
+        self.columns = np.full((len(plan.targets), len(self.names)), np.nan)
+        self.columns[0] = self.row[self.picked]
+        self.worst = np.abs(self.row[first.residual_places])
+        self.error: MotionError | None = None
+        self._view, self._tables = first, [np.empty((0, first.widths.table))]
+
+    @property
+    def stretches(self) -> list[Stretch]:
+        """The commands and columns of each stretch."""
+        ends = np.cumsum([1, *(piece.steps for piece in self.plan.pieces)]).tolist()
+        targets: Any = self.plan.targets
+        return [Stretch(targets[a:b], self.columns[a:b]) for a, b in pairwise(ends)]
+
+    def take(self, view: CompiledMachine, end: RunEnd, error: MotionError | None) -> None:
+        """Take what a machine did in a stretch; the row and the columns are filled."""
+        self._tables.append(end.events[: end.event_count])
+        self.step, self._view, self.error = self.step + end.steps, view, error
+
+    def told(self) -> RollOut:
+        """Return the run as it is told."""
+        view, table, plan = self._view, np.concatenate(self._tables), self.plan
+        columns = {name: self.columns[:, i] for i, name in enumerate(self.names)}
+        final = view.frame(self.step, self.row, table) if self.step > plan.start.linkage.step else plan.start
+        worst = zip(plan.compiled[0].residuals, self.worst.tolist(), strict=True)
+        return RollOut(
+            columns, final, residuals_of_run(view.machine, worst), self.error, lambda: view.events_in_order(table),
+            lambda: view.event_numbers(table), plan.machines,
+        )  # fmt: skip
+
+
 def roll_out(
     machine: Machine,
     duration_s: float,
@@ -146,6 +240,18 @@ def roll_out(
     RollOut
         With ``error`` set if the motion could not be followed to the end.
     """
+    return planned(machine, duration_s, columns, start, command, changes).computed(between)
+
+
+def planned(
+    machine: Machine,
+    duration_s: float,
+    columns: Sequence[str] | None,
+    start: Frame | None,
+    command: Profile,
+    changes: Iterable[tuple[float, Machine]],
+) -> RunPlan:
+    """Return a run that is ready to be computed; parameters as for `roll_out`."""
     count = _count(machine, duration_s)
     first = 0 if start is None else start.linkage.step
     if start is not None and start.linkage.joints != machine.linkage.joints:
@@ -154,17 +260,7 @@ def roll_out(
     targets = command_profile(command, first, count, machine.coupling_step_s)
     if start is None:
         start = complete_frame(machine, machine.linkage.start(), None, _plain(targets[0]))
-    pieces = _pieces(machine, first, count, changes)
-    compiled = [compiled_machine(piece.machine) for piece in pieces]
-    if all(compiled) and isinstance(targets, np.ndarray):
-        found = _compiled_run([c for c in compiled if c], pieces, start, targets, columns, between)
-    else:
-        asked = targets.tolist() if isinstance(targets, np.ndarray) else targets
-        if any(isinstance(target, EffortCommand) for target in asked):
-            effort_limit(machine)
-        found = _run_by_roles(pieces, start, asked[1:], columns, between)
-    lasts = np.cumsum([first, *(piece.steps for piece in pieces)])[1:].tolist()
-    return replace(found, machines=tuple((last, piece.machine) for last, piece in zip(lasts, pieces, strict=True)))
+    return RunPlan(tuple(_pieces(machine, first, count, changes)), start, targets, columns)
 
 
 def column_names(machine: Machine) -> tuple[str, ...]:
@@ -231,14 +327,6 @@ def _pairs(command: Sequence[tuple[float, Target]]) -> list[tuple[float, Target]
     return found
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """A stretch of a run under one set of parameters: the machine, and how many steps it takes."""
-
-    machine: Machine
-    steps: int
-
-
 def _count(machine: Machine, duration_s: float) -> int:
     whole_s = real_number("duration_s", duration_s, "a finite number of seconds, 0 or more", 0.0)
     return round(whole_s / machine.coupling_step_s)
@@ -249,7 +337,7 @@ def _step_at(time_s: float, step_s: float) -> int:
     return ceil(time_s / step_s - ON_STEP)
 
 
-def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[float, Machine]]) -> list[_Piece]:
+def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[float, Machine]]) -> list[RunPiece]:
     """Return the stretches of a run of ``count`` steps after step ``first``."""
     bounds, machines = [first + 1], [machine]
     for time_s, changed in changes:
@@ -264,7 +352,7 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
     last = first + count + 1
     ends = [min(bound, last) for bound in (*bounds[1:], last)]
     begins = [min(bound, last) for bound in bounds]
-    return [_Piece(m, end - begin) for m, begin, end in zip(machines, begins, ends, strict=True)]
+    return [RunPiece(m, end - begin) for m, begin, end in zip(machines, begins, ends, strict=True)]
 
 
 def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:
@@ -277,42 +365,8 @@ def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:
     return wanted
 
 
-def _compiled_run(
-    compiled: list[CompiledMachine],
-    pieces: list[_Piece],
-    start: Frame,
-    targets: Array,
-    columns: Sequence[str] | None,
-    between: Callable[[], None],
-) -> RollOut:
-    layout, row, step = compiled[0].layout, compiled[0].layout.row(start), start.linkage.step
-    names = _picked(layout, columns)
-    picked = np.array([layout.columns[name] for name in names], dtype=np.int64)
-    found = np.full((len(targets), len(names)), np.nan)
-    found[0] = row[picked]
-    worst = np.abs(row[compiled[0].residual_places])
-    tables, error, done = [], None, 0
-    for view, piece in zip(compiled, pieces, strict=True):
-        here = slice(done + 1, done + 1 + piece.steps)
-        end, error = view.run_interruptibly(step + done, row, targets[here], picked, found[here], worst, between)
-        tables.append(end.events[: end.event_count])
-        done += end.steps
-        if error is not None:
-            break
-    table = np.concatenate(tables)
-    machine = view.machine
-
-    def listed_events() -> list[tuple[int, Event]]:
-        return view.events_in_order(table)
-
-    final = view.frame(step + done, row, table) if done else start
-    limits = residuals_of_run(machine, zip(compiled[0].residuals, worst.tolist(), strict=True))
-    found_columns = {name: found[:, i] for i, name in enumerate(names)}
-    return RollOut(found_columns, final, limits, error, listed_events, lambda: view.event_numbers(table))
-
-
 def _run_by_roles(
-    pieces: list[_Piece],
+    pieces: Sequence[RunPiece],
     start: Frame,
     targets: list[Target],
     columns: Sequence[str] | None,

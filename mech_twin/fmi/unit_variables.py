@@ -15,12 +15,13 @@ from mech_twin.declarations.configuration_tree import (
     merged_tree,
     tree_from_flat,
 )
-from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
+from mech_twin.engine.compiled_machine import CompiledMachine, PackedModels, compiled_machine, packed_models
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.sample_vectors import Array
-from mech_twin.fmi.step_object import EVENT_FIELDS, PackedModels, packed_models
+from mech_twin.fmi.step_object import EVENT_FIELDS
 from mech_twin.machines.page.parameters import Page
 from mech_twin.measurements.units import column_unit, sliding_in
+from mech_twin.mechanics.straight_line import generated_at
 from mech_twin.parameters.errors import Key, keys
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.roles import EffortMotor, Machine
@@ -96,7 +97,7 @@ def unit_of(machine: Machine, compiled: CompiledMachine) -> MachineUnit:
     """Return the data of a machine for its unit."""
     frame = _first_frame(machine)
     layout = compiled.layout
-    packed, row = packed_models(compiled.models), layout.row(frame)
+    packed, row = packed_models(compiled.models, generated_at), layout.row(frame)
     of_body = () if layout.body is None else layout.body.events.kinds
     kinds = (*layout.linkage.events.kinds, *(f"body_{kind}" for kind in of_body))
     begin = layout.places.motor + 1
@@ -154,7 +155,7 @@ def _other(machine: Machine, key: str, value: float) -> _Other | None:
         compiled = compiled_machine(built)
         if compiled is None:
             return None
-        return _Other(built, packed_models(compiled.models), compiled.layout.row(_first_frame(built)))
+        return _Other(built, packed_models(compiled.models, generated_at), compiled.layout.row(_first_frame(built)))
     except (ConfigurationError, ValueError, ArithmeticError):
         return None
 

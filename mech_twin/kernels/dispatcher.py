@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
-from numba.core import codegen, compiler, compiler_lock, registry, sigutils, types
+from numba.core import codegen, compiler, compiler_lock, registry, sigutils, target_extension, types
 from numba.core import dispatcher as dispatchers
 from numba.core.typing import templates
 
@@ -26,6 +26,7 @@ _Library: Any = codegen.JITCodeLibrary
 _compile_result: Any = compiler.compile_result
 _lock: Any = compiler_lock.global_compiler_lock
 _normalize: Any = sigutils.normalize_signature
+_target: Any = target_extension
 _templates: Any = templates
 _types: Any = types
 
@@ -187,6 +188,11 @@ class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
                 self._for_kernel = False
 
 
+def on_processor() -> bool:
+    """Return whether code is being compiled for the processor, and not for a graphics processor."""
+    return _target.current_target() == "cpu"  # type: ignore[no-any-return]
+
+
 def overload(
     generic: Callable[..., Any], inline: str = "never", forceinline: bool = False
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -201,7 +207,8 @@ def overload(
 
     def declare(choose: Callable[..., Any]) -> Callable[..., Any]:
         template = _templates.make_overload_template(generic, choose, options, True, inline, False)
-        template._get_jit_decorator = lambda _: dispatched
+        for_target = template._get_jit_decorator
+        template._get_jit_decorator = lambda self: dispatched if on_processor() else for_target(self)
         _templates.infer(template)
         _templates.infer_global(generic, _types.Function(template))
         return choose

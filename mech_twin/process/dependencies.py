@@ -37,6 +37,7 @@ EXTRA_OF = {
     "distributed": "cluster",
     "ziglang": "fmu",
     "rainflow": "life",
+    "numba_cuda": "cuda",
     "foxglove": "foxglove",
     "paho": "alerts",
     "prometheus_client": "alerts",

@@ -6,15 +6,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from functools import partial
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from mech_twin.capabilities.arguments import by_name, several
 from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.engine.rollout import Profile, RollOut, RunPlan, planned
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns
@@ -140,7 +141,7 @@ def rollout(
     KeyboardInterrupt
         At Ctrl-C, within a fraction of a second.
     """
-    found = _member(machine, settings, duration_s, columns, start, command, changes)(lambda: None)
+    found = _member(machine, settings, duration_s, columns, start, command, changes).computed(lambda: None)
     if found.error is not None:
         raise found.error
     return found
@@ -157,6 +158,7 @@ def rollouts(
     commands: Sequence[Profile] | None = None,
     changes: Sequence[Change] = (),
     cores: int | None = None,
+    device: Literal["cpu", "cuda"] = "cpu",
 ) -> RollOuts:
     """Return a run for each parameter set, start and command, computed on all cores.
 
@@ -172,7 +174,17 @@ def rollouts(
         One a member.
     cores : int, optional
         Threads to use; all cores if absent.
+    device : str
+        'cuda' computes them side by side on a graphics processor; needs the extra 'cuda'.  Sines and cosines are those
+        of its library, so numbers differ from those of the processor in the last digits.
+
+    Raises
+    ------
+    StudyError
+        There is no such device, or the machine cannot run on it.
     """
+    if device not in ("cpu", "cuda"):
+        raise StudyError(f"device {device!r}: expected 'cpu' or 'cuda'")
     settings = several("settings", settings, "a list of settings, one a member")
     count = len(settings)
     for name, given in (("starts", starts), ("commands", commands)):
@@ -190,6 +202,11 @@ def rollouts(
         )
         for i in range(count)
     ]
+    if device == "cuda":
+        from mech_twin.engine.graphics_run import run_on_graphics_processor
+
+        found = run_on_graphics_processor([member.plan() for member in asked])
+        return RollOuts(tuple(member.named(run) for member, run in zip(asked, found, strict=True)))
     ended = Event()
 
     def between() -> None:
@@ -197,7 +214,7 @@ def rollouts(
             raise CancelledError
 
     with ThreadPoolExecutor(max(1, cores or available_cores())) as pool:
-        waiting = [pool.submit(member, between) for member in asked]
+        waiting = [pool.submit(member.computed, between) for member in asked]
         try:
             return RollOuts(tuple(member.result() for member in waiting))
         except BaseException:  # Ctrl-C, or a failed member: stop the others
@@ -229,6 +246,22 @@ def live_keys(parameters: Parameters) -> list[str]:
     return [key for key, _ in live_numbers(parameters)]
 
 
+@dataclass(frozen=True)
+class _Member:
+    """A roll-out to be computed: its plan, made when it is, the name of its machine, the units of its columns."""
+
+    plan: Callable[[], RunPlan]
+    name: str
+    units: Mapping[str, str]
+
+    def computed(self, between: Callable[[], None]) -> NamedRollOut:
+        return self.named(self.plan().computed(between))
+
+    def named(self, found: RollOut) -> NamedRollOut:
+        parts = {part.name: getattr(found, part.name) for part in fields(found)}
+        return NamedRollOut(**parts, name=self.name, units=self.units)
+
+
 def _member(
     machine: str | Machine,
     parameters: Parameters | Mapping[str, Any] | None,
@@ -237,8 +270,8 @@ def _member(
     start: Frame | None,
     command: Profile,
     changes: Sequence[Change],
-) -> Callable[[Callable[[], None]], NamedRollOut]:
-    """Return a function that computes one roll-out, with its machines already built."""
+) -> _Member:
+    """Return one roll-out that is ready to be computed, its machines built."""
     base = _built(machine, parameters)
     units = shown_units(base)
     machines, known = [], base.parameters
@@ -247,12 +280,7 @@ def _member(
         known = changed(base.name, known, change, source) if isinstance(change, Mapping) else change
         machines.append((time_s, catalogue_entry(base.name).build(known)))
 
-    def compute(between: Callable[[], None]) -> NamedRollOut:
-        found = roll_out(base, duration_s, columns, start, command, machines, between)
-        parts = {part.name: getattr(found, part.name) for part in fields(found)}
-        return NamedRollOut(**parts, name=base.name, units=units)
-
-    return compute
+    return _Member(partial(planned, base, duration_s, columns, start, command, machines), base.name, units)
 
 
 def _built(machine: str | Machine, parameters: Parameters | Mapping[str, Any] | None) -> Machine:

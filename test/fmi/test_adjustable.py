@@ -14,8 +14,7 @@ from mech_twin.declarations.configuration_tree import (
     merged_tree,
     tree_from_flat,
 )
-from mech_twin.engine.compiled_machine import compiled_machine
-from mech_twin.fmi.step_object import packed_models
+from mech_twin.engine.compiled_machine import compiled_machine, packed_models
 from mech_twin.fmi.unit_variables import unit_of
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry, validated

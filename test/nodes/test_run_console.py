@@ -18,7 +18,7 @@ from catalogue import NAMES, built
 from mech_twin.engine.run import frames
 from mech_twin.nodes.run.console import CLEAR, RunStatus, blow_rate
 from mech_twin.samples import Event
-from mech_twin.studies.run_metrics import RunMetrics
+from mech_twin.studies.simulation import RunMetrics
 
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 SPAWN = "import os, pty, sys; sys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))"

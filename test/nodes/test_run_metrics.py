@@ -9,7 +9,7 @@ import tracemalloc
 from catalogue import built
 
 from mech_twin.engine.run import frames
-from mech_twin.studies.run_metrics import KEPT_EVENTS, RunMetrics
+from mech_twin.studies.simulation import KEPT_EVENTS, RunMetrics
 
 MOST_BYTES = 64 * 2**20
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba.extending import intrinsic
 
-from mech_twin.engine.addresses import build, interpreted, number_of, place_of, types, value_at
+from mech_twin.engine.addresses import build, number_of, place_of, types, value_at
 from mech_twin.engine.hybrid.laws import (
     Array,
     Equations,
@@ -29,6 +29,7 @@ from mech_twin.engine.hybrid.laws import (
     pass_signal,
 )
 from mech_twin.engine.hybrid.motion import fill_rates, motion_rates
+from mech_twin.kernels.dispatcher import on_processor, overload
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 
 EVALUATE, RATES, SIGNALS, BEGIN, END, PASS, CHANGE, STRIKE, IMPACT = range(9)
@@ -129,18 +130,26 @@ class Declared(NamedTuple):
     equations: int
 
 
-@inline_kernel
-def _by_address(system: Any, at: Equations) -> Declared:
-    """Return a system as `Declared`, valid while the calling kernel runs."""
-    return Declared(entry_of(system, at), number_of(place_of(system)), number_of(place_of(at)))
-
-
-def _itself(system: Any, at: Equations) -> Any:
-    """Return the system: interpreted code has no addresses."""
+def at_address(system: Any, at: Equations, place: Any, equations: Any) -> Any:
+    """Return a system as `Declared` with the addresses given; itself where code has no addresses."""
     return system
 
 
-declared: Any = _itself if interpreted else _by_address
+@overload(at_address, forceinline=True)
+def _at_address(system: Any, at: Any, place: Any, equations: Any) -> Any:
+    def by_address(system: Any, at: Any, place: Any, equations: Any) -> Any:
+        return Declared(entry_of(system, at), number_of(place), number_of(equations))
+
+    def itself(system: Any, at: Any, place: Any, equations: Any) -> Any:
+        return system
+
+    return by_address if on_processor() else itself
+
+
+@inline_kernel
+def declared(system: Any, at: Equations) -> Any:
+    """Return a system as `Declared`, valid while the calling kernel runs; itself on a graphics processor."""
+    return at_address(system, at, place_of(system), place_of(at))
 
 
 @declares(evaluate, Declared)

@@ -107,7 +107,8 @@ def residuals(balance: StepBalance, begin_m_per_s: float, end_m_per_s: float) ->
         balance.drive_work_m2_per_s2 - balance.stop_loss_m2_per_s2
     )
     momentum_size = balance.momentum_size_m_per_s + abs(begin_m_per_s) + abs(end_m_per_s)
-    energy_size = balance.energy_size_m2_per_s2 + 0.5 * (begin_m_per_s**2 + end_m_per_s**2)
+    moved = begin_m_per_s * begin_m_per_s + end_m_per_s * end_m_per_s
+    energy_size = balance.energy_size_m2_per_s2 + 0.5 * moved
     return BalanceResiduals(
         momentum / momentum_size if momentum_size > LEAST_MOMENTUM else 0.0,
         energy / energy_size if energy_size > LEAST_ENERGY else 0.0,
@@ -228,9 +229,10 @@ def balance_after_event(
     duration = max(until - motion.tau_s - passed_s, 0.0)
     end_gap = gap_after(motion, system, until - motion.tau_s)[0] if event.kind == PHASE_CHANGE else 0.0
     balance = balance_after_piece(balance, a, duration, begin_gap, end_gap)
-    loss = 0.5 * (event.pre_m_per_s**2 - event.post_m_per_s**2)
+    loss = 0.5 * (event.pre_m_per_s * event.pre_m_per_s - event.post_m_per_s * event.post_m_per_s)
     if event.kind == CHATTER_END:
-        loss = 0.5 * motion.velocity_m_per_s**2  # what the last listed impact left, booked with the end
+        left = motion.velocity_m_per_s  # by the last listed impact, booked with the end
+        loss = 0.5 * (left * left)
     rest = a * duration if motion.mode == STUCK else 0.0
     return balance_after_stop(balance, event.impulse_per_mass + rest, loss), rest
 

@@ -21,11 +21,12 @@ the end of its travel.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.kernels.dispatcher import on_processor, overload
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, moving, striker
 from mech_twin.machines.mb10_breaker.state import BODY, BODY_RATE, CRANK, CRANK_RATE, TOOL_RATE
@@ -205,6 +206,25 @@ def strike_as_wave(
     return Blow(u, p, impulse, gained, loss - gained, collar, after, travel, left, plastic)
 
 
+def wave_blow(
+    b: Breaker, q: float, u: float, phi: float, p: float, tool_speed: float, rests: bool, seated: bool
+) -> Blow:
+    """Return `strike_as_wave`; on a graphics processor, which makes no cells of rods, nan."""
+    return strike_as_wave(b, q, u, phi, p, tool_speed, rests, seated)
+
+
+@overload(wave_blow)
+def _wave_blow(b: Any, q: Any, u: Any, phi: Any, p: Any, tool_speed: Any, rests: Any, seated: Any) -> Any:
+    def computed(b: Any, q: Any, u: Any, phi: Any, p: Any, tool_speed: Any, rests: Any, seated: Any) -> Any:
+        return strike_as_wave(b, q, u, phi, p, tool_speed, rests, seated)
+
+    def unknown(b: Any, q: Any, u: Any, phi: Any, p: Any, tool_speed: Any, rests: Any, seated: Any) -> Any:
+        nan = math.nan
+        return Blow(nan, nan, nan, nan, nan, nan, nan, nan, nan, False)
+
+    return computed if on_processor() else unknown
+
+
 @kernel
 def struck_tool(b: Breaker, y: Array, rests: bool, wave: bool) -> Blow:
     """Return an impact on the tool computed outside the loop: a stress wave, or with a body kept on its collar.
@@ -213,7 +233,7 @@ def struck_tool(b: Breaker, y: Array, rests: bool, wave: bool) -> Blow:
     """
     q, u, phi, p, w = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], y[TOOL_RATE]
     if wave:
-        return strike_as_wave(b, q, u, phi, p, w, rests, rests or w > 0.0)
+        return wave_blow(b, q, u, phi, p, w, rests, rests or w > 0.0)
     return strike(b, q, u, phi, p, w, True, 0.0, True)
 
 

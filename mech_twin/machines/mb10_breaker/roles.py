@@ -139,6 +139,11 @@ class BreakerLinkage(CompiledLinkage):
             }
         )
 
+    @property
+    def processor_only(self) -> str:
+        """Why its steps cannot run on a graphics processor; empty if they can."""
+        return "a blow as a wave makes the cells of its rods" if self._b.waves else ""
+
     @cached_property
     def model(self) -> LedBreaker:
         """Constants of the kernel."""

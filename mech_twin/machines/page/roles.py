@@ -277,6 +277,7 @@ class PageLinkage(CompiledLinkage):
     regimes: tuple[str, ...] = ("free", "contact")
     failures: tuple[str, ...] = FAILURES
     residual_limits: Mapping[str, float] = field(default_factory=lambda: LIMITS)
+    processor_only: str = "the mechanics of a page are generated for the processor"
 
     @property
     def step_s(self) -> float:  # type: ignore[override]

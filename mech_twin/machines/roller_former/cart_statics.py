@@ -21,7 +21,7 @@ Sources: LoveikinRoller2018 eqs. (10), (12)-(20), (30)-(39).  The term with e fo
 
 from __future__ import annotations
 
-from math import copysign, cos, pi, sin, sqrt
+from math import copysign, cos, floor, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -164,7 +164,7 @@ def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]
     low, high = -1e300, 1e300
     for cart in range(bank.offset_rad.size):
         offset = bank.offset_rad[cart]
-        half = np.floor((crank_rad + offset) / pi)
+        half = float(floor((crank_rad + offset) / pi))
         sides[cart] = 1.0 if half % 2.0 == 0.0 else -1.0
         low = max(low, half * pi - offset)
         high = min(high, (half + 1.0) * pi - offset)

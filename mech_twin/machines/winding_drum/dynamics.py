@@ -21,10 +21,8 @@ Unwinding (L = layer / (2 pi) > 0) by conservation of area R' = -L theta / R; wi
 
 from __future__ import annotations
 
-from math import cos, inf, isfinite, pi, sin, sqrt
+from math import ceil, cos, inf, isfinite, pi, sin, sqrt
 from typing import NamedTuple
-
-import numpy as np
 
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
@@ -116,8 +114,8 @@ def tangent_arm(p: Package, radius: float, phi: float) -> float:
 def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> tuple[float, float, float]:
     """Return the terms of d(omega)/dt (rad/s2): a/rho, theta^2 L/(rho^2 R), theta^2 e sin(phi)/rho^3."""
     rho = tangent_arm(p, radius, phi)
-    square = theta * theta
-    return a / rho, square * p.layer_m / (rho * rho * radius), square * p.eccentricity_m * sin(phi) / rho**3
+    square, cube = theta * theta, rho * (rho * rho)
+    return a / rho, square * p.layer_m / (rho * rho * radius), square * p.eccentricity_m * sin(phi) / cube
 
 
 @embedded_kernel
@@ -159,7 +157,7 @@ def rate_of_momentum(p: Package, wound: Wound, phi: float, theta: float, a: floa
     omega = theta / rho
     radius_rate = -p.layer_m * theta / radius
     rho_rate = radius_rate - p.eccentricity_m * sin(phi) * omega
-    inertia_rate = 2.0 * pi * p.density * p.width_m * radius**3 * radius_rate
+    inertia_rate = 2.0 * pi * p.density * p.width_m * (radius * (radius * radius)) * radius_rate
     return package_inertia(p, wound) * (a - omega * rho_rate) / rho + 0.5 * omega * inertia_rate
 
 
@@ -346,11 +344,12 @@ def advance_drum(
     room.tolerance[SPEED] = RELATIVE * (speed + 1e-6)
     work = RELATIVE * max(1.0, 0.5 * inertia * speed * speed, moved)
     room.tolerance[DRIVE_WORK], room.tolerance[GRAVITY_WORK], room.tolerance[FRICTION_LOSS] = work, work, work
-    pieces = max(1.0, np.ceil(speed * span / SURE_RAD))
-    if not pieces <= MOST_STEPS:
+    least = speed * span / SURE_RAD
+    if not least <= MOST_STEPS:
         return TOO_LONG
+    pieces = max(1, ceil(least))
     system, count, done = declared(motion, room.at), 0, 0.0
-    for piece in range(1, int(pieces) + 1):
+    for piece in range(1, pieces + 1):
         until = span * (piece / pieces)
         count = advance(system, done, until - done, y, regimes, room, log, count)
         if count < 0:

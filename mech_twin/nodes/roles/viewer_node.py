@@ -29,7 +29,7 @@ from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.samples import Drawing, Frame, Sample, Shape
-from mech_twin.studies.run_metrics import RunMetrics
+from mech_twin.studies.simulation import RunMetrics
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.scene import BenchScene
 from mech_twin.view.sending import LIVE

@@ -38,7 +38,7 @@ from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.samples import Frame, Sample, Shape
-from mech_twin.studies.run_metrics import RunMetrics
+from mech_twin.studies.simulation import RunMetrics
 
 if TYPE_CHECKING:
     from mech_twin.nodes.roles.viewer_node import ViewerNode

@@ -29,7 +29,7 @@ from mech_twin.measurements.units import sliding_in
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.samples import Event, Frame
-from mech_twin.studies.run_metrics import RunMetrics
+from mech_twin.studies.simulation import RunMetrics
 
 
 class TerminalKeys:
