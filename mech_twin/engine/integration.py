@@ -207,7 +207,7 @@ def step_error(system: Any, h: float, tolerance: Array, work: Workspace) -> floa
 def controlled_step(
     system: Any, t: float, y: Array, wanted: float, tolerance: Array, work: Workspace
 ) -> tuple[float, float]:
-    """Take a step of at most ``wanted`` whose error is within the tolerances; return it and the next to try (s).
+    """Take a step of at most ``wanted`` whose error is within the tolerances; return it (s) and that error.
 
     The step is 0 if none above `SHORTEST_S` is good.
     """
@@ -217,9 +217,16 @@ def controlled_step(
         finish_step(system, t, h, work)
         error = step_error(system, h, tolerance, work)
         if error <= 1.0:
-            return h, h * (5.0 if error < 1e-7 else min(5.0, max(0.3, 0.9 * error**exponent)))
+            return h, error
         h *= max(0.2, 0.9 * error**exponent) if math.isfinite(error) else 0.2
     return 0.0, 0.0
+
+
+@borrowing_kernel
+def following_step(system: Any, h: float, error: float) -> float:
+    """Return the step (s) to try after one of h (s) with an error within the tolerances."""
+    exponent = -1.0 / (method_of(system).error_order + 1.0)
+    return float(h * (5.0 if error < 1e-7 else min(5.0, max(0.3, 0.9 * error**exponent))))
 
 
 @borrowing_kernel

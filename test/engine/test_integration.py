@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 from mech_twin.engine.integration import (
     controlled_step,
     finish_step,
+    following_step,
     interpolate,
     prepare_dense_output,
     rates_of,
@@ -198,7 +199,8 @@ def test_next_step_is_that_whose_error_would_be_nine_tenths_of_the_tolerance_in_
     system, method, y, tolerance = planet(1.0), METHODS[planet], ellipse(0.3), np.full(4, 1e-8)
     work, h = workspace(method, 4), wanted
     start_step(system, 0.0, y, work)
-    taken, following = controlled_step(system, 0.0, y, wanted, tolerance, work)
+    taken, estimate = controlled_step(system, 0.0, y, wanted, tolerance, work)
+    following = following_step(system, taken, estimate)
     for _ in range(20):
         error = step_error(system, h, tolerance, finished_step(system, method, 0.0, y, h))
         change = math.inf if error == 0.0 else 0.9 * math.exp(-math.log(error) / (method.error_order + 1))
@@ -250,7 +252,8 @@ def test_controlled_steps_keep_their_tolerance(planet, tolerance):
     steps = 0
     while t < 6.0:
         start_step(system, t, y, work)
-        taken, h = controlled_step(system, t, y, min(h, 6.0 - t), np.full(4, tolerance), work)
+        taken, error = controlled_step(system, t, y, min(h, 6.0 - t), np.full(4, tolerance), work)
+        h = following_step(system, taken, error)
         assert taken > 0.0
         y, t, steps = work.end.copy(), t + taken, steps + 1
     assert np.abs(y - ellipse(6.0)).max() <= 100.0 * tolerance

@@ -22,6 +22,7 @@ from mech_twin.engine.integration import (
     Workspace,
     controlled_step,
     finish_step,
+    following_step,
     interpolate,
     method_of,
     prepare_dense_output,
@@ -328,23 +329,25 @@ def advance_piece(
         start_step(whole, t + done, y, work)
         read_signals(whole, t + done, y, search.start, search.start_rate)
         flight = max(shortest_flight(whole, search), SOON * wanted)
-        h, trial = 0.0, min(wanted, left - done, BEYOND * flight)
-        following = trial
+        h, trial, error = 0.0, min(wanted, left - done, BEYOND * flight), 0.0
         piece = light if trial < SHORT * wanted else whole
         if trial > SHORTEST_S:
-            h, following = controlled_step(piece, t + done, y, trial, tolerance, work)
+            h, error = controlled_step(piece, t + done, y, trial, tolerance, work)
+        tried = h
         if h == 0.0:
-            h, following = min(trial, SHORTEST_S), 10.0 * SHORTEST_S
+            h = min(trial, SHORTEST_S)
             take_step(piece, t + done, y, h, work)
             finish_step(piece, t + done, h, work)
-        if h < trial or following > wanted:  # a step cut short by the end does not lower the next
-            wanted = following
         for i in range(len(y)):
             if not math.isfinite(work.end[i]):
                 return done, wanted, NOTHING, -1
         read_signals(piece, t + done + h, work.end, search.end, search.end_rate)
         which, share = first_signal(piece, t + done, y, h, work, search)
-        rest = 0.0
+        rest, ends = 0.0, which == NOTHING and left - (done + h) <= 1e-15 * left
+        if not ends:
+            following = following_step(piece, tried, error) if tried > 0.0 else 10.0 * SHORTEST_S
+            if tried < trial or following > wanted:  # a step cut short by the end does not lower the next
+                wanted = following
         if which != NOTHING:
             if share == 0.0:
                 piece_rates(piece, t + done, y, search.rate)
@@ -356,6 +359,6 @@ def advance_piece(
             return min(done, left), wanted, which, steps
         for i in range(len(search.at_root)):
             search.at_root[i] = 0.0
-        if left - done <= 1e-15 * left:
+        if ends:
             return left, wanted, NOTHING, steps
     return done, wanted, NOTHING, -2

@@ -15,6 +15,7 @@ from mech_twin.engine.compiled_steps import Work, force_step, step_of
 from mech_twin.engine.crank_linkage import CrankForces, CrankLinkage, route_miss
 from mech_twin.engine.crank_state import NO_FRICTION, Boundary, Resisting, ShaftFriction, Transmission, memory_of
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array
+from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.machines.compaction_press.cycle import gains, regime_at
 from mech_twin.machines.compaction_press.dynamics import (
     COMPACTED,
@@ -66,7 +67,7 @@ class LoadedPress(NamedTuple):
     moment_scale_nm: float
 
 
-@step_of(force_step, LoadedPress)
+@step_of(force_step, LoadedPress, borrowing_kernel)
 def press_forces(
     model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:

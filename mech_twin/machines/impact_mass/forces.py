@@ -41,7 +41,7 @@ from mech_twin.engine.sample_vectors import (
     EventLayout,
     ForceLayout,
 )
-from mech_twin.kernels.kernel import kernel
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.impact_mass.dynamics import IMPACT, KIND_NAMES, STUCK
 from mech_twin.machines.impact_mass.roles import memory_of
 from mech_twin.machines.impact_mass.step import CONTACTS
@@ -157,7 +157,7 @@ def hardest_contact(model: Stop, memory: Any, log: Array, count: int) -> Contact
     )
 
 
-@step_of(force_step, Stop)
+@step_of(force_step, Stop, borrowing_kernel)
 def stop_reaction(
     model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:
@@ -182,7 +182,8 @@ def stop_reaction(
         contact.contact_time_s,
         contact.loss_j,
     )
-    out[:] = 0.0
+    for i in range(len(out)):
+        out[i] = 0.0
     out[PINS] = -reaction if reaction != 0.0 else 0.0
     for i in range(len(values)):
         out[PINS + 3 + i] = values[i]

@@ -314,7 +314,7 @@ def largest_moment(b: Breaker, found: PinForces) -> float:
     )
 
 
-@step_of(force_step, LoadedBreaker)
+@step_of(force_step, LoadedBreaker, borrowing_kernel)
 def breaker_forces(
     model: LoadedBreaker, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:

@@ -385,7 +385,7 @@ def room_of_forces(model: PageForces) -> tuple[int, int]:
     return len(model.machine.tolerance), model.machine.system.law_count + model.machine.system.switches
 
 
-@step_of(force_step, PageForces)
+@step_of(force_step, PageForces, borrowing_kernel)
 def page_forces(
     model: PageForces, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:

@@ -149,16 +149,16 @@ def fill_carts(former: Former, y: Array, modes: Modes, out: Array) -> float:
     worst = 0.0
     for cart in range(bank.offset_rad.size):
         psi = now.crank_rad + bank.offset_rad[cart]
-        sine, cosine = np.sin(psi), np.cos(psi)
+        sine, cosine = math.sin(psi), math.cos(psi)
         motion = cart_motion(bank, sine, cosine)
         load = cart_load(bank, cart, now.crank_rad, direction)
         arm = bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
         pull = load.rod_force_n if load.moment_nm * arm * load.rod_force_n >= 0.0 else -load.rod_force_n
         out[at], out[at + 1] = motion.x, motion.x1 * now.crank_speed_rad_per_s
         out[at + 2] = pull * motion.rod_cosine * share
-        out[at + 3], out[at + 5] = np.arcsin(motion.rod_sine), 0.0
+        out[at + 3], out[at + 5] = math.asin(motion.rod_sine), 0.0
         out[at + 4] = bank.ratio * cosine / motion.rod_cosine * now.crank_speed_rad_per_s
-        length = np.hypot(motion.x - bank.crank_m * cosine, bank.crank_m * sine)
+        length = math.hypot(motion.x - bank.crank_m * cosine, bank.crank_m * sine)
         worst = max(worst, abs(length / bank.rod_m - 1.0))
         at += 6
     return worst

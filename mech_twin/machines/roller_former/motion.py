@@ -36,8 +36,9 @@ FAR_RAD = 1e300
 CRANK, TWIST, SPEED, DRIVE = 0, 1, 2, DRIVE_SPEED  # places in the state
 CRANK_LAW, DRIVE_LAW, LOAD_ON, IS_SLOW, IS_STALLED = range(5)  # places in the regimes
 SIDE_AHEAD, SIDE_BEHIND, ENGAGES, CROSSES, IN_FULL, STALLS, STOPS = range(7)  # own signals
-SHARE, SLOW_S, SINCE_S, LOW_RAD, HIGH_RAD, PASSED = range(6)  # kept from piece to piece
-OWN_SIGNALS, KEPT = 7, 6
+# kept from piece to piece; the whole load (N m) of the instant evaluated last
+SHARE, SLOW_S, SINCE_S, LOW_RAD, HIGH_RAD, PASSED, LOAD, KEPT = range(8)
+OWN_SIGNALS = 7
 LAWS = 2
 
 
@@ -89,6 +90,7 @@ def evaluate_former(motion: FormerMotion, t: float, y: Array, regimes: Indices, 
     bank, direction = former.bank, sense_of(regimes[CRANK_LAW])
     share = load_share(motion, t, regimes)
     inertia, slope, full = shaft_terms(bank, crank, motion.sides, direction if direction != 0.0 else 1.0)
+    motion.kept[LOAD] = full
     transmitted = former.stiffness_nm_per_rad * twist + former.damping_nms_per_rad * (first - w)
     at.mass[0, 0], at.mass[1, 1] = inertia, former.motor_inertia_kg_m2
     at.directions[CRANK_LAW, 0], at.directions[DRIVE_LAW, 1] = 1.0, 1.0
@@ -122,7 +124,7 @@ def accumulate_work(motion: FormerMotion, t: float, y: Array, regimes: Indices, 
     moment = at.force[1] + former.stiffness_nm_per_rad * y[TWIST] + damping + at.multiplier[DRIVE_LAW]
     friction = former.viscous_nms_per_rad * w
     if regimes[CRANK_LAW] == OPEN:
-        load = load_share(motion, t, regimes) * shaft_terms(former.bank, y[CRANK], motion.sides, 1.0)[2]
+        load = load_share(motion, t, regimes) * motion.kept[LOAD]
     else:
         coulomb = former.coulomb_nm * sense_of(regimes[CRANK_LAW])
         load = -at.multiplier[CRANK_LAW] - coulomb

@@ -11,6 +11,7 @@ the guide reactions is shown in them and its friction neglected, as in (40).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -102,7 +103,7 @@ def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float,
     bank = former.bank
     inertia, slope, load = bank.crank_inertia_kg_m2, 0.0, 0.0
     for cart in range(pulls.size):
-        sine, cosine = np.sin(crank + bank.offset_rad[cart]), np.cos(crank + bank.offset_rad[cart])
+        sine, cosine = math.sin(crank + bank.offset_rad[cart]), math.cos(crank + bank.offset_rad[cart])
         motion = cart_motion(bank, sine, cosine)
         inertia += bank.mass_kg[cart] * motion.x1 * motion.x1
         slope += bank.mass_kg[cart] * motion.x1 * motion.x2
@@ -131,7 +132,7 @@ def fill_cart_forces(
     for cart in range(pulls.size):
         mass, half = bank.mass_kg[cart], bank.rod_half_kg[cart]
         psi = crank + bank.offset_rad[cart]
-        sine, cosine = np.sin(psi), np.cos(psi)
+        sine, cosine = math.sin(psi), math.cos(psi)
         motion = cart_motion(bank, sine, cosine)
         inertia_x = mass * (motion.x1 * acceleration + motion.x2 * speed * speed)
         force = (pulls[cart] - inertia_x) / motion.rod_cosine
@@ -220,7 +221,7 @@ def room_of_forces(model: LoadedFormer) -> tuple[int, int]:
     return 6 * model.former.bank.offset_rad.size, 0
 
 
-@step_of(force_step, LoadedFormer)
+@step_of(force_step, LoadedFormer, borrowing_kernel)
 def fill_forces(
     model: LoadedFormer, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:
@@ -243,7 +244,8 @@ def fill_forces(
     for cart in range(carts):
         weight = former.bank.rod_half_kg[cart] * former.bank.gravity_m_per_s2
         pin_x, pin_y = forces.crank_pin_x[cart], forces.crank_pin_y[cart]
-        out[at : at + 12] = 0.0
+        for i in range(12):
+            out[at + i] = 0.0
         out[at], out[at + 1] = pin_x, pin_y
         out[at + 3], out[at + 4] = -pin_x, -(pin_y + weight)
         out[at + 7], out[at + 10] = -forces.front[cart], -forces.rear[cart]

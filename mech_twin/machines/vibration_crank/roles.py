@@ -26,6 +26,7 @@ from mech_twin.engine.crank_state import (
     under_load_share,
 )
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS
+from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.machines.vibration_crank.slider_crank import (
     FINITE_ROD,
     SliderCrank,
@@ -60,7 +61,7 @@ class LoadedCrank(NamedTuple):
     moment_scale_nm: float
 
 
-@step_of(force_step, LoadedCrank)
+@step_of(force_step, LoadedCrank, borrowing_kernel)
 def crank_forces(
     model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:

@@ -226,7 +226,7 @@ def drum_step(
     return count
 
 
-@step_of(force_step, LoadedDrum)
+@step_of(force_step, LoadedDrum, borrowing_kernel)
 def drum_forces(
     model: LoadedDrum, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:

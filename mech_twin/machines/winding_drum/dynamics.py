@@ -113,9 +113,9 @@ def tangent_arm(p: Package, radius: float, phi: float) -> float:
 @embedded_kernel
 def speed_terms(p: Package, radius: float, phi: float, theta: float, a: float) -> tuple[float, float, float]:
     """Return the terms of d(omega)/dt (rad/s2): a/rho, theta^2 L/(rho^2 R), theta^2 e sin(phi)/rho^3."""
-    rho = tangent_arm(p, radius, phi)
+    rho, sine = tangent_arm(p, radius, phi), sin(phi)  # one call gives sine and cosine, with no division between them
     square, cube = theta * theta, rho * (rho * rho)
-    return a / rho, square * p.layer_m / (rho * rho * radius), square * p.eccentricity_m * sin(phi) / cube
+    return a / rho, square * p.layer_m / (rho * rho * radius), square * p.eccentricity_m * sine / cube
 
 
 @embedded_kernel
@@ -242,10 +242,11 @@ def accumulate_work(motion: DrumSystem, t: float, y: Array, regimes: Indices, at
     p, phi, omega = motion.package, y[ANGLE], y[SPEED]
     if regimes[YARN_ON] == 1:
         wound, theta = wound_after(p, motion.first, yarn_run(motion, t)), yarn_speed(motion, t)
-        omega = theta / tangent_arm(p, wound.radius_m, phi)
+        gravity, arm = gravity_moment(p, wound, phi), tangent_arm(p, wound.radius_m, phi)
+        omega = theta / arm
         out[ANGLE] = omega
         out[DRIVE_WORK] = drive_torque(p, wound, phi, theta, motion.acceleration_m_per_s2) * omega
-        out[GRAVITY_WORK] = gravity_moment(p, wound, phi) * omega
+        out[GRAVITY_WORK] = gravity * omega
         out[FRICTION_LOSS] = -sliding_torque(p.coulomb_nm, p.viscous_nms_per_rad, omega, 1.0) * omega
         return
     out[DRIVE_WORK], out[GRAVITY_WORK] = 0.0, gravity_moment(p, motion.last, phi) * omega
