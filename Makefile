@@ -142,7 +142,7 @@ $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/b
 	touch $@
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
-	@echo "installing 2.2 GB of packages into $(VENV), which takes some minutes the first time"
+	@echo "installing 2.3 GB of packages into $(VENV), which takes some minutes the first time"
 	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,life,$(if $(filter jazzy,$(ROS)),cuda$(comma))test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules

@@ -41,6 +41,7 @@ EXPECTED = "expected a machine that a graphics processor can run, or device 'cpu
 STEP_EVENTS = 32  # rows of the table of events of a step
 RUN_EVENTS = 2 * STEP_EVENTS  # rows of the table of events of a run, emptied when it is full: those of linkage and body
 BLOCK = 256  # steps of a launch
+MOST_MEMBERS = 16_384  # at once: their tables of events and columns are in the memory of the graphics processor
 THREADS = 64  # that share a processor, each with the constants of a machine
 TOO_MANY = f"more than {STEP_EVENTS} events in a step; expected fewer, or device 'cpu'"
 
@@ -118,7 +119,8 @@ def run_on_graphics_processor(plans: Sequence[RunPlan]) -> list[RollOut]:
                 key = kernel_of(member.view), len(member.stretch.targets)
                 groups.setdefault(key, []).append(member)
         for (kernel, steps), members in groups.items():
-            _run_stretch(card, kernel, steps, members)
+            for begin in range(0, len(members), MOST_MEMBERS):
+                _run_stretch(card, kernel, steps, members[begin : begin + MOST_MEMBERS])
     return [run.told() for run in runs]
 
 
