@@ -16,11 +16,12 @@ from engine.graphics_cases import CASES, numbers_of
 
 import mech_twin as mt
 from mech_twin.engine.compiled_machine import compiled_machine
-from mech_twin.engine.graphics_run import NONE_HERE, kernel_function, kernel_of
+from mech_twin.engine.graphics_run import NEEDS, NONE_HERE, kernel_function, kernel_of
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine
 
+pytest.importorskip("numba_cuda")
 PROGRAM = Path(__file__).with_name("graphics_cases.py")
 
 
@@ -100,3 +101,10 @@ def test_without_a_graphics_processor_one_line_says_so() -> None:
     with pytest.raises(StudyError) as refused:
         mt.rollouts("winding_drum", 0.01, [{}], device="cuda")
     assert str(refused.value) == NONE_HERE
+
+
+def test_without_the_package_one_line_says_which_extra_brings_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "numba_cuda", None)
+    with pytest.raises(StudyError) as refused:
+        mt.rollouts("winding_drum", 0.01, [{}], device="cuda")
+    assert str(refused.value) == NEEDS
