@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mech_twin.engine.addresses import view_as
-from mech_twin.engine.compiled_machine import CompiledMachine, packed_models
+from mech_twin.engine.compiled_machine import CompiledMachine, PackedModels, packed_models
 from mech_twin.engine.compiled_roles import failed
 from mech_twin.engine.compiled_steps import (
     ALL_EVENTS,
@@ -69,10 +69,11 @@ class MemberKernel(NamedTuple):
 
 
 class Member(NamedTuple):
-    """A run, the machine of its present stretch, and that stretch."""
+    """A run, the machine of its present stretch with its constants packed, and that stretch."""
 
     run: CompiledRun
     view: CompiledMachine
+    packed: PackedModels
     stretch: Stretch
 
 
@@ -115,19 +116,23 @@ def run_on_graphics_processor(plans: Sequence[RunPlan]) -> list[RollOut]:
         groups: dict[tuple[MemberKernel, int], list[Member]] = {}
         for run in runs:
             if run.error is None:
-                member = Member(run, run.plan.compiled[which], run.stretches[which])
-                key = kernel_of(member.view), len(member.stretch.targets)
+                view = run.plan.compiled[which]
+                member = Member(run, view, packed_models(view.models), run.stretches[which])
+                key = kernel_of(view, member.packed), len(member.stretch.targets)
                 groups.setdefault(key, []).append(member)
         for (kernel, steps), members in groups.items():
             for begin in range(0, len(members), MOST_MEMBERS):
-                _run_stretch(card, kernel, steps, members[begin : begin + MOST_MEMBERS])
-    return [run.told() for run in runs]
+                group = MemberGroup(card, kernel, members[begin : begin + MOST_MEMBERS])
+                for first in range(0, steps, BLOCK):
+                    group.advance(first, min(BLOCK, steps - first))
+                group.finish()
+    return [run.result() for run in runs]
 
 
-def kernel_of(machine: CompiledMachine) -> MemberKernel:
+def kernel_of(machine: CompiledMachine, packed: PackedModels) -> MemberKernel:
     """Return the kernel of a machine; it is that of all machines whose constants differ in their numbers alone."""
     models, at, widths, begin, marks = machine.models, machine.layout.places, machine.widths, 0, 0
-    packed, views, works = packed_models(models), [], []
+    views, works = [], []
     for shape in (
         (at.motor - at.linkage,), (at.end - at.body,), (at.end,), (STEP_EVENTS, widths.linkage),
         (STEP_EVENTS, widths.body), (STEP_EVENTS, LOAD_WIDTH),
@@ -160,55 +165,64 @@ def _compiled(card: Any, kernel: MemberKernel) -> Any:
     return card.jit(kernel_function(card, kernel))
 
 
-def _run_stretch(card: Any, kernel: MemberKernel, steps: int, members: Sequence[Member]) -> None:
-    """Advance runs through a stretch of some steps."""
-    runs, first = [member.run for member in members], members[0]
-    packs = [packed_models(member.view.models) for member in members]
-    constants = [
-        card.to_device(np.array([[*numbers, 0] for numbers in kind], dtype=dtype))
-        for kind, dtype in (
-            ([p.reals for p in packs], np.float64), ([p.wholes for p in packs], np.int64),
-            ([p.flags for p in packs], np.bool_),
-        )
-    ]  # fmt: skip
-    rows, worst = (card.to_device(np.stack(arrays)) for arrays in ([r.row for r in runs], [r.worst for r in runs]))
-    work = [
-        card.to_device(np.zeros((len(runs), size), dtype=dtype))
-        for size, dtype in ((kernel.numbers, np.float64), (kernel.marks, np.int64))
-    ]
-    table = np.zeros((len(runs), RUN_EVENTS, first.view.widths.table))
-    places = [card.to_device(array) for array in (first.run.picked, first.view.residual_places)]
-    launch = _compiled(card, kernel)[-(-len(runs) // THREADS), THREADS]
-    began, state = np.array([run.step for run in runs]), np.zeros((len(runs), 4), dtype=np.int64)
-    kept: list[list[Array]] = [[np.empty((0, table.shape[2]))] for _ in runs]
-    done = np.zeros(len(runs), dtype=np.int64)
-    for begin in range(0, steps, BLOCK):
-        size = min(BLOCK, steps - begin)
-        targets = card.to_device(np.stack([m.stretch.targets[begin : begin + size] for m in members]))
-        columns = card.to_device(np.zeros((len(runs), size, len(first.run.picked))))
-        begun: Indices = np.where(state[:, 2] == DONE, 0, size)
-        while (begun < size).any():
-            ends, tables, asked = card.to_device(state), card.to_device(table), begun < size
-            launch(
-                *constants, card.to_device(began + begin), card.to_device(begun), targets, rows, places[0], columns,
-                places[1], worst, *work, tables, ends,
+class MemberGroup:
+    """Members with the same kernel in a stretch, and their numbers on the graphics processor."""
+
+    def __init__(self, card: Any, kernel: MemberKernel, members: Sequence[Member]) -> None:
+        count, run, view = len(members), members[0].run, members[0].view
+        packs, send = [member.packed for member in members], card.to_device
+        self._card, self._members = card, members
+        self._constants = [  # one number more, for none would be no array
+            send(np.array([[*numbers, 0] for numbers in kind], dtype=dtype))
+            for kind, dtype in (
+                ([p.reals for p in packs], np.float64), ([p.wholes for p in packs], np.int64),
+                ([p.flags for p in packs], np.bool_),
+            )
+        ]  # fmt: skip
+        self._rows = send(np.stack([member.run.row for member in members]))
+        self._worst = send(np.stack([member.run.worst for member in members]))
+        self._work = send(np.zeros((count, kernel.numbers))), send(np.zeros((count, kernel.marks), dtype=np.int64))
+        self._picked, self._residuals = send(run.picked), send(view.residual_places)
+        self._table = np.zeros((count, RUN_EVENTS, view.widths.table))
+        self._launch = _compiled(card, kernel)[-(-count // THREADS), THREADS]
+        self._first = np.array([member.run.step for member in members])
+        self._done = np.zeros(count, dtype=np.int64)
+        self._ends = [(DONE, 0)] * count  # what failed, and its status
+        self._events: list[list[Array]] = [[self._table[0, :0]] for _ in members]
+
+    def advance(self, first: int, size: int) -> None:
+        """Advance the members that have not failed by some steps, the first ``first`` steps after the stretch began."""
+        members, send = self._members, self._card.to_device
+        targets = send(np.stack([m.stretch.targets[first : first + size] for m in members]))
+        columns = send(np.zeros((len(members), size, len(members[0].run.picked))))
+        begun: Indices = np.array([0 if failed == DONE else size for failed, _ in self._ends])
+        while (begun < size).any():  # again, where a table of events was full
+            tables, ends = send(self._table), send(np.zeros((len(members), 4), dtype=np.int64))
+            self._launch(
+                *self._constants, send(self._first + first), send(begun), targets, self._rows, self._picked, columns,
+                self._residuals, self._worst, *self._work, tables, ends,
             )  # fmt: skip
-            told, rows_told = ends.copy_to_host(), tables.copy_to_host()
-            for i in np.flatnonzero(asked).tolist():
-                kept[i].append(rows_told[i, : told[i, 0]].copy())
-                done[i] += told[i, 1]
-                full = told[i, 2] == TOO_SHORT and told[i, 3] == ALL_EVENTS
-                begun[i] = begun[i] + told[i, 1] if full or told[i, 2] == DONE else size
-                state[i, 2:] = (DONE, 0) if full else told[i, 2:]
+            rows, numbers = tables.copy_to_host(), ends.copy_to_host().tolist()
+            for i in np.flatnonzero(begun < size).tolist():
+                count, steps, failed, status = numbers[i]
+                self._events[i].append(rows[i, :count].copy())
+                self._done[i] += steps
+                begun[i] += steps
+                if failed != DONE and (failed, status) != (TOO_SHORT, ALL_EVENTS):
+                    self._ends[i], begun[i] = (failed, status), size
         found = columns.copy_to_host()
-        for i, member in enumerate(members):
-            whole = min(size, int(done[i]) - begin)
-            if whole > 0:
-                member.stretch.columns[begin : begin + whole] = found[i, :whole]
-    for i, (member, row, most) in enumerate(zip(members, rows.copy_to_host(), worst.copy_to_host(), strict=True)):
-        member.run.row[:], member.run.worst[:], events = row, most, np.concatenate(kept[i])
-        end = RunEnd(events, len(events), int(done[i]), int(state[i, 2]), int(state[i, 3]))
-        member.run.take(member.view, end, _error(member, end))
+        for member, done, values in zip(members, self._done.tolist(), found, strict=True):
+            count = min(max(done - first, 0), size)
+            member.stretch.columns[first : first + count] = values[:count]
+
+    def finish(self) -> None:
+        """Give each run its row, its worst residuals, its events and its error."""
+        rows, worst = self._rows.copy_to_host(), self._worst.copy_to_host()
+        for i, member in enumerate(self._members):
+            member.run.row[:], member.run.worst[:] = rows[i], worst[i]
+            events = np.concatenate(self._events[i])
+            end = RunEnd(events, len(events), int(self._done[i]), *self._ends[i])
+            member.run.take(member.view, end, _error(member, end))
 
 
 def _error(member: Member, end: RunEnd) -> MotionError | None:

@@ -148,7 +148,7 @@ class RunPlan:
                         run.step, run.row, here.targets, run.picked, here.columns, run.worst, between
                     )
                     run.take(view, end, error)
-            return run.told()
+            return run.result()
         asked = self.targets.tolist() if isinstance(self.targets, np.ndarray) else self.targets
         if any(isinstance(target, EffortCommand) for target in asked):
             effort_limit(self.pieces[0].machine)
@@ -194,8 +194,8 @@ class CompiledRun:
         self._tables.append(end.events[: end.event_count])
         self.step, self._view, self.error = self.step + end.steps, view, error
 
-    def told(self) -> RollOut:
-        """Return the run as it is told."""
+    def result(self) -> RollOut:
+        """Return the run."""
         view, table, plan = self._view, np.concatenate(self._tables), self.plan
         columns = {name: self.columns[:, i] for i, name in enumerate(self.names)}
         final = view.frame(self.step, self.row, table) if self.step > plan.start.linkage.step else plan.start

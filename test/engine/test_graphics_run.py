@@ -15,7 +15,7 @@ import pytest
 from engine.graphics_cases import CASES, numbers_of
 
 import mech_twin as mt
-from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.engine.compiled_machine import compiled_machine, packed_models
 from mech_twin.engine.graphics_run import NEEDS, NONE_HERE, kernel_function, kernel_of
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
@@ -69,7 +69,7 @@ def test_the_steps_of_a_machine_compile_for_a_graphics_processor(name: str, monk
     signature = types.void(
         *constants, steps, steps, numbers, numbers, steps, tables, steps, numbers, numbers, whole, tables, whole
     )
-    kernel = kernel_function(cuda, kernel_of(compiled))
+    kernel = kernel_function(cuda, kernel_of(compiled, packed_models(compiled.models)))
     code, _ = cuda.compile(kernel, signature, device=False, abi="numba", cc=(9, 0), opt=False)
     assert ".target sm_90" in code
     assert ".visible .entry" in code
@@ -93,11 +93,8 @@ def test_what_a_graphics_processor_cannot_run_is_refused_in_one_line(
     assert "\n" not in str(refused.value)
 
 
-def test_without_a_graphics_processor_one_line_says_so() -> None:
-    from numba import cuda
-
-    if cuda.is_available():
-        pytest.skip("there is a graphics processor")
+def test_without_a_graphics_processor_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "-1")  # where there is one, it is not to be seen
     with pytest.raises(StudyError) as refused:
         mt.rollouts("winding_drum", 0.01, [{}], device="cuda")
     assert str(refused.value) == NONE_HERE
