@@ -28,8 +28,8 @@ from mech_twin.parameters.load import machine
 pytestmark = pytest.mark.usefixtures("ros_domain")
 FORMER = "roller_former"
 STUCK = {"friction.coulomb_nm": 1e6}
-CALM_S, STORM_S = 2.0, 6.0
-LEAST_SHARE = 0.25  # of the steps without the storm, which takes a core for itself
+STORM_S = 6.0
+MOST_CALLS_A_STEP = 20  # a pass of a node answers each of the three services once; a step takes a few passes
 FORECASTS_IN_A_HALT = 3.0  # the node beside others computes one; the test measures one by itself
 STORM = """
 import sys, time
@@ -137,9 +137,6 @@ def test_calls_without_end_from_another_process_do_not_stop_the_steps(machine: s
     with ProcessRun(machine, tmp_path) as run, ExitStack() as at_end:
         run.start_all(limit_s=120.0)
         run.steps(200)
-        calm = run.step
-        run.spin_for(CALM_S)
-        calm_per_s = (run.step - calm) / CALM_S
         command = [sys.executable, "-c", STORM, machine, str(STORM_S)]
         storm = at_end.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))
         at_end.callback(storm.kill)
@@ -150,11 +147,12 @@ def test_calls_without_end_from_another_process_do_not_stop_the_steps(machine: s
             run.spin_for(0.02)
             halts_s.append(time.monotonic() - last_s)
             last_s = last_s if run.step == before else time.monotonic()
-        assert int(storm.communicate()[0]) > 1000
+        calls = int(storm.communicate()[0])
+        assert calls > 1000
+        assert calls <= MOST_CALLS_A_STEP * (run.step - first)
         begun = time.monotonic()
         start_forecast(run.machine, run.machine.linkage.start(), 1.0)
         assert max(halts_s) < 1.0 + FORECASTS_IN_A_HALT * (time.monotonic() - begun)
-        assert run.step - first > LEAST_SHARE * calm_per_s * STORM_S
         run.steps(200)
 
 
