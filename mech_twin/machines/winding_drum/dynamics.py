@@ -30,7 +30,7 @@ from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.engine.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
 from mech_twin.parts.friction_and_gear import sliding_torque
 
@@ -40,6 +40,7 @@ SHAFT, YARN_ON = range(2)  # places in the regimes
 LAWS, OWN_SIGNALS = 1, 1
 RELATIVE = 1e-13  # error of a step over the size of what it integrates
 SURE_RAD = 0.5  # turned in a step: up to here the eighth order is right to about RELATIVE, whatever its estimate says
+SMALL_RAD = 0.03  # up to here the fifth order is
 END_KIND, STICK_KIND, RELEASE_KIND = 0, 1, 2
 PACKAGE_CONTACT, DRUM_CONTACT = 0, 1
 
@@ -331,7 +332,7 @@ def advance_drum(
     A step turns the drum by no more than `SURE_RAD`: the integrands vary almost only with its angle, so both error
     estimates can vanish together at some angles.
     """
-    p, room = motion.package, room_in(numbers, marks, 1, LAWS, OWN_SIGNALS, STATE_SIZE, DORMAND_PRINCE_8)
+    p = motion.package
     heavy = (
         wound_after(p, motion.first, min(yarn_run(motion, span), motion.left_m)) if p.layer_m < 0.0 else motion.first
     )
@@ -340,6 +341,8 @@ def advance_drum(
     if regimes[YARN_ON] == 1:
         yarn = max(motion.theta_m_per_s, yarn_speed(motion, span))
         speed = max(speed, yarn / (motion.first.radius_m - p.eccentricity_m))
+    method = DORMAND_PRINCE_5 if speed * span <= SMALL_RAD else DORMAND_PRINCE_8
+    room = room_in(numbers, marks, 1, LAWS, OWN_SIGNALS, STATE_SIZE, method)
     moved = (weight + p.coulomb_nm + p.viscous_nms_per_rad * speed) * speed * span
     room.tolerance[ANGLE] = max(RELATIVE * max(1.0, speed * span), 1e-15 * abs(y[ANGLE]))  # as many digits as it has
     room.tolerance[SPEED] = RELATIVE * (speed + 1e-6)
