@@ -33,7 +33,8 @@ ALONE := -n 2 --dist loadfile test $(addprefix --ignore=,$(QUIET) test/reliabili
 # and with nothing beside them
 FAULTS := test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
 PYTEST := $(BIN)/python -m pytest
-BESIDE := $(BIN)/python test/side_by_side.py
+# without site: what it starts finds the libraries of the distribution that it runs, not of this one
+BESIDE := $(BIN)/python -S test/side_by_side.py
 MAIN := not browser and not slow
 REST := not browser and slow
 ARGS ?=
