@@ -42,6 +42,7 @@ from mech_twin.engine.sample_vectors import (
     Places,
 )
 from mech_twin.kernels.cache import load, module_key, save
+from mech_twin.kernels.dispatcher import compiled_ahead
 from mech_twin.kernels.sources import is_known_module
 from mech_twin.mechanics.straight_line import Code
 
@@ -155,7 +156,7 @@ class StepCode:
 
     @cached_property
     def _compiled(self) -> _StepText:
-        """The step, compiled for this processor."""
+        """The step as intermediate code, optimised."""
         packed = self._packed
         named: dict[str, Any] = {
             "carray": _numba.carray, "empty": np.empty, "float64": np.float64, "int64": np.int64, "bool_": np.bool_,
@@ -165,16 +166,11 @@ class StepCode:
         exec(compile(self._source, "<entry of the unit>", "exec"), named)  # only numbers and names of this package
         pointer, whole, real = types.voidptr, types.int64, types.float64
         arguments = (pointer, pointer, pointer, whole, whole, real, pointer, pointer)
-        compiler = _numba.njit(
-            whole(*arguments), fastmath=False, _nrt=True, no_cpython_wrapper=True, no_cfunc_wrapper=True
-        )
-        for symbol, function in packed.generated.items():
-            llvm.add_symbol(symbol, function.address())  # for this process, which links the compiled code
-        found = compiler(named[SYMBOL]).overloads[arguments]
+        name, text = compiled_ahead(named[SYMBOL], whole, arguments)
         # unused exception texts contain file names of the exporting computer: blank them
-        text = _LONG_NAME.sub(_short_name, _PICKLED.sub(r"\1 zeroinitializer", found.library.get_llvm_str()))
+        text = _LONG_NAME.sub(_short_name, _PICKLED.sub(r"\1 zeroinitializer", text))
         generated = {symbol: function.code() for symbol, function in packed.generated.items()}
-        return _StepText(found.fndesc.llvm_func_name, text, generated)
+        return _StepText(name, text, generated)
 
     def _made(self, triple: str) -> ObjectFile:
         llvm.initialize_all_targets()

@@ -62,6 +62,26 @@ class IntermediateLibrary(_Library):  # type: ignore[misc]
         self._finalized = True
 
 
+class AheadLibrary(IntermediateLibrary):
+    """Code optimised for an object file; this process makes no machine code of it."""
+
+    _optimize_final_module = _Library._optimize_final_module
+
+
+def compiled_ahead(function: Callable[..., object], returned: Any, arguments: tuple[Any, ...]) -> tuple[str, str]:
+    """Return the name of a function in intermediate code, and the code, with all kernels that it calls."""
+    flags, target = compiler.Flags(), registry.cpu_target
+    target.options.parse_as_flags(flags, {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True})
+    flags.no_compile = True
+    with _lock:
+        library = AheadLibrary(target.target_context.codegen(), function.__qualname__)
+        found = compiler.compile_extra(
+            target.typing_context, target.target_context, function, arguments, returned, flags, {}, library
+        )
+        library.finalize()
+    return found.fndesc.llvm_func_name, library.get_llvm_str()
+
+
 class MachineLibrary(_Library):  # type: ignore[misc]
     """Machine code of a kernel, and its intermediate code for kernels that call it, parsed when the first does."""
 
