@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from catalogue import built
+from catalogue import WITH_BODY
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -26,7 +26,7 @@ def recorded_samples(name: str, bag: Path) -> dict[str, list[Any]]:
     """Return the samples of each step topic of a recording."""
     found: dict[str, list[Any]] = {}
     with BagReader(bag) as reader:
-        for topic in step_topics(built(name).body is not None):
+        for topic in step_topics(name in WITH_BODY):
             rows = reader.messages(topics=[full_name(name, topic)])
             decode = DECODERS[topic.name]
             found[topic.name] = [decode(deserialize_message(row.raw, JointState)) for row in rows]

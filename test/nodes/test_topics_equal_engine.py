@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from catalogue import NAMES, built
@@ -12,12 +14,25 @@ from step_samples import PARTS, recorded_samples
 from mech_twin.engine.run import frames
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.run.composition import Outcome, run_in_process, run_processes
+from mech_twin.parameters.load import machine
+from mech_twin.roles import Machine
 
 RUN_S = 0.4
 
 
-def assert_equal_engine(name: str, bag: Path, duration_s: float) -> None:
-    expected = list(frames(built(name), duration_s))
+# its lists are a vector and rows of a table, its groups hold empty ones
+PAGE = """
+name: block_in_soil
+gravity_m_per_s2: [0.0, -9.81]
+ground: {points_m: {soil: [0.0, 0.0]}}
+bodies: {block: {mass_kg: 5.0}}
+joints: {guide: {kind: slider, between: [ground, block], direction_deg: 90.0, start_m: 0.05, start_m_per_s: -2.0}}
+contacts: {soil: {point: block, line: ground.soil, normal_deg: 90.0, layer_m_n: [[0.0, 0.0], [0.1, 5000.0]]}}
+"""
+
+
+def assert_equal_engine(name: str, bag: Path, duration_s: float, machine: Machine | None = None) -> None:
+    expected = list(frames(machine or built(name), duration_s))
     for topic, samples in recorded_samples(name, bag).items():
         assert sorted({sample.step for sample in samples}) == list(range(len(expected))), topic
         for sample in samples:  # one that was asked again, when the machine stalled, stands there twice
@@ -43,3 +58,13 @@ def test_nodes_in_processes_of_their_own_equal_engine_to_the_bit(name: str, ros_
     options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
     run_processes(name, built(name).parameters, options, tmp_path / "bag", None)
     assert_equal_engine(name, tmp_path / "bag", RUN_S)
+
+
+@pytest.mark.parametrize("run", [run_in_process, pytest.param(run_processes, marks=pytest.mark.slow)])
+def test_a_page_over_topics_equals_engine_to_the_bit(run: Callable[..., Any], ros_domain: int, tmp_path: Path) -> None:
+    file = tmp_path / "block.yaml"
+    file.write_text(PAGE, encoding="utf-8")
+    block = machine(str(file))
+    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
+    run("page", block.parameters, options, tmp_path / "bag", None)
+    assert_equal_engine("page", tmp_path / "bag", RUN_S, block)

@@ -123,7 +123,7 @@ class PageRun:
             self._take(f"{name}_{{}}_{unit}", position)
             self._take(f"{name}_speed_{{}}_{unit}_per_s", speed)
         for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
-            self._take(f"{pin}_force_{{}}_n", hypot(wrench.force_x_n, wrench.force_y_n))
+            self._take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
         for name, value in frame.forces.quantities.as_dict().items():
             self._take(_with_place(name), value)
         for event in events:
@@ -167,10 +167,9 @@ class PageRun:
                 ]
                 out[f"last_{name}_striker_mass_change"] = masses[1] / masses[0] - 1.0
         for name, (least, most) in self._extremes.items():
-            if name.endswith("_force_{}_n"):
-                out[name.format("max")] = most
-                continue
-            out[name.format("min")], out[name.format("max")] = least, most
+            if "{}" in name:  # has a sign
+                out[name.format("min")] = least + 0.0  # no -0
+            out[name.format("max")] = most + 0.0
         out |= {f"run_{name}": value for name, value in self._work.items()}
         if span > 0.0:
             drives = (*self._shared.places.driven_names, *self._shared.places.motors)

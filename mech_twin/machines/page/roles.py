@@ -200,7 +200,9 @@ class PageModel:
         turns = {name: drive.turns for name, drive in self.page.drives.items()}
         efforts = [f"{name}_{'torque_nm' if turns[name] else 'force_n'}" for name in p.driven_names]
         names = [
-            *(f"{name}_regime_1" for name in (*p.laws, *p.switches)), *(f"{name}_work_j" for name in p.books),
+            *(f"{name}_regime_1" for name in p.laws),
+            *(f"{name}_{'layer' if name in p.laws else 'regime'}_1" for name in p.switches),  # a layer is a law's too
+            *(f"{name}_work_j" for name in p.books),
             *(f"{name}_gas_1" for name in p.gases),
             *map(acceleration, split.free), *(f"{n}_{'moment_nm' if of_law[n] else 'force_n'}" for n in p.laws),
             *efforts, *map(acceleration, split.driven),

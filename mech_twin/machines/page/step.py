@@ -327,6 +327,8 @@ def page_step(
     turned = linkage[held + 1]
     for k in range(model.books):
         turned += abs(y[len(y) - model.kept + k] - linkage[memory_place(model) + len(regimes) + k])
+    for k in range(2):  # kinetic and potential energy, which may cancel
+        turned = max(turned, abs(model.reported[2 * model.joints + k]))
     out[held], out[held + 1], out[held + 2] = begun, turned, energy
     fill_residuals(model, y, energy, begun, max(turned, abs(energy), abs(begun)), out)
     return count

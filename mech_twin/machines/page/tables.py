@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from mech_twin.mechanics.recording import Number, floor_of, larger
 
@@ -29,7 +29,13 @@ def _rising(rows: Rows) -> Rows:
     return rows
 
 
-TableRows = Annotated[Rows, AfterValidator(_rising)]
+def _in_rows(value: Any) -> Any:
+    """Return rows of two of the numbers of a ROS parameter, which holds no lists in a list."""
+    flat = isinstance(value, list | tuple) and len(value) % 2 == 0 and all(isinstance(x, int | float) for x in value)
+    return [*zip(value[::2], value[1::2], strict=True)] if flat else value
+
+
+TableRows = Annotated[Rows, BeforeValidator(_in_rows), AfterValidator(_rising)]
 
 
 def table(unit: str, meaning: str, **options: Any) -> Any:

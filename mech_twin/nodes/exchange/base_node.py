@@ -34,10 +34,10 @@ from mech_twin.nodes.exchange.counting import (
     array_message,
 )
 from mech_twin.nodes.exchange.hand_over import HandOver, Listener, ReceivedBytes, ReceivedStep, Step
-from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree
+from mech_twin.nodes.exchange.parameter_bridge import declare_machine, declared_tree, given_parameters
 from mech_twin.nodes.exchange.peers import new_source
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, machine_parameters, validated
+from mech_twin.parameters.load import PAGE, RUN_GROUP, catalogue_entry, machine_parameters, validated
 from mech_twin.process.terminal_output import printable
 
 
@@ -113,11 +113,12 @@ class TwinNode(Node):
         super().__init__(name, namespace=f"/{machine_name}")
         origin = f"parameters of node {name}"
         declare_machine(self, machine_name)
-        defaults = parameters or machine_parameters(machine_name)
+        entry = catalogue_entry(machine_name)
+        defaults = parameters or (given_parameters(self, entry) if entry is PAGE else machine_parameters(machine_name))
         tree = declared_tree(self, ("", defaults), (f"{RUN_GROUP}.", options or RunOptions()))
         self.machine_name = machine_name
         self.options = _options(tree.pop(RUN_GROUP), origin)
-        self.initial_parameters: Parameters = validated(catalogue_entry(machine_name), tree, origin)
+        self.initial_parameters: Parameters = validated(entry, tree, origin)
         self.done = False
         self.quiet = False
         self.time_s = 0.0

@@ -14,9 +14,9 @@ from rclpy.node import Node
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import Key, keys
-from mech_twin.parameters.load import MACHINE_KEY, is_of_ros
+from mech_twin.parameters.load import MACHINE_KEY, is_of_ros, validated
 
 UNBOUNDED = 1.7e308
 
@@ -108,6 +108,18 @@ def declare_machine(node: Node, machine_name: str) -> None:
     node.declare_parameter(MACHINE_KEY, machine_name, described)
 
 
+def given_parameters(node: Node, entry: Entry) -> Parameters:
+    """Return a configuration of which all keys were given to a node: that of a page, which no file has by its name.
+
+    Raises
+    ------
+    ConfigurationError
+        If the keys make no machine.
+    """
+    given = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+    return validated(entry, tree_from_flat(given), f"parameters of node {node.get_name()}")
+
+
 def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:
     """Declare every key on the node and return the values in force: defaults with the node's overrides.
 
@@ -137,8 +149,21 @@ def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]
     return tree_from_flat(flat)
 
 
+def ros_values(parameters: Parameters, prefix: str) -> dict[str, Any]:
+    """Return dotted keys that have a value, and the value as ROS parameters have it."""
+    return {key.name: _of_ros(key) for key in keys(parameters, prefix) if key.value is not None}
+
+
+def _of_ros(key: Key) -> Any:
+    """Return a value as a ROS parameter, which holds no lists in a list: the rows of a table one after another."""
+    value = key.value
+    if isinstance(value, list) and value and isinstance(value[0], tuple):
+        return [number for row in value for number in row]
+    return float(value) if _is_float(key.field.annotation) and isinstance(value, int) else value
+
+
 def _declare(node: Node, key: Key, override: Any) -> Any:
-    default = float(key.value) if _is_float(key.field.annotation) and isinstance(key.value, int) else key.value
+    default = _of_ros(key)
     if default is None:
         default = override.value
     try:

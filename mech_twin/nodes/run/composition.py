@@ -19,11 +19,11 @@ import rclpy
 import yaml
 from rclpy.signals import SignalHandlerOptions
 
-from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.assembly import FrameAssembler
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, run_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
+from mech_twin.nodes.exchange.parameter_bridge import ros_values
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.roles.answering_nodes import BodyNode, ForceNode, MotorNode
 from mech_twin.nodes.roles.frames_node import FramesNode
@@ -287,7 +287,7 @@ def _roster(has_body: bool, directory: Path | None, place: str | None) -> list[t
 
 
 def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptions) -> str:
-    tree = {MACHINE_KEY: machine_name, **configuration_tree(parameters), RUN_GROUP: configuration_tree(options)}
+    tree = {MACHINE_KEY: machine_name, **ros_values(parameters, ""), **ros_values(options, f"{RUN_GROUP}.")}
     return yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
 
 
