@@ -272,3 +272,9 @@ def test_two_runs_are_compared_and_drawn_side_by_side() -> None:
         same.plot()
     with pytest.raises(StudyError, match="expected one machine"):
         mt.compare(short, mt.simulate("winding_drum", 0.01))
+
+
+def test_a_page_is_a_path_or_its_text(tmp_path: Path) -> None:
+    file = tmp_path / "fall.yaml"
+    file.write_text("bodies: {m: {mass_kg: 1}}\njoints: {s: {kind: slider, between: [ground, m]}}\n", encoding="utf-8")
+    assert mt.simulate(file, 0.01).summary == mt.simulate(str(file), 0.01).summary

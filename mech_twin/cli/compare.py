@@ -55,8 +55,6 @@ def compare_sides(request: CompareVerb) -> None:
     Exit with 1 if a number differs by more than the tolerance, or a residual is broken.
     """
     picture, columns = request.picture, request.column
-    if picture is not None and picture.suffix not in (".png", ".svg"):
-        raise CommandError(f"--picture {picture}: expected a name that ends in .png or .svg")
     names = [_meant(request.first), _meant(request.second)]
     with ExitStack() as stack:
         overlay = None if request.view == NO_VIEW else Overlay(stack, request.view_port, names)

@@ -17,11 +17,19 @@ from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view
 from mech_twin.cli.machines import own_name
 from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
-from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.nodes.run.domain import DISCOVERY, OTHER_HOSTS, UnansweredError, run_namespace, settle_domain
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import PAGE, RUN_GROUP, assignments, catalogue_entry, is_page, run_group
+from mech_twin.parameters.load import (
+    PAGE,
+    RUN_GROUP,
+    assignments,
+    catalogue_entry,
+    is_page,
+    machine_parameters,
+    run_group,
+)
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
@@ -136,12 +144,24 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
     print_json({**head, "recording": directory, **sent})
 
 
+def _namespace_of(target: str) -> str:
+    """Return the namespace of a machine's nodes, from its name, its page or the namespace itself."""
+    from mech_twin.nodes.run.domain import run_namespace
+
+    if is_page(target):
+        return own_name(target, machine_parameters(target))
+    try:
+        return run_namespace("", target)
+    except ConfigurationError as error:
+        raise CommandError(f"{target}: expected a machine, a page, or a namespace such as hall/plant_2") from error
+
+
 def tell_nodes(request: TellVerb) -> None:
     """Tell the nodes and print what they answer."""
     settle_domain()
     from mech_twin.nodes.run.telling import ORDERS, tell
 
-    target, what, fault = request.target, request.what, request.fault
+    target, what, fault = _namespace_of(request.target), request.what, request.fault
     order = None if "=" in what[0] else what[0]
     if order is not None and (order not in ORDERS or len(what) > 1):
         raise CommandError(f"tell {' '.join(what)}: expected KEY=VALUE ..., or one of {', '.join(ORDERS)}")
@@ -150,7 +170,7 @@ def tell_nodes(request: TellVerb) -> None:
     try:
         say_result(tell(target, order, assignments(what) if order is None else {}, fault, request.wait_s))
     except UnansweredError as error:
-        raise CommandError(f"tell {target} {error}") from error
+        raise CommandError(f"tell {request.target} {error}") from error
 
 
 def serve_foxglove(request: FoxgloveVerb) -> None:
@@ -160,7 +180,7 @@ def serve_foxglove(request: FoxgloveVerb) -> None:
     from mech_twin.nodes.run.foxglove_server import FoxgloveServer
 
     try:
-        server = FoxgloveServer(request.target, request.port, commands=request.commands)
+        server = FoxgloveServer(_namespace_of(request.target), request.port, commands=request.commands)
     except OSError as error:
         raise CommandError(f"foxglove: {error}; choose another one with --port") from error
     watched = "clients watch; --commands lets them act"

@@ -43,7 +43,7 @@ def simulate_machine(request: SimulateVerb) -> None:
     books = None if request.energy is None else _energy_books(request, machine)
     with busy("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
-    changes = live_changes(request.change)
+    changes = live_changes(request.change, request.duration_s)
     changing = ChangingMachine(machine, changes)
     beside = None if request.one_step else _beside(machine, request.duration_s, changes)
     simulation = Simulation(machine)

@@ -237,7 +237,7 @@ class CompareVerb(Written, answer="compare:compare_sides"):
     duration_s: float | None = option(
         "time to simulate a configuration, s", unit="s", shown="that of the recording, else 3"
     )
-    picture: Path | None = option("picture (.png or .svg) of what differs", writes=(), extra="plots")
+    picture: Path | None = option("picture (.png or .svg) of what differs", writes=(".png", ".svg"), extra="plots")
     column: list[str] = option("column in the picture, again for more", [], shown="what differs most")
     view: Literal["web", "none"] = option("web: both in one view on the bench", "none")
     view_port: Port = 0
@@ -300,7 +300,7 @@ class CheckVerb(Written, answer="machines:check_page"):
     """Check a page: freedoms, loops, masses, contacts and the pose at the start."""
 
     page: str = argument("page (.yaml)", metavar="PAGE")
-    picture: Path | None = option("picture (.png or .svg) of the machine at its start", writes=())
+    picture: Path | None = option("picture (.png or .svg) of the machine at its start", writes=(".png", ".svg"))
 
 
 class FmuVerb(Configured, answer="machines:export_unit"):

@@ -23,7 +23,9 @@ _Dispatcher: Any = registry.CPUDispatcher
 _dispatchers: Any = dispatchers
 _FunctionCompiler: Any = _dispatchers._FunctionCompiler
 _Library: Any = codegen.JITCodeLibrary
+_compiler: Any = compiler
 _compile_result: Any = compiler.compile_result
+_cpu: Any = registry.cpu_target
 _lock: Any = compiler_lock.global_compiler_lock
 _normalize: Any = sigutils.normalize_signature
 _target: Any = target_extension
@@ -70,12 +72,12 @@ class AheadLibrary(IntermediateLibrary):
 
 def compiled_ahead(function: Callable[..., object], returned: Any, arguments: tuple[Any, ...]) -> tuple[str, str]:
     """Return the name of a function in intermediate code, and the code, with all kernels that it calls."""
-    flags, target = compiler.Flags(), registry.cpu_target
+    flags, target = _compiler.Flags(), _cpu
     target.options.parse_as_flags(flags, {"nopython": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True})
     flags.no_compile = True
     with _lock:
         library = AheadLibrary(target.target_context.codegen(), function.__qualname__)
-        found = compiler.compile_extra(
+        found = _compiler.compile_extra(
             target.typing_context, target.target_context, function, arguments, returned, flags, {}, library
         )
         library.finalize()

@@ -232,7 +232,10 @@ def shown_value(value: Any) -> str:
 def _expected(message: str, kind: str, unit: str) -> str:
     if kind in GROUPS:
         return "expected a group of keys"
-    said = f"{message[0].lower()}{message[1:]}"
+    if kind == "tuple_type":
+        return f"expected a list in brackets, [first, second]{f', in {unit}' if unit else ''}"
+    said = f"{message[0].lower()}{message[1:]}".replace("tuple should have", "expected")
+    said = said.removesuffix(" after validation").replace(" after validation, not ", ", got ")
     if not unit:
         return said
     return f"{said} {unit}" if kind in BOUNDS else f"{said}, in {unit}" if kind in NUMBERS else said

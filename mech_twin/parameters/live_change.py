@@ -51,7 +51,7 @@ class LiveChange(NamedTuple):
     until_s: float
 
 
-def live_changes(texts: Iterable[str]) -> list[LiveChange]:
+def live_changes(texts: Iterable[str], duration_s: float = math.inf) -> list[LiveChange]:
     """Return the changes written as ``KEY=VALUE@SECONDS`` or ``KEY=+-PERCENT%@SECONDS``, in order of time.
 
     ``@BEGIN..END`` instead of ``@SECONDS`` is a ramp.
@@ -59,9 +59,12 @@ def live_changes(texts: Iterable[str]) -> list[LiveChange]:
     Raises
     ------
     ConfigurationError
-        A text does not have this form.
+        A text does not have this form, or its change begins after ``duration_s``.
     """
-    return sorted(map(_change, texts), key=lambda change: change.time_s)
+    changes = sorted(map(_change, texts), key=lambda change: change.time_s)
+    if changes and changes[-1].time_s >= duration_s:
+        raise ConfigurationError(f"--change {changes[-1].text}: expected before the end at {duration_s:g} s")
+    return changes
 
 
 def _change(text: str) -> LiveChange:

@@ -99,9 +99,9 @@ def is_of_ros(key: str) -> bool:
     return key.partition(".")[0] in ROS_KEYS
 
 
-def is_page(name: str) -> bool:
+def is_page(name: str | os.PathLike[str]) -> bool:
     """Return whether a machine name is the path of a page."""
-    return isinstance(name, str) and name.endswith(PAGE_SUFFIXES)
+    return isinstance(name, str | os.PathLike) and str(name).endswith(PAGE_SUFFIXES)
 
 
 def catalogue_entry(name: str) -> Entry:
@@ -209,14 +209,17 @@ def configuration_text(path: Path) -> str:
 def text_tree(text: str, source: str) -> dict[str, Any]:
     """Return the parameters in the text of a parameter file; ``source`` is its name in error messages."""
     document = _text_document(text, source)
-    if isinstance(document, dict) and document.keys() >= PAGE_GROUPS:
+    if isinstance(document, dict) and document.keys() & PAGE_GROUPS:
         return document
     sections = document.values() if isinstance(document, dict) else ()
     trees = [
         section["ros__parameters"] for section in sections if isinstance(section, dict) and "ros__parameters" in section
     ]
     if not trees or not all(isinstance(tree, dict) for tree in trees):
-        raise ConfigurationError(f"{source}: expected a parameter file with '/**:' and below it 'ros__parameters:'")
+        raise ConfigurationError(
+            f"{source}: expected a page with bodies and joints, "
+            "or a parameter file with '/**:' and below it 'ros__parameters:'"
+        )
     merged: dict[str, Any] = {}
     for tree in reversed(trees):  # the first section is the more specific one and wins
         merged = merged_tree(merged, tree)

@@ -206,7 +206,7 @@ MISTAKES = {
         ["impct_mass: there is no such recording", "did you mean 'impact_mass'"],
     ),
     "negative tolerance": ("compare mb10 mb10 --tolerance -1", ["--tolerance", "greater than or equal to 0"]),
-    "comparison of no kind": ("compare mb10 mb10 --picture x.doc", ["--picture x.doc", ".png or .svg"]),
+    "comparison of no kind": ("compare mb10 mb10 --picture x.doc", ["x.doc", ".png or .svg"]),
     "view of no kind": ("view bag --save x.png", ["--save x.png", "expected a file NAME.rrd"]),
     "nothing to recover": ("recover nothing out", ["nothing: there is no such bag"]),
     "nobody to shadow": ("shadow mb10", ["missing option --from NAMESPACE"]),

@@ -17,6 +17,7 @@ from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.main import app
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import StudyError
+from mech_twin.files.output_file import OutputError
 from mech_twin.parameters.load import description, machine_parameters
 
 RUNNER = CliRunner()
@@ -275,3 +276,32 @@ def test_the_former_linkage_and_its_recordings_are_told_where_they_went(page, tm
     text = yaml.safe_dump({"machine": "planar_linkage", "/**": {"ros__parameters": former}})
     with pytest.raises(ConfigurationError, match="planar_linkage is a page now"):
         description(text)
+
+
+def test_a_picture_without_a_known_ending_overwrites_nothing(page, tmp_path):
+    for name in ("keep", "keep.bmp"):
+        with pytest.raises(OutputError, match=r"expected a name that ends in \.png or \.svg"):
+            answer("check", page, "--picture", tmp_path / name)
+    assert [file.name for file in tmp_path.iterdir()] == [page.name]
+
+
+def test_a_change_after_the_end_is_refused(page):
+    key = next(iter(yaml.safe_load(page.read_text(encoding="utf-8"))["springs"]))
+    with pytest.raises(ConfigurationError, match=r"expected before the end at 0\.1 s"):
+        answer("simulate", page, "--duration", "0.1", "--change", f"springs.{key}.rate_n_per_m=5000@0.1")
+
+
+def test_a_page_that_lacks_one_of_its_groups_is_told_which(page):
+    page.write_text(page.read_text(encoding="utf-8").replace("bodies:", "body:"), encoding="utf-8")
+    with pytest.raises(
+        ConfigurationError, match=r"key 'bodies' is missing; unknown group 'body'.*did you mean 'bodies'"
+    ):
+        answer("check", page)
+
+
+def test_an_angle_is_not_taken_for_the_travel_of_a_slider(page, tmp_path):
+    file = tmp_path / "slides.yaml"
+    joints = "joints: {s: {kind: slider, between: [ground, m]}}"
+    file.write_text(f"bodies: {{m: {{mass_kg: 1}}}}\n{joints}\n", encoding="utf-8")
+    with pytest.raises(StudyError, match="no turning joint"):
+        answer("analyse", file, "--crank-deg", "40")

@@ -49,3 +49,16 @@ def test_an_order_that_there_is_not_is_refused_with_those_that_there_are(ros_dom
     found = told("vibration_crank", "jump")
     assert found.returncode == 2
     assert "expected KEY=VALUE ..., or one of start, stop, reset" in found.stderr
+
+
+def test_a_page_is_told_by_its_path_and_no_other_text_is_a_namespace(ros_domain, tmp_path):
+    page = tmp_path / "fall.yaml"
+    page.write_text(
+        "name: fall\nbodies: {m: {mass_kg: 1}}\njoints: {s: {kind: slider, between: [ground, m]}}\n", encoding="utf-8"
+    )
+    absent = told(str(page), "start", "--wait", "0.1")
+    assert absent.returncode == 2
+    assert "/fall/start: nobody offers this service" in absent.stderr
+    wrong = told("my hammer", "start")
+    assert wrong.returncode == 2
+    assert wrong.stderr.startswith("mech-twin: my hammer: expected a machine, a page, or a namespace")

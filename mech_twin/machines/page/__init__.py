@@ -10,6 +10,7 @@ import numpy as np
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import StudyError
 from mech_twin.machines.page.drawing import PageDrawing
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import PageInstant
@@ -79,11 +80,20 @@ def start_numbers(shared: PageModel) -> dict[str, float]:
 
 
 def pose_numbers(shared: PageModel, angle: float) -> dict[str, Any]:
-    """Return joints and outputs with the first independent coordinate at a value, the others at their start values."""
+    """Return joints and outputs with the first independent turning joint at an angle, the others as at the start.
+
+    Raises
+    ------
+    StudyError
+        If no joint that turns is driven or free.
+    """
     assembly, places = shared.assembly, shared.places
     split = assembly.split
     s = assembly.start.copy()
-    first = (*split.driven, *split.free)[0]
+    turning = [j for j in (*split.driven, *split.free) if assembly.coordinates[j] not in assembly.slides]
+    if not turning:
+        raise StudyError("this page has no turning joint that is driven or free; expected one, at whose angle it is")
+    first = turning[0]
     for value in np.linspace(s[first], angle, 32)[1:]:
         s[first] = value
         s = assembly.closed(s)

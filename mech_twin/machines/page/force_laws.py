@@ -11,6 +11,7 @@ from mech_twin.machines.page.assembly import exact_turn
 from mech_twin.machines.page.elements import DEGREE, RPM, Contact, DriveElement
 from mech_twin.machines.page.force_elements import GasCharge, SpringElement
 from mech_twin.machines.page.state_places import HERTZ, NEAR_M, NO_GAP, StartLengths, StatePlaces
+from mech_twin.machines.page.step import LEAST_VOLUME
 from mech_twin.machines.page.tables import Line, Rows, line, repeats, scaled_rows, wrapped
 from mech_twin.mechanics.actions import Action, contact_action, force_action, joint_action, line_action, moment_action
 from mech_twin.mechanics.dynamics import JointEffort, ReducedSystem
@@ -18,7 +19,6 @@ from mech_twin.mechanics.kinematics import JointRates, Kinematics, MovingPoint, 
 from mech_twin.mechanics.recording import Number, Recording, larger, power, sine, smaller, total
 
 UNKNOWN = math.nan  # rate of a signal that is not told
-LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 
 
 class Law(NamedTuple):
@@ -67,6 +67,7 @@ class ElementForces:
         self.at_full_supply: dict[str, Number] = {}
         self.pressing: dict[str, Number] = {}
         self.amount_rates: list[Number] = []
+        self.volumes: list[Number] = []  # of gas springs, over those at the start
         self.refills: list[Number] = []
         self.inertias = self._rotors()
         self._drives()
@@ -204,6 +205,7 @@ class ElementForces:
             value = sign * (travel.value - number(limit or 0.0))
             self.watch(f"{name}_{port}", value, sign * self.at.speed(travel))
             closed = closed * (1.0 - self.regime(f"{name}_{port}"))
+        self.volumes.append(volume)
         pressure = number(gas.pressure_pa) * power(amount / larger(volume, LEAST_VOLUME), number(gas.exponent))
         excess = closed * (pressure - number(gas.ambient_pa))
         self.amount_rates.append(-(number(gas.leak_per_s / gas.pressure_pa) * excess))

@@ -25,7 +25,17 @@ from mech_twin.machines.page.assembly import structure_of
 from mech_twin.machines.page.elements import RPM, DriveElement
 from mech_twin.machines.page.force_laws import ElementForces, PageNumbers, rotor_inertia
 from mech_twin.machines.page.state_places import StatePlaces
-from mech_twin.machines.page.step import DC, DRIVE_WIDTH, EFFORT, INDUCTION, MOTOR_NUMBERS, PROGRAM, SPEED, TABLE
+from mech_twin.machines.page.step import (
+    DC,
+    DRIVE_WIDTH,
+    EFFORT,
+    GAS_USED_UP,
+    INDUCTION,
+    MOTOR_NUMBERS,
+    PROGRAM,
+    SPEED,
+    TABLE,
+)
 from mech_twin.mechanics.actions import Action, joint_action
 from mech_twin.mechanics.dynamics import ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, dot
@@ -192,7 +202,9 @@ class JointReactions(NamedTuple):
     sizes: list[Number]
 
 
-def failure_of(page: str, status: int, begin_s: float, events: EventLayout, log: Array) -> MotionError:
+def failure_of(
+    page: str, status: int, begin_s: float, events: EventLayout, log: Array, gases: Sequence[str]
+) -> MotionError:
     """Return the error for a failed step, naming the page and the elements with most of its events.
 
     Parameters
@@ -207,7 +219,12 @@ def failure_of(page: str, status: int, begin_s: float, events: EventLayout, log:
         Layout of ``log``.
     log : ndarray
         Events of the step; a full table is replaced by one of twice its length and 8 rows more.
+    gases : sequence of str
+        Names of the gas springs.
     """
+    if status <= GAS_USED_UP:
+        spent = f"springs.{gases[GAS_USED_UP - status]}.gas.volume_m3: the motion presses the gas beyond zero volume"
+        return MotionError(f"{page}: {spent}, in the step from {begin_s:.6g} s; expected more than area times way")
     error = f"{page}: {failed(FAILURES, status, begin_s)}"
     filled = (len(log) - 8) // 2 - 2 * len(events.contacts) - 2
     if status != TOO_MANY or filled <= 0:
@@ -244,7 +261,12 @@ def functions_of(places: StatePlaces) -> Functions:
         {
             "instant": now.equations(),
             "correction": now.correction(),
-            "report": [*now.joint_motion(), *now.energies(), *(now.at_full_supply[name] for name in places.tabled)],
+            "report": [
+                *now.joint_motion(),
+                *now.energies(),
+                *(now.at_full_supply[name] for name in places.tabled),
+                *now.volumes,
+            ],
             "reactions": [*wrenches, *reactions.quantities.values(), *reactions.lack, *reactions.sizes],
         }
     )

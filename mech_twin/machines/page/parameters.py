@@ -71,7 +71,22 @@ class Page(Parameters):
                 if name in seen:
                     raise ValueError(f"{group}.{name}: {seen[name]} has the same name; each element has its own")
                 seen[name] = f"{group}.{name}"
+        for where, name in self._derived_names():
+            if name in seen:
+                raise ValueError(f"{seen[name]}: a number of {where} has this name; expected another")
         return self
+
+    def _derived_names(self) -> Iterator[tuple[str, str]]:
+        """Yield the names that elements give to numbers of their own, with the element."""
+        ends: dict[str, dict[str, tuple[str, ...]]] = {
+            "joints": {name: ("x", "y", "angle") for name, joint in self.joints.items() if joint.kind == "free"},
+            "outputs": {name: ("x", "y") for name, output in self.outputs.items() if output.point is not None},
+            "springs": {name: tuple(s.gas.ports) for name, s in self.springs.items() if s.gas is not None},
+            "couplings": {name: ("forward", "backward") for name, c in self.couplings.items() if c.backlash > 0.0},
+        }
+        for group, elements in ends.items():
+            for name, parts in elements.items():
+                yield from ((f"{group}.{name}", f"{name}_{part}") for part in parts)
 
     @model_validator(mode="after")
     def _joined_to_what_is_there(self) -> Self:
@@ -90,7 +105,18 @@ class Page(Parameters):
                     f"drives.{others[0]} too"
                 )
         self._check_names_inside()
+        self._check_what_moves()
         return self
+
+    def _check_what_moves(self) -> None:
+        """Refuse a contact of a body with itself, and a load on the ground."""
+        for name, contact in self.contacts.items():
+            ends = [point.partition(".")[0] for point in (contact.point, contact.line) if point is not None]
+            if len(ends) == 2 and ends[0] == ends[1]:
+                raise ValueError(f"contacts.{name}: point and line are of {ends[0]}; expected two bodies")
+        for name, load in self.loads.items():
+            if GROUND in (load.body, (load.point or "").partition(".")[0]):
+                raise ValueError(f"loads.{name}: acts on the ground, which stands still; expected a body")
 
     def _check_names_inside(self) -> None:
         """Refuse joints and bodies that stand deeper in an element and are not there."""

@@ -100,8 +100,7 @@ class PageModel:
                 f"joints.{moved}: a motion without inertia: give the bodies that it moves a mass or an inertia"
             )
         for name, law in zip(places.laws, now.laws, strict=True):
-            value = law.scalar.value
-            assert isinstance(value, float | int)
+            value = float(law.scalar.value)  # type: ignore[arg-type]
             if law.restitution >= 0.0 and value < -DEEP * self.assembly.size_m:
                 how, unit = ("stop", "rad") if name in self.turning_stops else ("line", "m")
                 raise ConfigurationError(
@@ -202,15 +201,14 @@ class PageModel:
         names = [
             *(f"{name}_regime_1" for name in p.laws),
             *(f"{name}_{'layer' if name in p.laws else 'regime'}_1" for name in p.switches),  # a layer is a law's too
-            *(f"{name}_work_j" for name in p.books),
-            *(f"{name}_gas_1" for name in p.gases),
+            *(f"{name}_work_j" for name in p.books), *(f"{name}_gas_1" for name in p.gases),
             *map(acceleration, split.free), *(f"{n}_{'moment_nm' if of_law[n] else 'force_n'}" for n in p.laws),
             *efforts, *map(acceleration, split.driven),
         ]  # fmt: skip
         for name in p.motors:
             unit = "nm" if self.page.drives[name].turns else "n"
-            rate = f"{name}_slope_1"
-            names += [f"{name}_given_{unit}", rate, f"{name}_given_speed_{'rad' if unit == 'nm' else 'm'}_per_s"]
+            names += [f"{name}_given_{unit}", f"{name}_slope_1"]
+            names += [f"{name}_given_speed_{'rad' if unit == 'nm' else 'm'}_per_s"]
         kept = [f"{coordinates[j]}_rest_{'m' if coordinates[j] in slides else 'rad'}" for j in split.driven]
         given = [f"{n}_full_supply_{'nm' if turns[n] else 'n'}" for n in p.tabled]
         return (*names, *given, *kept, "start_energy_j", "turned_over_j", "energy_j")
@@ -298,7 +296,7 @@ class PageLinkage(CompiledLinkage):
 
     def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
         """Return the error for a failed step, naming the elements with most of its events."""
-        return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log)
+        return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log, self.shared.places.gases)
 
     @property
     def timed_drives(self) -> tuple[str, ...]:

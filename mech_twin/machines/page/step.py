@@ -33,6 +33,8 @@ KIND, COLUMN, RATIO, FIRST, SECOND, SWITCHED = range(6)  # of a row of the drive
 MOTOR_NUMBERS, DRIVE_WIDTH = 6, 14
 ROUNDING = 1.0 + 1e-9
 NEAR_DEAD_POINT = -10
+GAS_USED_UP = -20  # of the first gas spring, -21 of the second
+LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 UNLOADED = 1e-7  # of the greatest force: a joint with less carries rounding of the others
 REGULAR = 1e-3  # least regularity of the closures: the sine of an angle between links
 
@@ -304,8 +306,7 @@ def page_step(
     count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
     if count < 0:
         return count
-    led = 2 * s.free + s.dependent + s.driven
-    i = 0
+    led, i = 2 * s.free + s.dependent + s.driven, 0
     for k in range(len(model.drives)):
         if int(model.drives[k, KIND]) == SPEED:  # compensated summation (Kahan)
             joint, kept = LINKAGE_JOINTS + 3 * int(model.drives[k, COLUMN]), len(out) - 5 - s.driven + i
@@ -323,14 +324,17 @@ def page_step(
         if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
             out[REGIME] = 1.0
     energy = fill_linkage(model, system, (step + 1) * model.step_s, y, regimes, room.at, out)
+    for k in range(model.kept - model.books):
+        if not model.reported[2 * model.joints + 2 + model.tables + k] > LEAST_VOLUME:
+            return GAS_USED_UP - k
     held = len(out) - 5
     turned = linkage[held + 1]
     for k in range(model.books):
         turned += abs(y[len(y) - model.kept + k] - linkage[memory_place(model) + len(regimes) + k])
-    for k in range(2):  # kinetic and potential energy, which may cancel
-        turned = max(turned, abs(model.reported[2 * model.joints + k]))
+    kinetic, potential = model.reported[2 * model.joints], model.reported[2 * model.joints + 1]  # may cancel
+    turned = max(turned, kinetic, abs(potential))
     out[held], out[held + 1], out[held + 2] = begun, turned, energy
-    fill_residuals(model, y, energy, begun, max(turned, abs(energy), abs(begun)), out)
+    fill_residuals(model, y, energy, begun, max(turned, abs(begun)), out)
     return count
 
 

@@ -328,3 +328,26 @@ def test_a_joint_is_as_it_started_at_each_turn_and_what_it_had_is_booked():
             assert f.linkage.joint("guide").position == pytest.approx(there, abs=1e-10)
     lost = (0.2 + 3.0 * 0.125) ** 2 + 3.0 * (0.2 + 3.0 * 0.5) ** 2 - 4.0 * 0.2**2
     assert told[-1].linkage.memory["feed_work_j"] == pytest.approx(-lost, rel=1e-9)
+
+
+def test_energy_is_in_balance_where_kinetic_and_potential_energy_cancel():
+    fall = {"guide": {"direction_deg": 90.0}}
+    told, _ = balanced(BLOCK, 1.0, gravity_m_per_s2=[0.0, -9.81], joints=fall)
+    assert told[-1].linkage.velocity[0] == pytest.approx(-9.81, rel=1e-12)
+    balanced(
+        BLOCK,
+        1.0,
+        gravity_m_per_s2=[0.0, -9.81],
+        joints=fall,
+        springs={"k": {"joint": "guide", "rate_n_per_m": 50.0, "free_m": 0.0}},
+    )
+
+
+def test_signed_forces_have_a_least_and_a_largest_value():
+    rub = {"rub": {"joint": "guide", "coulomb_n": 12.0}}
+    push = {"push": {"kind": "program", "joint": "guide", "levels_n": [10.0, -40.0], "period_s": 0.1, "first_s": 0.05}}
+    _, simulation = balanced(BLOCK, 0.3, friction=rub, drives=push)
+    numbers = simulation.numbers()
+    assert (numbers["push_force_min_n"], numbers["push_force_max_n"]) == (-40.0, 10.0)
+    assert numbers["rub_force_max_n"] == 12.0
+    assert numbers["rub_force_min_n"] == pytest.approx(-10.0)  # it holds against the push

@@ -6,8 +6,10 @@ from __future__ import annotations
 import pytest
 from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MotionError
 from mech_twin.machines.page import build
+from mech_twin.parameters.load import PAGE, validated
 
 BIT = """
 name: bit
@@ -193,3 +195,36 @@ def test_a_joint_that_others_lead_is_not_reset():
     assert "resets.again.joint: 'guide' follows other joints or a drive; expected one of none" in told
     told = refused(SLIDER_CRANK, resets={"again": {"joint": "guide", "by": "guide", "at_deg": 10}})
     assert "resets.again.by: no revolute 'guide'; expected one of bearing, pin, wrist" in told
+
+
+def test_a_name_that_an_element_gives_to_a_number_of_its_own_is_taken():
+    free = {"fall": {"kind": "free", "direction_deg": None, "start_m": None}}
+    told = refused(BALL, joints={**free, "fall_x": {"kind": "slider", "between": ["ground", "ball"]}})
+    assert "joints.fall_x: a number of joints.fall has this name" in told
+    told = refused(
+        BALL, outputs={"fa": {"point": "ball"}}, springs={"fa_y": {"joint": "fall", "rate_n_per_m": 1, "free_m": 0}}
+    )
+    assert "springs.fa_y: a number of outputs.fa has this name" in told
+
+
+def test_what_acts_on_one_body_alone_or_on_the_ground_is_refused():
+    told = refused(BALL, contacts={"bounce": {"line": "ball"}})
+    assert "contacts.bounce: point and line are of ball; expected two bodies" in told
+    for load in ({"body": "ground", "torque_nm": 1.0}, {"point": "ground.floor", "force_n": [1.0, 0.0]}):
+        assert "loads.push: acts on the ground" in refused(BALL, loads={"push": load})
+
+
+def test_a_pair_that_is_no_list_is_told_what_a_list_is():
+    with pytest.raises(
+        ConfigurationError, match=r"value 9.81: expected a list in brackets, \[first, second\], in m/s2"
+    ):
+        validated(PAGE, {"gravity_m_per_s2": 9.81, "bodies": {"a": {"mass_kg": 1}}, "joints": {}}, "page")
+
+
+def test_gas_that_the_motion_presses_beyond_zero_volume_ends_the_run():
+    gas = {"joint": "fall", "gas": {"area_m2": 1e-3, "volume_m3": 5e-5}}
+    driven = {"down": {"kind": "constant_speed", "joint": "fall", "speed_m_per_s": -0.5}}
+    with pytest.raises(
+        MotionError, match=r"springs.air.gas.volume_m3: .* beyond zero volume, in the step from 0.099 s"
+    ):
+        run(BALL, 0.2, springs={"air": gas}, drives=driven, contacts={})
