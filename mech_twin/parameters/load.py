@@ -138,6 +138,8 @@ def machine_of_prefix(text: str) -> str:
         If no machine has this prefix, or several do.
     """
     if is_page(text):
+        if Path(text).is_dir():
+            raise ConfigurationError(f"{text}: is a directory; expected a page")
         if not Path(text).is_file():
             raise ConfigurationError(f"{text}: no such page; `mech-twin new KIND > {Path(text).name}` writes one")
         return text
@@ -153,7 +155,7 @@ def configuration_directories() -> list[Path]:
     prefixes = [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
     installed = Path(__file__).resolve().parents[5] if len(Path(__file__).resolve().parents) > 5 else Path(sys.prefix)
     prefixes += [installed, Path(sys.prefix)]
-    return [source, *(prefix / "share" / "mech_twin" / "config" for prefix in prefixes)]
+    return [*dict.fromkeys([source, *(prefix / "share" / "mech_twin" / "config" for prefix in prefixes)])]
 
 
 def configuration_file(name: str) -> Path:
