@@ -78,7 +78,9 @@ class TableReader:
         if not path.is_file():
             raise MeasurementError(path, "there is no such table")
         self._text = None if _is_parquet(path) else _TextForm(path)
-        self.columns = tuple(self._parquet().schema_arrow.names) if self._text is None else self._text.columns
+        types = {each.name: each.type for each in self._parquet().schema_arrow} if self._text is None else {}
+        self.columns = tuple(types) if self._text is None else self._text.columns
+        self._clocks = {name: kind.unit for name, kind in types.items() if _is_time(kind)}
         if not self.columns:
             raise MeasurementError(path, "has no columns")
 
@@ -88,20 +90,20 @@ class TableReader:
         return [SourceColumn(Source(column=name), unit_in(name)) for name in self.columns if name != time]
 
     def proposed_time(self) -> TimeSource:
-        """Return the first column named as a time; else the first that ascends in the head; else the first."""
+        """Return the first column named as a time; else the first typed or ascending as one; else the first."""
         names = [(name, name.strip("%# ").lower()) for name in self.columns]
         named = next((name for name, word in names if word.startswith(("time", "stamp")) or word in ("t", "t_s")), None)
         column = named or next((name for name, word in names if time_unit_in(word) is not None), None)
         if column is None:
-            rising = () if self._text is None else self._text.rising
+            rising = tuple(self._clocks) if self._text is None else self._text.rising
             column = rising[0] if rising else self.columns[0]
-        return TimeSource(column=column, unit=time_unit_in(column) or "s")
+        return TimeSource(column=column, unit=self._clocks.get(column) or time_unit_in(column) or "s")
 
     def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
         """Yield the samples of these columns; see `RunReader.blocks`."""
         names = [self._column(source.column or source.label) for source in sources]
         clock = self._column(time.column or TIME_COLUMN)
-        factor, origin_s = TIME_UNITS[time.unit], None
+        factor, origin_s = TIME_UNITS[self._clocks.get(clock, time.unit)], None
         for batch in self._batches(list(dict.fromkeys((clock, *names)))):
             times, known = _numbers(batch[clock], self.path, clock)
             told = known & np.isfinite(times)
@@ -229,12 +231,19 @@ def _is_number(cell: str) -> bool:
     return True
 
 
+def _is_time(kind: Any) -> bool:
+    """Return whether the type of a column is one of time, which knows its unit."""
+    import pyarrow as pa
+
+    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
+
+
 def _numbers(column: Any, path: Path, name: str) -> tuple[Array, Any]:
     """Return a column as floats, and a mask of the cells with a value."""
     import pyarrow as pa
 
-    if pa.types.is_timestamp(column.type):
-        column = column.cast(pa.timestamp("ns")).cast(pa.int64())
+    if _is_time(column.type):
+        column = column.cast(pa.int64())
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_boolean(column.type)):
         raise MeasurementError(path, f"column {name!r} holds {column.type}, expected numbers")
     known = ~np.asarray(column.is_null(), dtype=bool)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Source, TimeSource
 from mech_twin.measurements.tables import TableReader, is_table
+from mech_twin.measurements.units import TIME_UNITS
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -69,6 +71,19 @@ def test_parquet_gives_the_numbers_and_leaves_out_empty_cells(tmp_path: Path) ->
     assert values[0] == 1.0
     assert np.isnan(values[1])
     assert counted.tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("kind", [pa.timestamp, pa.duration])
+@pytest.mark.parametrize("unit", ["ms", "us", "ns"])
+def test_a_typed_time_counts_in_its_own_unit_whatever_the_map_says(kind: Any, unit: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    counts = [round(seconds / TIME_UNITS[unit]) for seconds in (1.0, 2.0, 4.0)]
+    columns = {"x": [5.0, 4.0, 7.0], "logged at": pa.array(counts, kind(unit))}
+    pq.write_table(pa.table(columns), path)
+    assert TableReader(path).proposed_time() == TimeSource(column="logged at", unit=unit)
+    for named in TIME_UNITS:
+        ((times, _),) = read(path, ("x",), TimeSource(column="logged at", unit=named))
+        assert times.tolist() == pytest.approx([1.0, 2.0, 4.0], rel=1e-15)
 
 
 def test_a_table_without_a_header_has_numbered_columns_and_its_rising_one_is_the_time(tmp_path: Path) -> None:
