@@ -104,11 +104,13 @@ class QualityGauge:
         self._delays: list[tuple[float, float]] = []
 
     def add(self, block: Block) -> None:
-        """Add a block."""
-        if not len(block.times_s):
+        """Add a block; a sample without a stamp is left out and counted as NaN."""
+        stamped = np.isfinite(block.times_s)
+        self._samples += len(stamped)
+        self._nan += int(np.count_nonzero(~stamped))
+        if not stamped.any():
             return
-        times, values = block.times_s, block.values
-        self._samples += len(times)
+        times, values = block.times_s[stamped], block.values[stamped]
         self._first_s = float(times[0]) if np.isnan(self._first_s) else self._first_s
         self._last_s = float(times[-1])
         finite = np.isfinite(values)
@@ -129,7 +131,8 @@ class QualityGauge:
         self._kept.add(values[finite])
         self._tail = np.stack([with_tail[-2:], shown[-2:]])
         if len(block.delays_s):
-            self._delays += [(float(times[0]), float(block.delays_s[0])), (float(times[-1]), float(block.delays_s[-1]))]
+            delays = block.delays_s[stamped]
+            self._delays += [(float(times[0]), float(delays[0])), (float(times[-1]), float(delays[-1]))]
             self._delays = self._delays[:2] + self._delays[-2:]
 
     def _take_values(self, values: Array) -> None:

@@ -51,6 +51,16 @@ def test_each_flaw_is_counted_and_named() -> None:
     assert all(word in named for word in ("3 NaN", "go back 1", "1 repeated", "gaps", "end of the range"))
 
 
+def test_a_sample_without_a_stamp_counts_as_nan_and_hides_no_gap() -> None:
+    times, values = (each.copy() for each in motion())
+    times[[10, 700]] = np.nan
+    values[[10, 20]] = np.nan
+    whole, cut = gauged(times, values), gauged(times, values, cuts=(9, 10, 11, 700))
+    assert (whole.samples, whole.nan, whole.gaps) == (cut.samples, cut.nan, cut.gaps) == (COUNT, 3, 2)
+    times[[0, -1]] = np.nan
+    assert gauged(times, values, cuts=(1,)).span_s == pytest.approx((COUNT - 3) / RATE_HZ)
+
+
 @pytest.mark.parametrize("quantum", [0.05, 0.0439453125, 1e-3])
 def test_the_quantum_is_found(quantum: float) -> None:
     times, values = motion()
