@@ -190,7 +190,9 @@ def refusal(
     """
     units = key_units(model) if model is not None else {}
     placed = lines()
-    found = error.errors()
+    every = error.errors()
+    wholes = {item["loc"][:depth] for item in every for depth in range(len(item["loc"]))}
+    found = [item for item in every if item["loc"] not in wholes]  # a list counts only the parts that are right
     more = [f"and {len(found) - MOST_COMPLAINTS} more"] if len(found) > MOST_COMPLAINTS else []
     complaints = [_complaint(dict(item), units, placed) for item in found[:MOST_COMPLAINTS]]
     return ConfigurationError(f"{source}: " + "; ".join(complaints + more))

@@ -93,6 +93,13 @@ def test_a_wrong_map_is_refused_in_one_line(tree: Any, words: tuple[str, ...], t
         assert word in line
 
 
+def test_a_wrong_channel_is_no_complaint_of_the_list_that_holds_it(tmp_path: Path) -> None:
+    path = written({**GOOD, "channels": [{**GOOD["channels"][0], "unit": "bar"}]}, tmp_path)
+    with pytest.raises(ConfigurationError) as refused:
+        read_map(path, columns_of)
+    assert str(refused.value).count("key '") == 1
+
+
 units = st.sampled_from([name for name, about in UNITS.items() if about.si in ("rad", "rad/s", "m", "m/s")])
 numbers = st.floats(-1e3, 1e3)
 
