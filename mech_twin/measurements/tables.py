@@ -167,13 +167,16 @@ class _TextForm:
         if not lines:
             raise MeasurementError(path, "is empty" if not head else f"has no line end in {HEAD_BYTES} bytes")
         self._delimiter = _delimiter(lines)
-        rows = list(csv.reader(lines[:50], delimiter=self._delimiter))
+        every = list(csv.reader(lines, delimiter=self._delimiter))
+        rows = every[:50]
         first = next((i for i, row in enumerate(rows) if _is_data(row, self._delimiter)), None)
         if first is None:
             raise MeasurementError(path, "has no line of numbers in its first 50 lines")
         self._skipped = first
         cells = len(rows[first])
-        self._decimal = "," if self._delimiter != "," and any("," in cell for cell in rows[first]) else "."
+        data = (cell for row in every[first:] for cell in row)
+        comma = self._delimiter != "," and any("," in cell and _is_number(cell) for cell in data)
+        self._decimal = "," if comma else "."
         names = [name.strip() for name in rows[first - 1]] if first else []
         names += [f"{i + 1}" for i in range(len(names), cells)]
         self.columns = tuple(

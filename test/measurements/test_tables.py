@@ -73,6 +73,17 @@ def test_parquet_gives_the_numbers_and_leaves_out_empty_cells(tmp_path: Path) ->
     assert counted.tolist() == [1.0, 2.0, 3.0]
 
 
+def test_a_decimal_comma_in_any_row_of_the_head_is_the_decimal_sign(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    whole = "".join(f"{i};{2 * i};one, two\n" for i in range(100))
+    path.write_text(f"t;x;remark\n{whole}100,5;-3,25;\n", encoding="utf-8")
+    ((times, values),) = read(path, ("x",), TimeSource(column="t"))
+    assert (times[-1], values[-2], values[-1]) == (100.5, 198.0, -3.25)
+    path.write_text("t;x;remark\n0.5;17.5;one, two\n", encoding="utf-8")
+    ((times, values),) = read(path, ("x",), TimeSource(column="t"))
+    assert (times[0], values[0]) == (0.5, 17.5)
+
+
 @pytest.mark.parametrize("kind", [pa.timestamp, pa.duration])
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
 def test_a_typed_time_counts_in_its_own_unit_whatever_the_map_says(kind: Any, unit: str, tmp_path: Path) -> None:
