@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+from codecs import getincrementaldecoder
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from itertools import pairwise
@@ -161,7 +162,7 @@ class _TextForm:
             raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
         if b"\x00" in head:
             raise MeasurementError(path, "is no text; expected a table of numbers with a header line")
-        lines = head.decode("utf-8-sig", "replace").splitlines()
+        lines = _decoded(head).splitlines()
         if len(head) == HEAD_BYTES:
             lines = lines[:-1]
         if not lines:
@@ -208,6 +209,14 @@ class _TextForm:
         )
         with reader:
             yield from reader
+
+
+def _decoded(head: bytes) -> str:
+    """Return the head as text: UTF-8, whose last sign may be cut, else the encoding of Windows."""
+    try:
+        return getincrementaldecoder("utf-8-sig")().decode(head)
+    except UnicodeDecodeError:
+        return head.decode("cp1252", "replace")
 
 
 def _delimiter(lines: list[str]) -> str:

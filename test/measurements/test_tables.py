@@ -84,6 +84,19 @@ def test_a_decimal_comma_in_any_row_of_the_head_is_the_decimal_sign(tmp_path: Pa
     assert (times[0], values[0]) == (0.5, 17.5)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "latin-1"])
+@pytest.mark.parametrize("remark", ["x", "xy"])  # the head ends within a sign for one, after it for the other
+def test_a_header_is_read_in_utf_8_and_in_the_encoding_of_windows(encoding: str, remark: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    row = f"0,1,{'°' * 999}\n"
+    path.write_text(f"t,Winkel [°],{remark}\n{row * 3}{row.replace('°', '°°') * 97}", encoding=encoding)
+    reader = TableReader(path)
+    assert reader.columns == ("t", "Winkel [°]", remark)
+    assert [each.unit for each in reader.offered()] == ["deg", None]
+    ((_, values),) = read(path, ("Winkel [°]",), TimeSource(column="t"))
+    assert len(values) == 100
+
+
 @pytest.mark.parametrize("kind", [pa.timestamp, pa.duration])
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
 def test_a_typed_time_counts_in_its_own_unit_whatever_the_map_says(kind: Any, unit: str, tmp_path: Path) -> None:
