@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import csv
+import re
 from codecs import getincrementaldecoder
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
@@ -19,7 +20,7 @@ from mech_twin.files.input_file import opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
 from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource
 from mech_twin.measurements.sensors import Reading
-from mech_twin.measurements.units import TIME_UNITS, time_unit_in, unit_in
+from mech_twin.measurements.units import TIME_UNITS, is_unit, time_unit_in, unit_in
 from mech_twin.process.dependencies import require_extra
 
 if TYPE_CHECKING:
@@ -32,7 +33,10 @@ HEAD_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 20
 BATCH_ROWS = 1 << 16
 TIME_COLUMN = "time_s"
-NO_VALUE = ["", "NA", "N/A", "null", "-"]
+NO_VALUE = ("", "-", "--", "---", "na", "n/a", "#n/a", "null", "none")  # in any case, with a blank at either end
+WRONG_CELL = re.compile(
+    r"CSV column #(\d+): Row #(\d+): CSV conversion error to double: invalid value '(.*)'", re.DOTALL
+)
 MOST_NAMED = 12  # columns listed in an error message
 
 
@@ -147,7 +151,8 @@ class TableReader:
             else:
                 yield from self._text.batches(names)
         except (pa.ArrowException, OSError) as error:
-            raise MeasurementError(self.path, f"cannot be read as a table: {_first_line(error)}") from error
+            wrong = self._text and self._text.wrong_cell(error)
+            raise MeasurementError(self.path, wrong or f"cannot be read as a table: {_first_line(error)}") from error
 
 
 class _TextForm:
@@ -170,15 +175,15 @@ class _TextForm:
         self._delimiter = _delimiter(lines)
         every = list(csv.reader(lines, delimiter=self._delimiter))
         rows = every[:50]
-        first = next((i for i, row in enumerate(rows) if _is_data(row, self._delimiter)), None)
+        first = next((i for i, row in enumerate(rows) if _most(row, _is_number)), None)
         if first is None:
-            raise MeasurementError(path, "has no line of numbers in its first 50 lines")
+            raise MeasurementError(path, "has no line of numbers (most cells; a date is none) in its first 50 lines")
         self._skipped = first
         cells = len(rows[first])
         data = (cell for row in every[first:] for cell in row)
         comma = self._delimiter != "," and any("," in cell and _is_number(cell) for cell in data)
         self._decimal = "," if comma else "."
-        names = [name.strip() for name in rows[first - 1]] if first else []
+        names = _names(rows[:first])
         names += [f"{i + 1}" for i in range(len(names), cells)]
         self.columns = tuple(
             name if name and name not in names[:i] else f"{name or 'column'} {i + 1}"
@@ -203,12 +208,23 @@ class _TextForm:
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=names,
                 column_types=dict.fromkeys(names, pa.float64()),
-                null_values=NO_VALUE,
+                null_values=_spellings(NO_VALUE),
                 decimal_point=self._decimal,
             ),
         )
         with reader:
             yield from reader
+
+    def wrong_cell(self, error: Exception) -> str | None:
+        """Return what is wrong with the cell that an error is about; None for other errors."""
+        found = WRONG_CELL.search(str(error))
+        if found is None:
+            return None
+        column, row, value = found.groups()
+        return (
+            f"column {self.columns[int(column)]!r}, row {row}, value {value!r}: expected a number with decimal sign "
+            f"{self._decimal!r} or a word such as n/a; dates are read from Parquet only"
+        )
 
 
 def _decoded(head: bytes) -> str:
@@ -225,9 +241,23 @@ def _delimiter(lines: list[str]) -> str:
     return next((sign for sign in "\t;" if sign in line), ",")
 
 
-def _is_data(row: list[str], delimiter: str) -> bool:
-    cells = [cell.strip() for cell in row if cell.strip()]
-    return bool(cells) and sum(map(_is_number, cells)) > len(cells) / 2
+def _spellings(words: Iterable[str]) -> list[str]:
+    cases = [case(word) for word in words for case in (str.lower, str.upper, str.title)]
+    return [f"{before}{word}{after}" for word in cases for before in ("", " ") for after in ("", " ")]
+
+
+def _most(row: list[str], test: Callable[[str], bool]) -> bool:
+    """Return whether more than half of the cells with a value pass a test."""
+    cells = [cell.strip() for cell in row if cell.strip().lower() not in NO_VALUE]
+    return sum(map(test, cells)) > len(cells) / 2
+
+
+def _names(above: list[list[str]]) -> list[str]:
+    """Return the names in the last row above the numbers; those above a row of units, with the units."""
+    *others, names = [[cell.strip() for cell in row] for row in above] or [[]]
+    if not (others and len(others[-1]) == len(names) and _most(names, is_unit)):
+        return names
+    return [f"{name} [{unit.strip('()[]')}]" if unit else name for name, unit in zip(others[-1], names, strict=True)]
 
 
 def _rises(cells: list[str]) -> bool:

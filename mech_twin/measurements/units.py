@@ -113,6 +113,12 @@ def time_unit_in(text: str) -> str | None:
     return _found_in(text, {**{name: name for name in TIME_UNITS}, **_TIME_SPELLINGS})
 
 
+def is_unit(text: str) -> bool:
+    """Return whether a cell is a unit alone, such as ``mm`` or ``[deg]``."""
+    word = "".join(text.lower().split()).strip("()[]")
+    return word in _SPELLINGS or word in _TIME_SPELLINGS or word in TIME_UNITS
+
+
 def _found_in(text: str, spellings: Mapping[str, str]) -> str | None:
     words = text.strip().lower()
     bracketed = re.findall(r"[(\[{<]\s*([^)\]}>]+?)\s*[)\]}>]", words)

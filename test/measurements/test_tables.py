@@ -84,6 +84,27 @@ def test_a_decimal_comma_in_any_row_of_the_head_is_the_decimal_sign(tmp_path: Pa
     assert (times[0], values[0]) == (0.5, 17.5)
 
 
+@pytest.mark.parametrize("word", ["n/a", "N/A", " n/a", "#N/A", "NULL", "None", "---", "-", "", "na"])
+def test_a_word_for_a_missing_number_is_no_sample_and_no_header(word: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,x,y,z\n0,{word},{word},{word}\n1,{word},4,NaN\n2,3,5,7\n", encoding="utf-8")
+    (times, _), (_, values), (_, others) = read(path, ("x", "y", "z"), TimeSource(column="t"))
+    assert times.tolist() == [2.0]
+    assert values.tolist() == [4.0, 5.0]
+    assert np.array_equal(others, [np.nan, 7.0], equal_nan=True)
+
+
+def test_a_row_of_units_stands_behind_the_names_above_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("stand 3\ntime,angle,load,note\n[ms],deg,bar,\n0,1,2,\n1,2,3,\n", encoding="utf-8")
+    reader = TableReader(path)
+    assert reader.columns == ("time [ms]", "angle [deg]", "load [bar]", "note")
+    assert reader.proposed_time() == TimeSource(column="time [ms]", unit="ms")
+    assert [each.unit for each in reader.offered()] == ["deg", None, None]
+    path.write_text("of,stand\nt,x_mm\n0,1\n1,2\n", encoding="utf-8")
+    assert TableReader(path).columns == ("t", "x_mm")
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "latin-1"])
 @pytest.mark.parametrize("remark", ["x", "xy"])  # the head ends within a sign for one, after it for the other
 def test_a_header_is_read_in_utf_8_and_in_the_encoding_of_windows(encoding: str, remark: str, tmp_path: Path) -> None:
@@ -135,7 +156,10 @@ def test_epoch_times_keep_their_resolution(tmp_path: Path) -> None:
     [
         ("", ("is empty",)),
         ("a,b\n", ("no line of numbers",)),
-        ("t,x\n0,1\n1,two\n2,3\n", ("two",)),
+        ("t,x\n0,1\n1,two\n2,3\n", ("column 'x', row 3, value 'two'", "expected a number", "'.'")),
+        ("t,y,x\n0,1,2\n1,2,3\n2,3,1.#QNAN\n", ("column 'x', row 4, value '1.#QNAN'", "expected a number")),
+        ("t,y,x\n2026-11-03T08:00:00,1,2\n", ("column 't', row 2, value '2026-11-03T08:00:00'", "dates")),
+        ("t;x\n0;1\n1,5;2.5\n", ("column 'x', row 3, value '2.5'", "decimal sign ','")),
         ("t,x\n0,1\n1,2,3\n2,3\n", ("columns",)),
         ("t,y\n0,1\n1,2\n", ("no column 'x'", "'t', 'y'")),
         ("\x00\x01\x02", ("no text",)),
