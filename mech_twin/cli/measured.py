@@ -101,7 +101,8 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     runs = measurements if len(measurements) > 1 else ()
     known = map_of(built.name, time, channels)
     assert known is not None
-    return Proposal(map_text(built.name, time, channels, notes, columns, runs), known, qualities, problems)
+    text = map_text(built.name, time, channels, notes, columns, runs, [each.source for each in offered])
+    return Proposal(text, known, qualities, problems)
 
 
 class NoNameError(CommandError):

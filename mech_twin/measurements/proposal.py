@@ -16,6 +16,7 @@ from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column
 
 EXACT, NEAR, UNSURE = 3, 2, 1
 ALIKE = 0.8  # least similarity of two words
+MOST_LEFT_OUT = 12  # channels named as left out
 WIDTH = 80  # of lines in the text of a map
 FIELD_WORDS: Mapping[str, tuple[str, ...]] = {
     "position": ("position", "pos", "angle", "travel", "displacement", "stroke", "deg", "rad", "mm", "phi", "theta"),
@@ -190,8 +191,9 @@ def map_text(
     notes: Mapping[str, str],
     columns: Mapping[str, str],
     runs: Sequence[Path] = (),
+    offered: Sequence[Source] = (),
 ) -> str:
-    """Return the proposed map as YAML; unsure channels are comments in it.
+    """Return the proposed map as YAML; unsure channels are comments in it, and names of those that it leaves out.
 
     Parameters
     ----------
@@ -199,6 +201,8 @@ def map_text(
         Further remarks by the label of a channel's source, such as the correlation.
     columns : mapping
         SI unit of each column of the machine.
+    offered : sequence of Source
+        All channels of the measurement.
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}", "channels:"]
@@ -214,9 +218,20 @@ def map_text(
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
         lines += [line for remark in _remarks(each) for line in _comment(f"{lead}  ", remark)]
+    lines += _left_out(machine, channels, offered)
     if runs:
         lines.append(f"runs: [{', '.join(_quoted(str(run)) for run in runs)}]")
     return "\n".join(lines) + "\n"
+
+
+def _left_out(machine: str, channels: Sequence[ProposedChannel], offered: Sequence[Source]) -> list[str]:
+    """Return comment lines with the channels that are not in the map."""
+    mapped = {each.source.label for each in channels}
+    labels = [source.label for source in offered if source.label not in mapped]
+    named = [_quoted(label) for label in labels[:MOST_LEFT_OUT]]
+    more = [f"and {len(labels) - MOST_LEFT_OUT} more"] if len(labels) > MOST_LEFT_OUT else []
+    words = f"left out, no other column of {machine} fits by its name: {', '.join(named + more)}"
+    return _comment("", words) if labels else []
 
 
 def _source(lead: str, source: Source) -> list[str]:

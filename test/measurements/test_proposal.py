@@ -9,7 +9,7 @@ from catalogue import built
 
 from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.measurement_map import Source, TimeSource
-from mech_twin.measurements.proposal import UNSURE, WIDTH, map_text, proposed_channels
+from mech_twin.measurements.proposal import MOST_LEFT_OUT, UNSURE, WIDTH, map_text, proposed_channels
 from mech_twin.measurements.units import machine_columns, unit_in
 
 FOREIGN = {  # headers of other people's tables, and what they are
@@ -48,6 +48,21 @@ def test_a_proposed_map_fits_a_terminal_and_reads_as_proposed(machine: str) -> N
     assert [channel["is"] for channel in read] == [each.column for each in sure]
     unsure = "\n".join(f"  {line[4:]}" if line.startswith("  # ") else line for line in text.splitlines())
     assert len(yaml.safe_load(unsure)["channels"]) == len(channels)  # taking the comment away is all it needs
+
+
+@pytest.mark.parametrize("strange", [1, MOST_LEFT_OUT, 40])
+def test_a_channel_that_is_offered_stands_in_the_map_or_is_named_as_left_out(strange: int) -> None:
+    offered = [*OFFERED, *(SourceColumn(Source(column=f"Druck {place} [bar]"), None) for place in range(strange))]
+    columns = machine_columns(built("vibration_crank"))
+    channels = proposed_channels(offered, columns)
+    text = map_text("vibration_crank", TimeSource(), channels, {}, columns, offered=[each.source for each in offered])
+    assert yaml.safe_load(text) == yaml.safe_load(map_text("vibration_crank", TimeSource(), channels, {}, columns))
+    assert [line for line in text.splitlines() if len(line) > WIDTH] == []
+    words = " ".join(text.replace("\n# ", " ").split())
+    mapped = {each.source.label for each in channels}
+    left_out = [each.source.label for each in offered if each.source.label not in mapped]
+    assert all(label in words for label in left_out[:MOST_LEFT_OUT])
+    assert (f"and {len(left_out) - MOST_LEFT_OUT} more" in words) == (len(left_out) > MOST_LEFT_OUT)
 
 
 @pytest.mark.parametrize("machine", FOREIGN)
