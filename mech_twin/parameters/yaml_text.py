@@ -71,7 +71,8 @@ class _UniqueKeyLoader(NumberLoader):
         for key_node, _ in node.value:
             key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
-                raise yaml.constructor.ConstructorError(None, None, f"key {key!r} is not a word; put it in quotes", key_node.start_mark)
+                wrong = f"key {key!r} is not a word; put it in quotes"
+                raise yaml.constructor.ConstructorError(None, None, wrong, key_node.start_mark)
             if key in seen:
                 raise yaml.constructor.ConstructorError(None, None, f"key '{key}' stands twice", key_node.start_mark)
             seen.add(key)

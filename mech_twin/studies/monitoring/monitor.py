@@ -64,6 +64,7 @@ class OperatingTrack:
         self._recent: list[Array] = []
         self._smooth: Array | None = None
         self._weight = 1.0
+        self.moves = False
 
     def advance(self, u: Array) -> Array:
         """Take the operating point (q,) of a cycle; return the error of y in that cycle, shape (d - q,)."""
@@ -71,7 +72,8 @@ class OperatingTrack:
         self._recent = [*self._recent[1 - surface.hold :], u] if surface.hold > 1 else [u]
         span = np.ptp(self._recent, axis=0)
         is_moving = span > MOVES * surface.moved
-        if self._smooth is None or is_moving.any():
+        self.moves = bool(is_moving.any())
+        if self._smooth is None or self.moves:
             self._smooth, self._weight = u, 1.0
         else:
             self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
@@ -148,6 +150,7 @@ class Monitor:
     _history: deque[Array] = field(default_factory=deque)
     _innovations: deque[tuple[int, float, Array]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     _episode: _Episode | None = None
+    _suspected: Array | None = None  # innovations of a cycle beyond the limits, if an alarm waits for the next
     _number: int | None = None
     _announced_s: float = float("-inf")
     _events: list[FaultEvent] = field(default_factory=list)
@@ -242,10 +245,13 @@ class Monitor:
 
     def _judged(self, vector: FeatureVector, innovation: Array) -> Findings:
         standard = innovation / self.setup.baseline.sigma
-        seen = np.sign(innovation) * np.maximum(np.abs(innovation) - self._steady * self._off, 0.0)
-        charts = self._charts.advance(seen / self.setup.baseline.sigma, self._root @ seen)
+        suspected, self._suspected = self._suspected, None
+        if suspected is not None and self._track is not None and self._track.moves:
+            self._charts.restart()
+            self._charted(suspected)
+        charts = self._charted(innovation)
         self._innovations.append((vector.number, vector.begin_s, innovation))
-        begins = self._follow_episode(vector, charts)
+        begins = self._follow_episode(vector, charts, waited=suspected is not None)
         episode = self._episode
         verdict: Verdict = "operating_point" if self.operating else "healthy"
         found: tuple[Candidate, ...] = ()
@@ -284,12 +290,24 @@ class Monitor:
         """Estimated change of the features in the present alarm; None without one."""
         return None if self._episode is None else self._episode.change
 
-    def _follow_episode(self, vector: FeatureVector, charts: ChartValues) -> bool:
-        """Start, update or end the alarm; return whether it starts."""
+    def _charted(self, innovation: Array) -> ChartValues:
+        """Return the charts after a cycle, whose innovations count beyond the error of the operating point."""
+        seen = np.sign(innovation) * np.maximum(np.abs(innovation) - self._steady * self._off, 0.0)
+        return self._charts.advance(seen / self.setup.baseline.sigma, self._root @ seen)
+
+    def _follow_episode(self, vector: FeatureVector, charts: ChartValues, *, waited: bool) -> bool:
+        """Start, update or end the alarm; return whether it starts.
+
+        The cycle in which the operating point steps is a mixture, and only the next shows where the point is.
+        """
         limits = self.setup.limits
         if self._episode is None:
             over = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
             over = over or any(value.is_outside for value in self.operating)
+            if self._track is not None:
+                if over and not waited:
+                    self._suspected, over = self._innovations[-1][2], False
+                over = over or (waited and not self._track.moves)
             if over:
                 self._episode = _Episode(vector.number, *self._onset(charts))
             return over

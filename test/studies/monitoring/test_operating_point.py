@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,10 @@ from mech_twin.capabilities.faults import motor_changes
 from mech_twin.capabilities.variation import varied
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.studies.monitoring.monitor import OperatingTrack
+from mech_twin.studies.monitoring.baseline import Baseline
+from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
+from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, OperatingTrack
 from mech_twin.studies.monitoring.operating import (
     OperatingSurface,
     SurfaceVariable,
@@ -83,6 +87,25 @@ def test_while_the_point_moves_the_charts_allow_for_the_transient() -> None:
     (value,) = track.changed()
     assert (value.name, value.share) == ("supply", pytest.approx(0.02))
     assert not value.is_outside
+
+
+def test_a_step_of_the_point_within_a_cycle_is_no_alarm_and_another_change_is_one_a_cycle_later() -> None:
+    known = replace(surface(), transient=np.full((Q, D - Q), 100.0))
+    baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
+    limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
+
+    def begun(point_after: tuple[float, float]) -> list[int]:
+        monitor, alarms = Monitor(MonitorSetup("none", baseline, limits, operating=known)), []
+        for number in range(60):
+            row = known.mean + known.response(np.array(point_after if number > 40 else (0.0, 0.0)))[0]
+            if number == 40:  # a mixture of both, in which the point hardly moves
+                row[list(known.others)] += 15.0
+            vector = FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row)
+            alarms += [number] if monitor.observe(vector).alarm_begins else []
+        return alarms
+
+    assert begun((0.4, 0.0)) == []
+    assert begun((0.0, 0.0)) == [41]
 
 
 def test_a_motor_at_another_supply_has_the_torque_that_the_supply_gives_at_every_speed() -> None:
