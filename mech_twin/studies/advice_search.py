@@ -8,7 +8,7 @@ deviation, and the scatter of the measured mean.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, sqrt
 from typing import Any
@@ -26,7 +26,6 @@ from mech_twin.declarations.configuration_tree import (
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
-from mech_twin.roles import Machine
 from mech_twin.studies.advice import AdviceRules, Recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_features, feed_channels
 from mech_twin.studies.observer.parameter_error import changed_parameters, uncertain_keys
@@ -81,10 +80,8 @@ class AdviceModel:
 
     Attributes
     ----------
-    parameters, build
-        Configuration, and the function that builds the machine from it.
-    declared : CycleFeatures
-        Cycle reference and features that the machine declares.
+    entry, parameters
+        Machine and configuration.
     wish : AdviceWish
         Target, setting and limits.
     deviations : mapping
@@ -93,12 +90,19 @@ class AdviceModel:
         Keys changed by a known fault, with their values.
     """
 
+    entry: Entry
     parameters: Parameters
-    build: Callable[[Parameters], Machine]
-    declared: CycleFeatures
     wish: AdviceWish
     deviations: Mapping[str, float]
     faults: tuple[str, ...] = ()
+
+    @property
+    def declared(self) -> CycleFeatures:
+        """Cycle reference and features that the machine declares."""
+        ask = self.entry.capabilities.features
+        if ask is None:
+            raise ConfigurationError(f"{self.entry.name} declares no features of a cycle; expected a machine that does")
+        return ask(self.parameters)
 
     def under(self, changes: Mapping[str, Any]) -> AdviceModel:
         """Return the model with a known fault: these keys are changed, and named in the evidence."""
@@ -109,18 +113,18 @@ class AdviceModel:
 
     def figure(self, value: float, parameters: Parameters | None = None) -> float:
         """Return the model's mean feature with the setting at this value; nan without a cycle."""
-        settings, command = parameters or self.parameters, 1.0
+        settings, command, declared = parameters or self.parameters, 1.0, self.declared
         if self.wish.output.key == COMMAND:
             command = value
         else:
             tree = merged_tree(configuration_tree(settings), tree_from_flat({self.wish.output.key: value}))
             settings = type(settings).model_validate(tree)
-        feature = next(each for each in self.declared.features if each.name == self.wish.figure)
-        columns = list(dict.fromkeys((self.declared.reference.column, *feature.needs)))
-        run = roll_out(self.build(settings), self.declared.run_up_s + MODEL_CYCLES_S, columns, command=command)
-        late = run["time_s"] >= self.declared.run_up_s
+        feature = next(each for each in declared.features if each.name == self.wish.figure)
+        columns = list(dict.fromkeys((declared.reference.column, *feature.needs)))
+        run = roll_out(self.entry.build(settings), declared.run_up_s + MODEL_CYCLES_S, columns, command=command)
+        late = run["time_s"] >= declared.run_up_s
         channels = {name: (run["time_s"][late], run[name][late]) for name in columns}
-        vectors = feed_channels(FeatureFeed(self.declared, columns), channels)
+        vectors = feed_channels(FeatureFeed(declared, columns), channels)
         values = [vector.values[vector.names.index(self.wish.figure)] for vector in vectors]
         return float(np.mean(values)) if values else float("nan")
 
@@ -133,11 +137,8 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
     ConfigurationError
         The channels do not give the figure, the output is not a setting of the machine, or its range is empty.
     """
-    ask = entry.capabilities.features
-    if ask is None:
-        raise ConfigurationError(f"{entry.name} declares no features of a cycle; expected a machine that does")
-    declared = ask(parameters)
-    figures = [feature.name for feature in available_features(declared, columns)]
+    model = AdviceModel(entry, parameters, wish, uncertain_keys(parameters, USUAL_SHARE))
+    figures = [feature.name for feature in available_features(model.declared, columns)]
     if wish.figure not in figures:
         raise ConfigurationError(f"key 'figure', value {wish.figure!r}: expected one of {', '.join(figures)}")
     output = wish.output
@@ -147,7 +148,7 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
         changed = changed_parameters(parameters, output.key, 0.0) if output.key in number_keys(parameters) else None
         if changed is None:
             raise ConfigurationError(f"key 'output.key', value {output.key!r}: expected {COMMAND} or a live parameter")
-    return AdviceModel(parameters, entry.build, declared, wish, uncertain_keys(parameters, USUAL_SHARE))
+    return model
 
 
 def number_keys(parameters: Parameters, prefix: str = "") -> list[str]:

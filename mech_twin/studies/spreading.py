@@ -26,6 +26,7 @@ Batch = TypeVar("Batch")
 Result = TypeVar("Result")
 QUEUED_PER_CORE = 4
 RETRIES = 5
+NICE = 10  # of what computes beside a run
 CONNECT_S = 10.0
 
 
@@ -96,9 +97,34 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _follow_parent(parent: int) -> None:
+class BesideProcess:
+    """Computes in another process at low priority, one task after another; it begins with the first task."""
+
+    def __init__(self) -> None:
+        self._pool = self._new_pool()
+
+    @staticmethod
+    def _new_pool() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, get_context("spawn"), initializer=_follow_parent, initargs=(os.getpid(), NICE))
+
+    def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
+        """Return the future result of a function that another process can import; a process that died is replaced."""
+        with _signals_held_back():
+            try:
+                return self._pool.submit(function, *arguments)
+            except BrokenProcessPool:
+                self._pool = self._new_pool()
+                return self._pool.submit(function, *arguments)
+
+    def end(self) -> None:
+        """Wait for the present task, and end the process."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _follow_parent(parent: int, priority: int = 0) -> None:
     """End this worker when its parent ends; the parent handles signals sent to all of them."""
     end_with_parent(parent, signal.SIGKILL)
+    os.nice(priority)
 
 
 @contextmanager

@@ -9,7 +9,8 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ from mech_twin.studies.advice import (
 from mech_twin.studies.advice_search import COMMAND, AdviceWish, advice_model, recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
 from mech_twin.studies.observer.estimate import SeenSample
+from mech_twin.studies.spreading import BesideProcess
 
 
 class AdviceOutlet:
@@ -123,7 +125,7 @@ class AdvisorNode(TwinNode):
         self._received_s = time.monotonic()
         self._decided_s = float("-inf")
         self._thinking: Future[Recommendation | None] | None = None
-        self._thread = ThreadPoolExecutor(1)
+        self._beside = BesideProcess()  # a computation in this process would hold back the observer
         self._outlet = None if wish.dry_run else AdviceOutlet(self, namespace, wish.output.key)
         self._recommendation = self.output(RECOMMENDATION, recorded=False)
         self._decisions = self.output(DECISIONS, recorded=False)
@@ -151,7 +153,7 @@ class AdvisorNode(TwinNode):
     def check_peers(self, now_s: float) -> None:
         """Offer new advice, and end a trial without measurements."""
         if self._thinking is not None and self._thinking.done():
-            found, self._thinking = self._thinking.result(), None
+            found, self._thinking = self._found(self._thinking), None
             if found is not None:
                 self._take(offered(self.state, found, self._now_s))
         if self.state.phase == "trial":
@@ -169,9 +171,9 @@ class AdvisorNode(TwinNode):
         }
 
     def close(self) -> None:
-        """Undo a trial, and end the thread."""
+        """Undo a trial, and end the computation."""
         self._take(ended(self.state, self._now_s))
-        self._thread.shutdown(wait=True, cancel_futures=True)
+        self._beside.end()
 
     # -- the machine's cycles ---------------------------------------------------------------------------------------
 
@@ -189,7 +191,14 @@ class AdvisorNode(TwinNode):
             measured = np.array(self._figures)
             self._figures.clear()
             model = self.model.under(self.known_changes())
-            self._thinking = self._thread.submit(recommendation, model, self._value, measured, self._now_s)
+            self._thinking = self._beside.submit(recommendation, model, self._value, measured, self._now_s)
+
+    def _found(self, thinking: Future[Recommendation | None]) -> Recommendation | None:
+        try:
+            return thinking.result()
+        except BrokenProcessPool:
+            self.get_logger().error("the process that searched for an advice has died; the next search begins another")
+            return None
 
     def _miss(self) -> float:
         advice = self.state.advice

@@ -27,11 +27,11 @@ from mech_twin.studies.identification.keyed_configuration import KeyedConfigurat
 from mech_twin.studies.identification.recent_samples import RecentFit, RecentSamples, fitted_recent
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.observer.estimate import SeenSample
+from mech_twin.studies.spreading import NICE
 
 SPAN_S = "span_s"
 USUAL_SPAN_S, SHORTEST_SPAN_S, LONGEST_SPAN_S = 60.0, 2.0, 300.0
 LATEST_BEGIN_S = 10.0  # latest start of the fitted stretch within the simulated run
-NICE = 10
 FAILURES = (StudyError, MeasurementError, ConfigurationError, MotionError, ValueError)
 
 
