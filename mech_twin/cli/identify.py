@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +18,7 @@ from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.measurements.units import joint_column
+from mech_twin.measurements.units import is_event, joint_column
 from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
 from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import GuidedLinkage
@@ -179,6 +180,8 @@ def _show_found(found: Identification) -> None:
         told = (" ".join(f"{value:.5g}" for value in each.values()) for each in (c.zero, c.gain, c.lag_s))
         fits.append((c.channel, c.fit_percent, c.rms, *told))
     print_table("channels of the fitted runs", heads, fits)
+    still = [c.channel for c in found.channels if math.isnan(c.fit_percent) and not is_event(c.channel)]
+    say(*(f"{name}: left out of fit and score in percent, it stands still" for name in still))
     if found.held_out is not None and found.before is not None:
         pairs = zip(found.held_out.channels, found.before.channels, strict=True)
         scores = [(one.channel, one.fit_percent, other.fit_percent, 0.0) for one, other in pairs]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -83,26 +84,43 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
             none = f"none of its channels has a name of {built.name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
-        qualities = {measurements[0]: tuple(channel_qualities(reader, proposed))}
-        run, problems = None, [f"{reader.path}: more than {MOST_SAMPLES} samples, not compared with the model"]
-        if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
-            try:
+    qualities = {path: _qualities(path, proposed) for path in measurements}
+    run, problems = None, [f"{measurements[0]}: more than {MOST_SAMPLES} samples, not compared with the model"]
+    if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
+        try:
+            with opened_run(measurements[0]) as reader:
                 run, problems = read_run(reader, proposed), []
-            except MeasurementError as error:
-                problems = [str(error)]
+        except MeasurementError as error:
+            problems = [str(error)]
     turn = model_turn(built) if turning_column(columns) and run is not None else None
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)
         problems += implausible(_with_signs(run, channels), turn, columns)
-    for path in measurements[1:]:
-        with opened_run(path) as reader:
-            qualities[path] = tuple(channel_qualities(reader, proposed))
     runs = measurements if len(measurements) > 1 else ()
+    channels = _moving(channels, proposed, list(qualities.values()))
     known = map_of(built.name, time, channels)
-    assert known is not None
+    if known is None:
+        raise CommandError(f"{measurements[0]}: every channel of {built.name} is constant at 0; expected a motion")
+    kept = {channel.source for channel in known.channels}
+    chosen = [channel.source in kept for channel in proposed.channels]
+    qualities = {path: tuple(compress(each, chosen)) for path, each in qualities.items()}
     text = map_text(built.name, time, channels, notes, columns, runs, [each.source for each in offered])
     return Proposal(text, known, qualities, problems)
+
+
+def _qualities(path: Path, given: MeasurementMap) -> tuple[Quality, ...]:
+    with opened_run(path) as reader:
+        return tuple(channel_qualities(reader, given))
+
+
+def _moving(
+    channels: Sequence[ProposedChannel], proposed: MeasurementMap, runs: Sequence[Sequence[Quality]]
+) -> list[ProposedChannel]:
+    """Return the channels, those marked unsure that are 0 throughout all runs: they tell nothing of the machine."""
+    ends = [[end for each in found for end in (each.low, each.high)] for found in zip(*runs, strict=True)]
+    zero = {channel.source for channel, each in zip(proposed.channels, ends, strict=True) if not any(each)}
+    return [replace(each, surety=UNSURE, reason="constant at 0") if each.source in zero else each for each in channels]
 
 
 class NoNameError(CommandError):

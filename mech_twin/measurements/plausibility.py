@@ -21,6 +21,7 @@ FACTOR = 4.0  # amplitude over the model's: beyond it, the unit is wrong or the 
 SPEED_FACTOR = 12.0  # largest ratio of the crank speed to the model's
 RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the position
 MOST_COMPARED = 4000
+ROUNDING = 1e-9  # of the largest number of the model in a unit: a column that moves less stands still
 
 
 class CrankPair(NamedTuple):
@@ -53,7 +54,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
         if swapped is None:
             return [*found, f"no cycle: {crank.name} moves through {turned / TURN:.3g} of a turn, expected a whole one"]
         return [*found, swapped]
-    return found + _turning_speed(crank, turn) + _following(run, crank, turn, units)
+    return found + _standing_still(run, turn, units) + _turning_speed(crank, turn) + _following(run, crank, turn, units)
 
 
 def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:
@@ -93,6 +94,22 @@ def _fitting_unit(channel: MeasuredChannel, si: str, found: float, expected: flo
             if 1.0 / factor < ratio < factor:
                 return f": expected unit {name}?"
     return ": expected the same, is a unit or gain wrong?"
+
+
+def _standing_still(run: MeasuredRun, turn: ModelTurn, units: Mapping[str, str]) -> list[str]:
+    """Name each channel that has a single value in the run, but moves in the model."""
+    return [
+        f"{each.name} stands still at {each.values[0]:.6g} {units[each.name]}, the model's moves by "
+        f"{np.ptp(turn.columns[each.name]):.4g} in a turn: is its sensor stuck?"
+        for each in run.channels
+        if each.name in turn.columns and np.ptp(each.values) == 0.0 and _moves(turn, each.name, units)
+    ]
+
+
+def _moves(turn: ModelTurn, name: str, units: Mapping[str, str]) -> bool:
+    """Return whether a column of the model moves by more than the rounding of the largest number in its unit."""
+    largest = max(float(np.abs(turn.columns[each]).max()) for each in turn.columns if units.get(each) == units[name])
+    return float(np.ptp(turn.columns[name])) > ROUNDING * largest
 
 
 def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:

@@ -103,6 +103,18 @@ def test_a_bag_of_the_twins_own_topics_maps_itself(tmp_path: Path) -> None:
     assert document["problems"] == []
 
 
+def test_a_bag_of_the_twin_identifies_its_own_keys_and_its_dead_columns_are_not_proposed(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    run = mech_twin("simulate", "vibration_crank", "--duration", "4", "--bag", bag, "--set", "crank_m=0.13", "--json")
+    assert run.code == 0, run.err
+    found = mech_twin("identify", "vibration_crank", bag, "--free", "crank_m", "--cores", "1")
+    assert found.code == 0, found.err
+    told = [line.strip() for line in found.err.splitlines()]
+    assert "is: forces.guide.force_x_n" in told
+    assert "#   is: forces.guide.moment_nm" in told
+    assert sum("motor.motor.velocity: left out" in line for line in told) == 1
+
+
 def test_a_table_of_every_sample_holds_the_run(tmp_path: Path) -> None:
     from pyarrow import parquet
 

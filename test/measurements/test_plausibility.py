@@ -224,3 +224,13 @@ def test_samples_without_a_time_of_their_own_are_no_measurement(stamp: str, tmp_
     }
     with pytest.raises(MeasurementError, match=r"'x' \(linkage.mass.position\): [01] samples .* expected at least 8"):
         read_run(TableReader(path), MeasurementMap.model_validate(tree))
+
+
+def test_a_sensor_that_stands_still_is_named_only_where_the_model_moves() -> None:
+    machine, force, moment = built("vibration_crank"), "forces.guide.force_x_n", "forces.guide.moment_nm"
+    rows = list(frames(machine, 3.0))[::5]
+    own = {"time_s": np.array([row.linkage.time_s for row in rows])}
+    own["linkage.crank.position"] = np.array([row.linkage.position[0] for row in rows])
+    own |= {name: np.full(len(rows), 3.5) for name in (force, moment)}
+    found, units = model_turn(machine), machine_columns(machine)
+    the_line(implausible(measured(own, "linkage.crank.position", force, moment), found, units), force, "stuck")

@@ -15,8 +15,9 @@ from scipy import stats
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import fixed
+from mech_twin.measurements.units import unit_of
 from mech_twin.studies.identification.channel_prediction import first_of_series, matched
-from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, stage_fit, with_begins
 from mech_twin.studies.identification.residuals import FitProblem
@@ -29,6 +30,7 @@ LEAST_NOISE = 2e-4  # of a channel's standard deviation: error of interpolation 
 BURSTS = 1.5  # times the robust spread of the residuals, insensitive to bursts: more is a model error
 BY_CHANCE = 1e-3
 FARTHEST, TINY = 1e4, 1e-300
+ROUNDING = 1e-9  # of the largest number in a unit: a channel that moves less stands still
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class ChannelScore:
     Attributes
     ----------
     fit_percent : float
-        100 (1 - rms of the residual over the standard deviation of the channel).
+        100 (1 - rms of the residual over the standard deviation of the channel); NaN if that is 0.
     rms : float
         Rms of the residual, SI units.
     white_p : float
@@ -72,8 +74,8 @@ class Score:
 
     @property
     def misfit(self) -> float:
-        """Mean over the channels of the residual's rms, each relative to the channel's standard deviation."""
-        shares = [1.0 - channel.fit_percent / 100.0 for channel in self.channels]
+        """Mean over the channels that vary of the residual's rms, each relative to its standard deviation."""
+        shares = [1.0 - each.fit_percent / 100.0 for each in self.channels if not np.isnan(each.fit_percent)]
         return float(np.mean(shares)) if shares else np.inf
 
 
@@ -123,7 +125,7 @@ def score(problem: FitProblem, x: Array) -> Score:
             continue
         centred = np.concatenate([each - each.mean() for each in values if len(each)])
         size, rms = float(np.sqrt(np.mean(centred**2))), float(np.sqrt(np.mean(whole**2)))
-        fit = 100.0 * (1.0 - rms / size) if size > 0.0 else -np.inf
+        fit = 100.0 * (1.0 - rms / size) if size > rounding_of(problem.runs, channel) else np.nan
         found.append(ChannelScore(channel.name, fit, rms, min(map(ljung_box, off))))
     return Score(tuple(found), *_events(problem, x))
 
@@ -193,13 +195,46 @@ class ChannelFit:
     autocorrelation: tuple[float, ...]
 
 
+def rounding_of(runs: Sequence[FitRun], channel: FitChannel) -> float:
+    """Return the rounding error of a channel, a small share of the largest number in its unit (SI)."""
+    unit = unit_of(channel.name)
+    every = [each for run in runs for each in run.channels if not each.of_events]
+    return ROUNDING * max(float(np.abs(each.values).max()) for each in every if unit_of(each.name) == unit)
+
+
+def stands_still(problem: FitProblem, place: int) -> bool:
+    """Return whether a sampled channel has a single value in each run: it has no size and no noise to judge it by."""
+    own = [run.channels[place] for run in problem.runs]
+    return not own[0].of_events and max(float(np.ptp(each.values)) for each in own) <= rounding_of(problem.runs, own[0])
+
+
+def _stuck(fitted: Fitted) -> str | None:
+    """Return which channel stands still although it moves in the model; None without one."""
+    problem, parts = fitted.problem, fitted.problem.parts(fitted.x)
+    for place, channel in enumerate(problem.runs[0].channels):
+        if not stands_still(problem, place):
+            continue
+        off = [part[place][masks[place]] for part, masks in zip(parts, fitted.comparison.masks, strict=True)]
+        moves = max((float(np.std(each)) for each in off if len(each)), default=0.0)
+        least = max(KNOWN_NOISE * channel_noise(problem, place)[0], rounding_of(problem.runs, channel))
+        if not moves <= least:
+            return (
+                f"{channel.name} stands still at {channel.values[0]:.6g}, the model's moves by {moves:.3g} in the rms"
+            )
+    return None
+
+
 def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
     """Return which channel's residual exceeds its sensor noise, and by how much; None if noise explains all.
 
     The residual must exceed the given or estimated noise by a factor, and be non-white by the Ljung-Box test.
     A filter in a sensor hides noise from the estimate.  If starts have not ``agreed``, the factor for estimated noise
-    is smaller, since the fit has probably missed the global minimum.
+    is smaller, since the fit has probably missed the global minimum.  A channel that stands still refutes only a model
+    in which it moves.
     """
+    stuck = _stuck(fitted)
+    if stuck is not None:
+        return stuck
     problem = fitted.problem
     for place, found in _scored(fitted):
         noise, known = channel_noise(problem, place)
@@ -207,10 +242,8 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
         if not known:  # a filter in a sensor hides its noise from differences, but causes no bursts
             most = min(most, BURSTS * max(noise, float(fitted.comparison.sigmas[place])))
         if not np.isfinite(found.rms) or (found.rms > most and found.white_p < BY_CHANCE):
-            return (
-                f"{found.channel} is off by {found.rms:.3g} in the rms, {100.0 - found.fit_percent:.2g} % of its size, "
-                f"and its sensor's noise is {noise:.3g}"
-            )
+            part = "" if np.isnan(found.fit_percent) else f", {100.0 - found.fit_percent:.2g} % of its size"
+            return f"{found.channel} is off by {found.rms:.3g} in the rms{part}, and its sensor's noise is {noise:.3g}"
     return None
 
 
@@ -229,8 +262,11 @@ def channel_noise(problem: FitProblem, place: int) -> tuple[float, bool]:
 
 
 def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
-    names = [channel.name for channel in fitted.problem.runs[0].channels]
-    return [(names.index(each.channel), each) for each in score(fitted.problem, fitted.x).channels]
+    """Return the place and the score of each channel that does not stand still."""
+    problem = fitted.problem
+    names = [channel.name for channel in problem.runs[0].channels]
+    found = [(names.index(each.channel), each) for each in score(problem, fitted.x).channels]
+    return [(place, each) for place, each in found if not stands_still(problem, place)]
 
 
 def channel_fits(fitted: Fitted) -> list[ChannelFit]:

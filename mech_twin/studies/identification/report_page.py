@@ -146,8 +146,8 @@ def _pictures(found: Identification) -> list[str]:
         worst = sorted(
             (found.channels[place].fit_percent, run, place)
             for run, each in enumerate(after[0].runs)
-            for place, channel in enumerate(each.channels)
-            if not channel.of_events
+            for place in range(len(each.channels))
+            if not np.isnan(found.channels[place].fit_percent)
         )
         shown += [_channel(found, (before, after), run, place) for _, run, place in worst[:MOST_PICTURES]]
     return shown

@@ -190,10 +190,10 @@ def _channel_read(row: Mapping[str, Any]) -> ChannelFit:
 
 
 def _score_read(record: Mapping[str, Any]) -> Score:
-    absent = {"fit_percent": -inf, "rms": inf, "white_p": nan}
-    channels = tuple(
-        ChannelScore(name, **{kind: _or(record[kind][name], value) for kind, value in absent.items()})
-        for name in record["fit_percent"]
+    rows = {name: [record[kind][name] for kind in ("fit_percent", "rms", "white_p")] for name in record["rms"]}
+    channels = tuple(  # without a fit: a run that failed has no rms either, a channel that stands still has one
+        ChannelScore(name, _or(fit, -inf if rms is None else nan), _or(rms, inf), _or(white, nan))
+        for name, (fit, rms, white) in rows.items()
     )
     missed, false = record["missed_events"], record["false_events"]
     off = record["event_time_rms_s"]

@@ -1,18 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows behind a change of the order of events tell no derivative; rounding and keys without effect hide none."""
+"""Rows and channels that tell nothing have no say: behind a change of the order of events, or standing still."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.held_out import noise_misfit, refutation, score
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors
 from mech_twin.studies.identification.refits import problem_of
-from mech_twin.studies.identification.residuals import contradicting
+from mech_twin.studies.identification.residuals import FitProblem, contradicting
 from mech_twin.studies.identification.staged_search import BENDING
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
 
@@ -59,3 +63,39 @@ def test_a_mass_thrown_against_its_stop_again_and_again_bends_within_a_step_late
         found.append(problem.curvature(x, problem.comparison(x, np.array([2e-5]))))
     assert found[0] < 0.1 * BENDING
     assert found[1] > BENDING
+
+
+def fit_of_a_run(still: dict[str, float]) -> Fitted:
+    """Return the model at its own parameters, against its own run with further channels that stand still."""
+    name, moving = "vibration_crank", "linkage.slider.position"
+    columns = [moving, *still]
+    channels = [{"source": {"column": each}, "is": each} for each in columns]
+    given = MeasurementMap.model_validate({"machine": name, "time": {"column": "time_s"}, "channels": channels})
+    question = IdentificationQuestion(name, machine_parameters(name), ("crank_m",), cores=1)
+    keyed = KeyedConfiguration(name, question.base, question.keys)
+    times = np.arange(1, 200) / 200.0
+
+    def problem(shown: list[Array]) -> FitProblem:
+        pairs = zip(given.channels, shown, strict=True)
+        fitted = tuple(FitChannel(channel, times, values, 0.0) for channel, values in pairs)
+        return problem_of(question, keyed, [FitRun(Path("run.csv"), fitted, (), 0.0)])
+
+    zeros = [np.zeros(len(times)) for _ in columns]
+    x = problem(zeros).unknowns.start
+    own = -problem(zeros).parts(x)[0][0]  # measured is 0: minus the model
+    found = problem([own, *(np.full(len(times), value) for value in still.values())])
+    return Fitted(found, x, found.comparison(x, noise_floors(found.runs)), 0.0)
+
+
+@pytest.mark.parametrize("value", [0.0, 3.5])
+def test_a_channel_that_stands_still_in_run_and_model_has_no_say_in_score_and_refutation(value: float) -> None:
+    fitted, alone = fit_of_a_run({"forces.guide.moment_nm": value}), fit_of_a_run({})
+    assert score(fitted.problem, fitted.x).misfit == score(alone.problem, alone.x).misfit
+    assert refutation(fitted) is None
+    assert noise_misfit(fitted) == noise_misfit(alone)
+
+
+def test_a_channel_that_stands_still_and_moves_in_the_model_refutes_it_by_name() -> None:
+    told = refutation(fit_of_a_run({"forces.guide.force_x_n": 3.5}))
+    assert told is not None
+    assert told.startswith("forces.guide.force_x_n stands still at 3.5, the model's moves by")
