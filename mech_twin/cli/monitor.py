@@ -186,11 +186,12 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
             told = f"({low} to {high}) of the baseline's, fair within +-{100.0 * value.range:.3g} %"
             say(f"{run.run}: operating_point: {value.name} {share} {told}")
         if not run.found.alarms:
-            say(f"{run.run}: {run.found.cycles} cycles, no alarm")
+            faults = ", ".join(dict.fromkeys(event.name for event in run.found.became_active))
+            say(f"{run.run}: {run.found.counted}, {f'fault: {faults}' if faults else 'no alarm'}")
             continue
         heads = ("alarm at, s", "began at, s", "cycles", "finding", "size", "95 % from", "to", "unit")
         rows = [row for alarm in run.found.alarms for row in _alarm_rows(alarm)]
-        print_table(f"{run.run}: {run.found.cycles} cycles, {len(run.found.alarms)} alarms", heads, rows)
+        print_table(f"{run.run}: {run.found.counted}, {len(run.found.alarms)} alarms", heads, rows)
     for run in runs:
         for explained in run.why:
             _show_explanation(run.run, explained)

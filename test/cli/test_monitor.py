@@ -145,6 +145,27 @@ def test_a_healthy_run_has_no_alarm_and_exit_code_0(
     assert "cycles are taken as healthy" in err and "no alarm" in err
 
 
+def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not_judged(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, stuck = tmp_path / "run.csv", tmp_path / "stuck.csv"
+    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--json")
+    command(monkeypatch, capsys, *words, "--duration", 8.0, "--table", run)
+    head, *rows = [line.split(",") for line in run.read_text(encoding="utf-8").splitlines()]
+    place = next(i for i, name in enumerate(head) if "mass" in name)
+    value = next(row[place] for row in rows if row[place])
+    for row in rows:
+        if float(row[0]) > 5.0 and row[place]:
+            row[place] = value
+    stuck.write_text("\n".join(",".join(row) for row in [head, *rows]), encoding="utf-8")
+    given = ("--map", plant.map, "--baseline", plant.healthy, "--arl0", 1.0)
+    code, _, err = command(monkeypatch, capsys, "monitor", "impact_mass", stuck, *given)
+    assert code == 1
+    (told,) = [line for line in err.splitlines() if "cycles," in line and line.startswith(str(stuck))]
+    assert told.endswith("fault: sensor_stuck:linkage.mass.position")
+    assert " not judged" in told and "no alarm" not in told
+
+
 def test_days_join_and_a_baseline_is_renewed_with_a_yes_alone(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,7 +72,7 @@ class JudgedRun(NamedTuple):
     Attributes
     ----------
     cycles, skipped : int
-        Number of cycles evaluated, and left out.
+        Number of cycles judged, and of those that were not: left out, or a sensor was faulty or silent.
     alarms : tuple of Alarm
         In order of time.
     faults : tuple of FaultLife
@@ -93,7 +93,18 @@ class JudgedRun(NamedTuple):
     @property
     def has_fault(self) -> bool:
         """Whether there was an alarm, or a fault became active."""
-        return bool(self.alarms) or any(event.state == "active" for event in self.events)
+        return bool(self.alarms) or bool(self.became_active)
+
+    @property
+    def counted(self) -> str:
+        """How many cycles were judged, and how many were not, as text."""
+        left = f", {self.skipped} of {self.cycles + self.skipped} not judged" if self.skipped else ""
+        return f"{self.cycles} cycles{left}"
+
+    @property
+    def became_active(self) -> tuple[FaultEvent, ...]:
+        """Each time that a fault became active, in order of time."""
+        return tuple(event for event in self.events if event.state == "active")
 
 
 def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0) -> JudgedRun:
@@ -105,6 +116,7 @@ def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0)
         found = monitor.observe(vector)
         events += found.events
         cycles += found.charts is not None
+        skipped += found.charts is None
         if found.alarm_begins:
             alarms.append(_begun(found))
         elif alarms and np.isnan(alarms[-1].ended_s) and found.charts is not None:
