@@ -140,7 +140,10 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
     model = AdviceModel(entry, parameters, wish, uncertain_keys(parameters, USUAL_SHARE))
     figures = [feature.name for feature in available_features(model.declared, columns)]
     if wish.figure not in figures:
-        raise ConfigurationError(f"key 'figure', value {wish.figure!r}: expected one of {', '.join(figures)}")
+        needs = next((feature.needs for feature in declared.features if feature.name == wish.figure), ())
+        lacking = ", ".join(sorted(set(needs) - set(columns)))
+        wanted = f"expected {lacking} in the map, or" if lacking else "expected"
+        raise ConfigurationError(f"key 'figure', value {wish.figure!r}: {wanted} one of {', '.join(figures)}")
     output = wish.output
     if not output.low <= output.value <= output.high or output.low == output.high:
         raise ConfigurationError(f"key 'output.value', value {output.value}: expected {output.low} to {output.high}")

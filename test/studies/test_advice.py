@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from catalogue import built
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
     AdviceRules,
@@ -178,3 +182,17 @@ def test_a_machine_that_is_where_it_should_be_gets_no_advice() -> None:
 def test_a_wish_that_cannot_be_had_is_told_in_one_line(changes: dict[str, object], line: str) -> None:
     with pytest.raises(ConfigurationError, match=line):
         advice_model(catalogue_entry(NAME), built(NAME).parameters, wish(**changes), COLUMNS)
+
+
+def test_a_figure_that_lacks_a_channel_names_it() -> None:
+    entry, parameters = catalogue_entry(NAME), built(NAME).parameters
+    with pytest.raises(ConfigurationError, match=r"expected linkage.crank.effort in the map, or one of period_s"):
+        advice_model(entry, parameters, wish(figure="torque_peak_nm"), COLUMNS[:1])
+
+
+def test_the_printed_example_of_an_advice_holds_with_the_printed_map() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "shadow.md").read_text(encoding="utf-8")
+    told, sensors = (yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL))
+    columns = [channel.quantity for channel in MeasurementMap.model_validate(sensors).channels]
+    entry, parameters = catalogue_entry(sensors["machine"]), built(sensors["machine"]).parameters
+    assert advice_model(entry, parameters, AdviceWish.model_validate(told), columns).figure(1.0) > told["wanted"]
