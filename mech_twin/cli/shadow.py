@@ -25,14 +25,15 @@ from mech_twin.cli.machines import own_name
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.cli.option_values import assigned
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
 from mech_twin.parameters.errors import did_you_mean, key_units, refusal
-from mech_twin.parameters.load import document_tree, kind_of
+from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of
 from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
 from mech_twin.results.opened_runs import given_map
-from mech_twin.studies.advice_search import AdviceWish
+from mech_twin.studies.advice_search import AdviceWish, advice_model
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
@@ -51,7 +52,7 @@ def shadow_machine(request: ShadowVerb) -> None:
         if (value := getattr(request, option)) is not None and reference is None:
             flag = f"--{option.replace('_', '-')}"
             raise CommandError(f"{flag} {value}: expected --monitor FILE too, which finds the faults")
-    wish = None if request.advise is None else validated_wish(request.advise)
+    wish = None if request.advise is None else checked_wish(request.advise, request, given)
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
     machine, own = kind_of(request.machine), own_name(request.machine, parameters)
@@ -123,6 +124,25 @@ def validated_wish(path: Path) -> AdviceWish:
         return AdviceWish.model_validate(document_tree(path))
     except ValidationError as error:
         raise refusal(str(path), error) from error
+
+
+def checked_wish(path: Path, request: ShadowVerb, given: MeasurementMap | None) -> AdviceWish:
+    """Return what an advisor is for, checked against machine and channels before anything is opened.
+
+    Raises
+    ------
+    ConfigurationError
+        Naming file, key, value and what was expected.
+    """
+    from mech_twin.nodes.shadow.inputs import own_map
+
+    wish = validated_wish(path)
+    columns = [channel.quantity for channel in (given or own_map(request.built)).channels]
+    try:
+        advice_model(catalogue_entry(kind_of(request.machine)), request.parameters, wish, columns)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    return wish
 
 
 def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:

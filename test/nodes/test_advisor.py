@@ -8,16 +8,21 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from catalogue import built
+from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
 from mech_twin.nodes.exchange.base_node import TwinNode
@@ -40,7 +45,7 @@ MAP = MeasurementMap.model_validate(
         ],
     }
 )
-WISH = {
+WISH: dict[str, Any] = {
     "figure": "torque_peak_nm",
     "wanted": 220.0,
     "output": AdviceOutput(key=COMMAND, low=0.5, high=1.0, value=1.0),
@@ -158,3 +163,31 @@ def test_refused_and_dry_advice_changes_nothing_and_a_lost_advisor_leaves_the_ma
         assert bench.shadow.estimate.row[speed] == pytest.approx(told.row[speed], rel=0.02)
         assert bench.commands == []
     assert after == pytest.approx(before, rel=0.01)
+
+
+def test_an_advice_that_is_refused_opens_no_recording_and_removes_none(tmp_path: Path) -> None:
+    wrong = {**WISH, "figure": "stroke_m", "output": WISH["output"].model_dump()}
+    file, known = tmp_path / "advice.yaml", tmp_path / "known"
+    file.write_text(yaml.safe_dump(wrong), encoding="utf-8")
+    known.mkdir()
+    (known / "metadata.yaml").write_text("of an earlier run", encoding="utf-8")
+    for record in (known, tmp_path / "new"):
+        ended = mech_twin("shadow", NAME, "--from", "plant", "--advise", file, "--record", record, "--force")
+        assert ended.code == 2
+        assert f"{file}: key 'figure', value 'stroke_m'" in ended.err
+    assert (known / "metadata.yaml").exists()
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_node_that_refuses_to_start_beside_a_shadow_leaves_no_recording(tmp_path: Path) -> None:
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    parameters = built(NAME).parameters
+    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
+    try:
+        wish = AdviceWish.model_validate({**WISH, "figure": "stroke_m"})
+        with pytest.raises(ConfigurationError, match="key 'figure'"):
+            nodes_beside(NAME, shadow, parameters, Company(tmp_path / "bag", advice=wish))
+        assert not (tmp_path / "bag").exists()
+    finally:
+        destroy_nodes([shadow])
+        rclpy.try_shutdown()

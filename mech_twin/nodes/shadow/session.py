@@ -144,8 +144,6 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         tuple(node.followed),
     )
     found: list[TwinNode] = []
-    if company.record is not None:
-        found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
     if company.monitor is not None:
         monitor = MonitorNode(machine_name, company.monitor, node.columns, node.origin, parameters)
         monitor.outlets = company.outlets
@@ -169,6 +167,8 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         viewer.identifier = identifier
         node.on_estimate = viewer.take
         found.append(viewer)
+    if company.record is not None:  # after all that may refuse: a failed start leaves no recording
+        found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
     if identifier is not None:
         identifier.on_taken = partial(taken_over, (node, *found))
     return found
