@@ -13,6 +13,7 @@ from typing import NamedTuple
 from pydantic import ValidationError
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
+from mech_twin.capabilities.cycle import TURN
 from mech_twin.cli.console import say, write_text
 from mech_twin.cli.failure import CommandError
 from mech_twin.declarations.quantity import Parameters
@@ -22,7 +23,7 @@ from mech_twin.files.output_file import plain
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
-from mech_twin.measurements.runs import read_parts
+from mech_twin.measurements.runs import MeasuredRun, read_parts
 from mech_twin.measurements.units import is_event, machine_columns
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, kind_of
@@ -36,10 +37,10 @@ from mech_twin.studies.monitoring.baseline import (
     new_origin,
     sensors_hash,
 )
-from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
 from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.report import known_sensors, vectors_of_parts
+from mech_twin.studies.monitoring.report import known_sensors, seen_of_run, vectors_of_parts
 from mech_twin.studies.monitoring.sensing import MonitoredMachine
 from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
 
@@ -157,10 +158,25 @@ def featured_run(
     feed.run_up_s = declared.run_up_s if skip_s is None else skip_s
     feed, vectors = vectors_of_parts(feed, parts)
     if not vectors:
-        none = f"no complete cycle of {declared.reference.column} after {feed.run_up_s:g} s"
-        raise CommandError(f"{path}: {none}; expected some (--skip)")
+        raise CommandError(f"{path}: {_no_cycle(feed, parts)}")
     units = {feature.name: feature.unit for feature in feed.features}
     return FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
+
+
+def _no_cycle(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> str:
+    """Return what the reference does after the run-up, in the longest part of a run without a complete cycle."""
+    column, kind, begin, _ = feed.declared.reference
+    values = max((seen_of_run(part, feed.run_up_s)[column][1] for part in parts), key=len)
+    head = f"no complete cycle of {column} after {feed.run_up_s:g} s"
+    if feed.skipped:
+        return f"{head}: {feed.skipped} have a gap or are a standstill; expected whole ones"
+    if not len(values):
+        return f"{head}: the run is shorter; expected a shorter --skip"
+    first, last, low, high = (float(each) for each in (values[0], values[-1], values.min(), values.max()))
+    if kind == "rise":
+        return f"{head}: it is {low:.4g} to {high:.4g}; expected two rises through {begin:g} (--skip)"
+    hint = "sign: -1 in the map?" if last - first < -TURN else "--skip"
+    return f"{head}: it goes from {first:.4g} to {last:.4g} rad; expected it to rise by more than a turn ({hint})"
 
 
 def _own_map(built: Machine, reader: RunReader) -> MeasurementMap:

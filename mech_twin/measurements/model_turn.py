@@ -40,7 +40,7 @@ class ModelTurn:
     columns : mapping
         Each column at these angles, shape (n,).
     speed_rad_per_s : float
-        Mean speed over the turn.
+        Mean speed over the turn, negative if the angle falls.
     led : frozenset
         Columns that repeat from turn to turn, as functions of the crank angle at any speed.
     """
@@ -94,7 +94,7 @@ def model_turn(machine: Machine) -> ModelTurn | None:
         return None
     last, before = (np.abs(angle - angle[-1] + sign * TURN) for sign in (0.0, np.sign(angle[-1] - angle[0])))
     times_s, place = columns.pop("time_s"), last < TURN
-    speed = abs(float(angle[place][-1] - angle[place][0])) / float(times_s[place][-1] - times_s[place][0])
+    speed = float(angle[place][-1] - angle[place][0]) / float(times_s[place][-1] - times_s[place][0])
     newest, former = (_by_angle(angle, columns, turn < TURN) for turn in (last, before))
     led = frozenset(name for name in columns if _same(newest, former, name))
     return ModelTurn(crank, *newest, speed, led)

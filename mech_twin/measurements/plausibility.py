@@ -113,17 +113,15 @@ def _moves(turn: ModelTurn, name: str, units: Mapping[str, str]) -> bool:
 
 
 def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
-    """Compare the speed of the crank with the model's, within a wide factor."""
+    """Compare the speed of the crank with the model's: its sense, and its size within a wide factor."""
     if isinstance(crank.channel.gain, str):
         return []
     duration_s = float(crank.times_s[-1] - crank.times_s[0])
-    speed, usual = abs(float(crank.values[-1] - crank.values[0])) / duration_s, turn.speed_rad_per_s
-    if usual / SPEED_FACTOR < speed < usual * SPEED_FACTOR:
-        return []
-    return [
-        f"{crank.name} turns at {speed:.4g} rad/s in the mean, the model at {usual:.4g}"
-        f"{_fitting_unit(crank, 'rad', speed, usual, SPEED_FACTOR)}"
-    ]
+    speed, usual = float(crank.values[-1] - crank.values[0]) / duration_s, turn.speed_rad_per_s
+    told = f"{crank.name} turns at {speed:.4g} rad/s in the mean, the model at {usual:.4g}"
+    if not 1.0 / SPEED_FACTOR < abs(speed / usual) < SPEED_FACTOR:
+        return [f"{told}{_fitting_unit(crank, 'rad', abs(speed), abs(usual), SPEED_FACTOR)}"]
+    return [] if speed * usual > 0.0 else [f"{told}: expected sign {-crank.channel.sign}"]
 
 
 def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel, units: Mapping[str, str]) -> str | None:

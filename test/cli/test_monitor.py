@@ -166,6 +166,22 @@ def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not
     assert " not judged" in told and "no alarm" not in told
 
 
+def test_a_run_without_a_cycle_says_what_its_reference_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = {"column": "crank", "topic": "/crank", "joint": "crank", "field": "position"}
+    channels = [{"source": source, "is": "linkage.crank.position", "sign": -1, "rate_hz": 200.0}]
+    for name, sign in (("backward", 1), ("forward", -1)):
+        tree = {"machine": "vibration_crank", "channels": [{**channels[0], "sign": sign}]}
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
+    run = tmp_path / "run.csv"
+    words = ("simulate", "vibration_crank", "--duration", "4", "--sensors", tmp_path / "forward.yaml", "--json")
+    command(monkeypatch, capsys, *words, "--table", run)
+    code, _, err = command(monkeypatch, capsys, "monitor", "vibration_crank", run, "--map", tmp_path / "backward.yaml")
+    assert code == 2
+    assert "rad; expected it to rise by more than a turn (sign: -1 in the map?)" in err
+
+
 def test_days_join_and_a_baseline_is_renewed_with_a_yes_alone(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -255,7 +271,10 @@ def test_a_sensor_set_is_judged_before_it_is_bought(
         (("FAULTY", "--map", "MAP", "--picture", "why.svg"), "--picture"),
         (("FAULTY", "--map", "MAP", "--baseline", "FAULTY", "--renew"), "--renew: expected --baseline FILE.json"),
         (("FAULTY", "--map", "MAP", "--baseline", "a.json", "--baseline", "FAULTY"), "a.json: expected it alone"),
-        (("FAULTY", "--map", "MAP", "--skip", "100"), "no complete cycle of motor.generator.effort after 100 s"),
+        (
+            ("FAULTY", "--map", "MAP", "--skip", "100"),
+            "no complete cycle of motor.generator.effort after 100 s: the run is shorter; expected a shorter --skip",
+        ),
         (("FAULTY", "--map", "MAP", "--skip", "12"), "the baseline holds "),
     ],
 )

@@ -146,6 +146,13 @@ def test_a_position_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: M
     the_line(implausible(turned, turn, UNITS), columns[2], "sign", "turned round")
 
 
+def test_a_crank_that_turns_against_the_model_is_named_with_the_sign_expected(
+    motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    turned = with_values(measured(motion, COLUMNS[0]), COLUMNS[0], np.negative)
+    the_line(implausible(turned, turn, UNITS), COLUMNS[0], "turns at -", "expected sign -1")
+
+
 def test_no_cycle_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     short = {name: values[:40] for name, values in motion.items()}
     the_line(implausible(measured(short, *COLUMNS[:2]), turn, UNITS), "no cycle", "of a turn")
