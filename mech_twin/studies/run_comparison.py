@@ -22,6 +22,7 @@ from mech_twin.parameters.load import PAGE, machine_parameters
 
 LABEL_LETTERS = 32  # in a line of an axis label
 ROUNDING = 1e-9  # of the largest number in a unit: smaller columns are rounding errors
+SAME_UNIT = {"J": "N m"}  # the work of a torque in a radian is as large as the torque
 RESIDUAL = "worst_"  # prefix of residuals in a summary
 
 
@@ -42,7 +43,7 @@ class ComparedRun(NamedTuple):
 
 
 class Differing(NamedTuple):
-    """A setting or number of both sides, None where it is absent; ``relative`` is |a - b| over the larger magnitude."""
+    """A setting or number of both sides, None where it is absent; ``relative`` is that of `relative_difference`."""
 
     name: str
     first: Any
@@ -74,7 +75,8 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
     first, second : ComparedRun
         Both of one machine.
     tolerance : float
-        Relative difference, |a - b| / max(|a|, |b|), up to which two numbers count as equal.
+        Relative difference, |a - b| / max(|a|, |b|, rounding of the largest number in the unit), up to which two
+        numbers count as equal.
 
     Raises
     ------
@@ -86,12 +88,13 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
             f"A ({first.label}) is {first.machine}, B ({second.label}) {second.machine}; expected one machine"
         )
     real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
+    summaries = first.summary, second.summary
     settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))
     return Comparison(
         first.machine,
         (first.label, second.label),
         tuple(setting for setting in settings if setting.first != setting.second),
-        tuple(number for number in _paired(first.summary, second.summary) if not number.name.startswith(RESIDUAL)),
+        _paired(*({name: x for name, x in each.items() if not name.startswith(RESIDUAL)} for each in summaries)),
         tolerance,
     )
 
@@ -116,21 +119,36 @@ def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _paired(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[Differing, ...]:
-    return tuple(
-        Differing(name, first.get(name), second.get(name), relative_difference(first.get(name), second.get(name)))
-        for name in dict.fromkeys((*first, *second))
-    )
+    least = _least_sizes(first, second)
+    pairs = ((name, first.get(name), second.get(name)) for name in dict.fromkeys((*first, *second)))
+    return tuple(Differing(*each, relative_difference(*each[1:], least.get(_size_of(each[0]), 0.0))) for each in pairs)
 
 
-def relative_difference(first: Any, second: Any) -> float:
-    """Return |a - b| / max(|a|, |b|) of two numbers; 0 for equal values, infinite if one is not a number."""
+def _size_of(name: str) -> str:
+    """Return the unit with whose numbers a number is compared in size."""
+    unit = unit_of(name)
+    return SAME_UNIT.get(unit, unit)
+
+
+def _least_sizes(*sides: Mapping[str, Any]) -> dict[str, float]:
+    """Return the rounding error of the largest number of each unit; numbers without a unit have no common size."""
+    found: dict[str, float] = {}
+    for name, value in (item for side in sides for item in side.items()):
+        unit = _size_of(name)
+        if unit and isinstance(value, int | float) and math.isfinite(value):
+            found[unit] = max(found.get(unit, 0.0), ROUNDING * abs(value))
+    return found
+
+
+def relative_difference(first: Any, second: Any, least: float = 0.0) -> float:
+    """Return |a - b| / max(|a|, |b|, least) of two numbers; 0 for equal values, infinite if one is not a number."""
     if first == second:
         return 0.0
     if not all(isinstance(value, int | float) for value in (first, second)):
         return math.inf
     if math.isnan(first) and math.isnan(second):
         return 0.0
-    apart = abs(first - second) / max(abs(first), abs(second))
+    apart = abs(first - second) / max(abs(first), abs(second), least)
     return math.inf if math.isnan(apart) else float(apart)
 
 

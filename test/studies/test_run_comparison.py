@@ -50,6 +50,15 @@ def test_the_tolerance_is_relative_to_the_larger_number(tolerance, beyond):
     assert len(found.beyond) == beyond
 
 
+@pytest.mark.parametrize("name", ["mean_nm", "work_j"])
+def test_a_number_that_is_rounding_beside_others_of_its_unit_differs_by_a_share_of_their_size(name):
+    first, second = (side(summary={"peak_nm": 300.0, name: value}) for value in (4.0e-10, 3.6e-10))
+    assert not compared(first, second, 1e-3).beyond
+    assert [number.name for number in compared(first, second).beyond] == [name]  # without a tolerance to the bit
+    alone = [side(summary={name: value, "count": 1e9}) for value in (4.0e-10, 3.6e-10)]
+    assert compared(*alone, 0.05).beyond
+
+
 def test_residuals_are_rounding_and_not_compared():
     found = compared(side(summary={"worst_energy_balance": 1e-15}), side(summary={"worst_energy_balance": 3e-15}))
     assert not found.numbers
