@@ -140,7 +140,7 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
     model = AdviceModel(entry, parameters, wish, uncertain_keys(parameters, USUAL_SHARE))
     figures = [feature.name for feature in available_features(model.declared, columns)]
     if wish.figure not in figures:
-        needs = next((feature.needs for feature in declared.features if feature.name == wish.figure), ())
+        needs = next((feature.needs for feature in model.declared.features if feature.name == wish.figure), ())
         lacking = ", ".join(sorted(set(needs) - set(columns)))
         wanted = f"expected {lacking} in the map, or" if lacking else "expected"
         raise ConfigurationError(f"key 'figure', value {wish.figure!r}: {wanted} one of {', '.join(figures)}")
