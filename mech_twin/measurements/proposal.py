@@ -17,6 +17,7 @@ from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column
 EXACT, NEAR, UNSURE = 3, 2, 1
 ALIKE = 0.8  # least similarity of two words
 MOST_LEFT_OUT = 12  # channels named as left out
+ROLES = {"body": 0.02, "linkage": 0.01}  # likeness added: a body of its own before the linkage's, that before the motor
 WIDTH = 80  # of lines in the text of a map
 FIELD_WORDS: Mapping[str, tuple[str, ...]] = {
     "position": ("position", "pos", "angle", "travel", "displacement", "stroke", "deg", "rad", "mm", "phi", "theta"),
@@ -116,7 +117,7 @@ def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str
     kind, _, number = parts.joint.partition("_")
     known = JOINT_WORDS.get(kind if number.isdigit() else parts.joint, (parts.joint,))
     joint = _likeness(words, known) + (0.1 if number.isdigit() and number in re.findall(r"\d+", source.label) else 0.0)
-    role = 0.01 if parts.role == "linkage" else 0.0
+    role = ROLES.get(parts.role, 0.0)
     if joint >= ALIKE:
         return NEAR, joint + role, "a near name"
     return (

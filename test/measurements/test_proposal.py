@@ -71,3 +71,10 @@ def test_headers_of_foreign_tables_tell_column_and_unit(machine: str) -> None:
     found = proposed_channels(offered, machine_columns(built(machine)))
     assert all(each.unit is not None and each.surety > UNSURE for each in found)
     assert {each.source.label: each.column for each in found} == FOREIGN[machine]
+
+
+@pytest.mark.parametrize("label", ["Body angle [deg]", "body (deg)", "body.body.position (deg)"])
+def test_a_body_of_its_own_is_proposed_before_the_linkage_s(label: str) -> None:
+    columns = machine_columns(built("mb10_breaker"))
+    (channel,) = proposed_channels([SourceColumn(Source(column=label), "deg")], columns)
+    assert channel.column == "body.body.position"  # which features of the breaker's cycle need
