@@ -201,10 +201,11 @@ class Page(Parameters):
         if name not in self.joints:
             raise ValueError(f"{where}.joint: no joint '{name}'; expected one of {', '.join(self.joints)}")
         kind = self.joints[name].kind
-        if turns is None:
-            turns = getattr(element, "turns", None)
         if kind not in ("revolute", "slider"):
             raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected a revolute or a slider")
+        if turns is not None and turns != (kind == "revolute"):
+            raise ValueError(f"{where}: '{name}' is a {kind}; expected a {'revolute' if turns else 'slider'} there")
+        turns = getattr(element, "turns", None) if turns is None else turns
         if turns is not None and turns != (kind == "revolute"):
             unit = "rpm, deg, or N m" if kind == "revolute" else "m, m/s, or N"
             raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected keys in {unit}")

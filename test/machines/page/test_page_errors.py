@@ -140,7 +140,7 @@ VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
         (
             "couplings",
             {"kind": "rack", "joints": ["guide", "other"], "radius_m": 0.1, "rate_n_per_m": 1.0},
-            "couplings.there.joint: 'guide' is a slider; expected keys in m, m/s, or N",
+            "couplings.there: 'guide' is a slider; expected a revolute there",
         ),
         (
             "couplings",
