@@ -17,6 +17,7 @@ from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, FORMER
+from mech_twin.parameters.errors import described_keys
 from mech_twin.parameters.load import (
     MACHINE_KEY,
     MOTOR_TABLE,
@@ -55,6 +56,13 @@ def shipped_pages() -> dict[str, Path]:
 def write_page(request: NewVerb) -> None:
     """Write a page to start from to standard output, or name the kinds."""
     kind, pages = request.kind, shipped_pages()
+    if request.keys is not None:
+        rows = [row for row in described_keys(PAGE.parameters) if request.keys in ("all", row[0].partition(".")[0])]
+        if not rows:
+            groups = ", ".join(PAGE.parameters.model_fields)
+            raise CommandError(f"--keys {request.keys}: expected all or one of {groups}")
+        print_table("keys of a page, NAME is yours", ("key", "unit", "description"), rows, wide=True)
+        return
     if request.former is not None:
         if kind is not None:
             raise CommandError(f"--from {request.former}: expected no page to start from beside it, got {kind}")

@@ -293,6 +293,7 @@ class NewVerb(Verb, answer="machines:write_page"):
     """Write a page to start from: a planar machine of one's own."""
 
     kind: str | None = argument("page to start from; names them where absent", None)
+    keys: str | None = option("keys of a group of pages, such as springs; all: of all groups", metavar="GROUP")
     former: Path | None = option("page from a planar_linkage's configuration, or a recording of it", None, "--from")
 
 

@@ -71,18 +71,21 @@ def _is_group(annotation: Any) -> bool:
     return any(isinstance(option, type) and issubclass(option, Parameters) for option in options)
 
 
-def key_units(model: type[BaseModel], prefix: str = "") -> dict[str, str]:
+def key_units(model: type[BaseModel]) -> dict[str, str]:
     """Return every dotted key of a parameter model that has a value, with its unit (empty without one)."""
-    units: dict[str, str] = {}
+    return {key: unit for key, unit, _ in described_keys(model)}
+
+
+def described_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str]]:
+    """Yield every dotted key of a parameter model that has a value, its unit (empty without one) and its meaning."""
     for name, field in model.model_fields.items():
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         groups = list(_models(field.annotation))
         named = f"{ANY_NAME}." if get_origin(field.annotation) is dict else ""
         for group in groups:
-            units |= key_units(group, f"{prefix}{name}.{named}")
+            yield from described_keys(group, f"{prefix}{name}.{named}")
         if not groups:
-            units[f"{prefix}{name}"] = str(extra.get("unit", ""))
-    return units
+            yield f"{prefix}{name}", str(extra.get("unit", "")), field.description or ""
 
 
 def declared_key(key: str, units: Mapping[str, str]) -> str:

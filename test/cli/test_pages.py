@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -305,3 +306,11 @@ def test_an_angle_is_not_taken_for_the_travel_of_a_slider(page, tmp_path):
     file.write_text(f"bodies: {{m: {{mass_kg: 1}}}}\n{joints}\n", encoding="utf-8")
     with pytest.raises(StudyError, match="no turning joint"):
         answer("analyse", file, "--crank-deg", "40")
+
+
+def test_the_keys_of_a_group_are_told_with_unit_and_meaning():
+    told = answer("new", "--keys", "springs")
+    assert re.search(r"springs\.NAME\.rate_n_per_m +N/m +rate of a spring", told)
+    assert "dampers" not in told
+    with pytest.raises(CommandError, match=r"--keys sprngs: expected all or one of .*springs"):
+        answer("new", "--keys", "sprngs")
