@@ -57,11 +57,11 @@ def write_page(request: NewVerb) -> None:
     """Write a page to start from to standard output, or name the kinds."""
     kind, pages = request.kind, shipped_pages()
     if request.keys is not None:
-        rows = [row for row in described_keys(PAGE.parameters) if request.keys in ("all", row[0].partition(".")[0])]
-        if not rows:
+        found = [row for row in described_keys(PAGE.parameters) if request.keys in ("all", row[0].partition(".")[0])]
+        if not found:
             groups = ", ".join(PAGE.parameters.model_fields)
             raise CommandError(f"--keys {request.keys}: expected all or one of {groups}")
-        print_table("keys of a page, NAME is yours", ("key", "unit", "description"), rows, wide=True)
+        print_table("keys of a page, NAME is yours", ("key", "unit", "description"), found, wide=True)
         return
     if request.former is not None:
         if kind is not None:
