@@ -177,6 +177,8 @@ def recover_bag(request: RecoverVerb) -> None:
         print_json(report)
     else:
         say_result("\n".join(report.lines()))
+    if not report.messages:
+        raise SystemExit(FOUND)
 
 
 def replay(request: ReplayVerb) -> None:

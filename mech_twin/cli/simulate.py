@@ -21,7 +21,7 @@ from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_
 from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
-from mech_twin.parameters.load import catalogue_entry, description_text
+from mech_twin.parameters.load import assignments, catalogue_entry, description_text, run_group
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.results.opened_runs import given_map, recorded_to, topic_field
 from mech_twin.roles import Machine
@@ -40,6 +40,7 @@ def simulate_machine(request: SimulateVerb) -> None:
     check_outputs(request)
     name, machine = request.machine, request.built
     say_consequences(name, request.config, request.settings)
+    _check_own_roles(request)
     books = None if request.energy is None else _energy_books(request, machine)
     with busy("compiling kernels, once after an installation or a change"):
         warm_up_run(machine)  # a signal while kernels are compiled ends the process: no recording may be open then
@@ -87,6 +88,14 @@ def simulate_machine(request: SimulateVerb) -> None:
         say(f"{name}: {'; '.join(broken)}")
         raise SystemExit(FOUND)
     report_losses(request.bag)
+
+
+def _check_own_roles(request: SimulateVerb) -> None:
+    """Refuse classes of a user's own in the place of roles, which only nodes take."""
+    group = run_group(request.machine, request.config, assignments(request.settings))
+    for role in ("motor", "forces", "body"):
+        if group.get(role):
+            raise CommandError(f"key 'run.{role}', value {group[role]!r}: `mech-twin run` takes it, simulate does not")
 
 
 def _beside(machine: Machine, duration_s: float, changes: Sequence[LiveChange]) -> RunInShorterSteps | None:

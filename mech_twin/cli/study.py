@@ -89,7 +89,8 @@ def shows_limits(texts: Sequence[str], machine: str, capability: str) -> bool:
         return False
     with study_errors():
         question = asked_of(machine, capability, f"nothing to {capability}")
-    print_numbers(f"{machine}: limits and their usual values", dict(question.limits))
+    usual = {name: "as configured" if math.isnan(value) else value for name, value in question.limits.items()}
+    print_numbers(f"{machine}: limits and their usual values", usual)
     return True
 
 

@@ -25,6 +25,7 @@ from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, Fra
 Target = float | EffortCommand  # asked fraction of rated supply frequency, or an effort in its place
 RESET = "reset"
 GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to the initial state is the linkage
+LARGEST = 1e12  # position, stiffness or damping of an effort command: their products stay finite
 LOOK_AHEAD_S = 3.0
 STANDING_S = 1.0
 STANDING_REACH = 1e-3  # rad or m of the drive within the standing time
@@ -71,6 +72,23 @@ def effort_limit(machine: Machine) -> float:
     return limit
 
 
+def check_effort(machine: Machine, asked: EffortCommand) -> None:
+    """Refuse an effort command out of range.
+
+    Raises
+    ------
+    StudyError
+        The machine's motor takes no effort, or a number is not finite, beyond its limit, or of the wrong sign.
+    """
+    limit, numbers = effort_limit(machine), ", ".join(f"{name} {x:g}" for name, x in asked._asdict().items())
+    small = all(abs(number) <= LARGEST for number in asked[1:])
+    if not (abs(asked.effort) <= limit and small and asked.stiffness >= 0.0 and asked.damping >= 0.0):
+        raise StudyError(
+            f"{numbers}: expected an effort within {limit:g}, a position within {LARGEST:g}, stiffness and damping 0 "
+            f"to {LARGEST:g}"
+        )
+
+
 def _limit(machine: Machine) -> float:
     return machine.motor.effort_limit if isinstance(machine.motor, EffortMotor) else 0.0
 
@@ -78,7 +96,7 @@ def _limit(machine: Machine) -> float:
 def driven(machine: Machine, linkage: LinkageSample, target: Target) -> MotorSample:
     """Return the motor at the linkage's step: as its supply gives, or at the commanded effort, clipped to its limit.
 
-    Commands are checked with `effort_limit` on arrival; if a live parameter has set the limit to 0, the effort is 0.
+    Commands are checked with `check_effort` on arrival; if a live parameter has set the limit to 0, the effort is 0.
     """
     if not isinstance(target, EffortCommand):
         return machine.motor.respond(linkage, target)

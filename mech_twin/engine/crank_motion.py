@@ -41,6 +41,7 @@ from mech_twin.parts.induction_motor import torque_in_step
 
 TOLERANCE = 1e-12  # of a step: angle in rad, speed and works over their size
 HELD_SHARE = 0.01  # of the energy held and moved: the tolerance of work stays above its rounding
+ROUNDING = 4e-15  # relative, of an angle
 KINDS = ("started", "stopped", "stalled", "reversed")  # then those of the boundaries
 STARTED, STOPPED, STALLED, REVERSED = range(4)
 CRANK_CONTACT, LOAD_CONTACT = 0, 1
@@ -154,7 +155,10 @@ def signal_boundary(
 
 @laws.declares(laws.begin_piece, TurningCrank)
 def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) -> None:
-    """Store the next boundary in the sense of rotation, and its angle (rad) counted as ``y[ANGLE]`` is."""
+    """Store the next boundary in the sense of rotation, and its angle (rad) counted as ``y[ANGLE]`` is.
+
+    One behind by no more than rounding is next: passed, it would have changed the regime.
+    """
     boundaries, kept, sense = motion.model.crank.boundaries, motion.kept, turning_sense(regimes[CRANK_LAW])
     best, aim = -1, math.copysign(math.inf, sense)
     for i in range(len(boundaries)):
@@ -164,7 +168,8 @@ def find_boundary(motion: TurningCrank, t: float, y: Array, regimes: Indices) ->
         if math.isnan(angle):
             angle = kept[TURNED_BACK]
         else:
-            angle += sign * TURN * (math.floor(sign * (kept[TURNED] - angle) / TURN) + 1.0)
+            behind = sign * (kept[TURNED] - angle) - ROUNDING * (TURN + abs(kept[TURNED]))
+            angle += sign * TURN * (math.floor(behind / TURN) + 1.0)
         if best < 0 or sign * (angle - aim) < 0.0:
             best, aim = i, angle
     kept[BOUNDARY], kept[AIM] = best, aim - (kept[TURNED] - y[ANGLE])

@@ -22,7 +22,7 @@ from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.compiled_steps import RunEnd
-from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
+from mech_twin.engine.coupling import Target, check_effort, complete_frame, next_frame
 from mech_twin.engine.sample_vectors import LAYOUTS, Array, EventNumbers, FrameLayout
 from mech_twin.engine.trajectory import Residual, RunInvariants, frame_events, residuals_of_run
 from mech_twin.errors import MotionError, StudyError, UnknownNameError
@@ -150,8 +150,8 @@ class RunPlan:
                     run.take(view, end, error)
             return run.result()
         asked = self.targets.tolist() if isinstance(self.targets, np.ndarray) else self.targets
-        if any(isinstance(target, EffortCommand) for target in asked):
-            effort_limit(self.pieces[0].machine)
+        for effort in {target for target in asked if isinstance(target, EffortCommand)}:
+            check_effort(self.pieces[0].machine, effort)
         return replace(_run_by_roles(self.pieces, self.start, asked[1:], self.columns, between), machines=self.machines)
 
     @property
@@ -301,7 +301,6 @@ def command_profile(command: Profile, first: int, count: int, step_s: float) -> 
             profile[begin:] = [value] * (count + 1 - begin)
     efforts = {target for target in profile if isinstance(target, EffortCommand)}
     numbers = np.array([t for t in profile if not isinstance(t, EffortCommand)], dtype=np.float64)
-    _finite(np.array([number for effort in efforts for number in effort]))
     return [_plain(target) for target in profile] if efforts else _finite(numbers)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from mech_twin.engine.compiled_machine import compiled_machine
-from mech_twin.engine.coupling import Target, complete_frame, effort_limit, next_frame
+from mech_twin.engine.coupling import Target, check_effort, complete_frame, next_frame
 from mech_twin.roles import Machine
 from mech_twin.samples import EffortCommand, Frame
 
@@ -80,7 +80,7 @@ def _frames_after(machine: Machine, frame: Frame, targets: Sequence[Target]) -> 
         return
     for target in targets:
         if isinstance(target, EffortCommand):
-            effort_limit(machine)
+            check_effort(machine, target)
         frame = next_frame(machine, frame, target)
         yield frame
 

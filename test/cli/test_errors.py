@@ -206,6 +206,10 @@ MISTAKES = {
         ["impct_mass: there is no such recording", "did you mean 'impact_mass'"],
     ),
     "negative tolerance": ("compare mb10 mb10 --tolerance -1", ["--tolerance", "greater than or equal to 0"]),
+    "a motor of one's own": (
+        "simulate winding_drum --duration 0.01 --set run.motor=a:B",
+        ["key 'run.motor', value 'a:B'", "`mech-twin run` takes it"],
+    ),
     "comparison of no kind": ("compare mb10 mb10 --picture x.doc", ["x.doc", ".png or .svg"]),
     "view of no kind": ("view bag --save x.png", ["--save x.png", "expected a file NAME.rrd"]),
     "nothing to recover": ("recover nothing out", ["nothing: there is no such bag"]),

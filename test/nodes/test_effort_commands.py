@@ -87,9 +87,10 @@ def test_a_motor_that_comes_back_goes_on_with_the_effort_it_was_asked_for() -> N
     [
         ("winding_drum", EFFORT_COMMAND, Float64(data=1.0), "takes no effort command"),
         ("impact_mass", EFFORT_COMMAND, Float64(data=1e9), "an effort within"),
-        ("impact_mass", EFFORT_COMMAND, Float64(data=float("nan")), "finite"),
+        ("impact_mass", POSITION_COMMAND, Float64MultiArray(data=[1e308, 1e308, 1e308]), "a position within"),
+        ("impact_mass", EFFORT_COMMAND, Float64(data=float("nan")), "effort nan"),
         ("impact_mass", POSITION_COMMAND, Float64MultiArray(data=[1.0]), "position, stiffness, damping"),
-        ("impact_mass", POSITION_COMMAND, Float64MultiArray(data=[1.0, -1.0, 0.0]), "0 or more"),
+        ("impact_mass", POSITION_COMMAND, Float64MultiArray(data=[1.0, -1.0, 0.0]), "stiffness and damping 0 to"),
     ],
 )
 def test_what_a_motor_cannot_give_is_counted_with_the_reason_and_not_used(

@@ -36,6 +36,13 @@ def test_orders_and_values_are_answered_by_the_nodes_themselves(running):
     assert "supply on" in told("vibration_crank", "start").stdout
     assert told("vibration_crank", "drive.speed_rpm=290").stdout == "drive.speed_rpm = 290.0\n"
     assert told("vibration_crank", "reset").returncode == 0
+    assert told("vibration_crank", "run.step_count=3").stdout == "run.step_count = 3\n"
+    unknown = told("vibration_crank", "drive.sped_rpm=3")
+    assert unknown.returncode == 2
+    assert "no parameter 'drive.sped_rpm'; did you mean drive.speed_rpm" in unknown.stderr
+    assert told("vibration_crank", "pause").stdout == "pause: paused\n"
+    assert told("vibration_crank", "step").returncode == 0
+    assert told("vibration_crank", "resume").stdout == "resume: goes on\n"
     refused = told("vibration_crank", "drive.speed_rpm=0")
     assert refused.returncode == 2
     assert refused.stderr.startswith("mech-twin: tell vibration_crank drive.speed_rpm: refused: ")

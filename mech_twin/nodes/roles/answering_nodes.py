@@ -17,8 +17,8 @@ from mech_twin.engine.coupling import (
     LOOK_AHEAD_S,
     RESET,
     Target,
+    check_effort,
     driven,
-    effort_limit,
     next_body,
     start_forecast,
 )
@@ -138,10 +138,7 @@ class MotorNode(FollowerNode):
         def hold() -> None:
             if len(message.data) != len(HOLD):
                 raise MessageError(f"{len(message.data)} numbers; expected {len(HOLD)}: {', '.join(HOLD)}")
-            position, stiffness, damping = message.data
-            if stiffness < 0.0 or damping < 0.0:
-                raise MessageError(f"stiffness {stiffness:g}, damping {damping:g}; expected 0 or more of both")
-            self._take_effort(EffortCommand(0.0, position, stiffness, damping))
+            self._take_effort(EffortCommand(0.0, *message.data))
 
         self._obey(POSITION_COMMAND, hold)
 
@@ -153,9 +150,7 @@ class MotorNode(FollowerNode):
             self.statistics.count(topic.name, "malformed", str(error))
 
     def _take_effort(self, asked: EffortCommand) -> None:
-        limit = effort_limit(self.machine)
-        if not all(map(math.isfinite, asked)) or abs(asked.effort) > limit:
-            raise MessageError(f"{', '.join(map(str, asked))}: expected finite numbers, an effort within {limit:g}")
+        check_effort(self.machine, asked)
         self.target = asked
 
     def _take_speed(self, fraction: float) -> None:

@@ -10,8 +10,8 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import rclpy
-from rcl_interfaces.msg import ParameterEvent
-from rcl_interfaces.srv import GetParameters, ListParameters, SetParametersAtomically
+from rcl_interfaces.msg import ParameterEvent, ParameterType
+from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -20,6 +20,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
+from mech_twin.declarations.captions import unknown_name
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.nodes.run.domain import UnansweredError
@@ -52,6 +53,7 @@ ORDERS = {
     "resume": Order("replay/resume"),
     "next-impact": Order("replay/next_impact"),
 }
+PAUSES = {"pause": True, "resume": False}  # of a run, which has one service for both
 
 
 class _Line:
@@ -70,16 +72,26 @@ class _Line:
         UnansweredError
             If it is not offered, or does not answer.
         """
-        name = f"{self.namespace}/{service}"
-        if name not in self._clients:
-            self._clients[name] = self._node.create_client(kind, name)
-        client = self._clients[name]
+        client = self._client(kind, service)
+        name = client.srv_name
         if not self._until(client.service_is_ready, self._wait_s):
             raise UnansweredError(f"{name}: nobody offers this service after {self._wait_s:g} s; does the machine run?")
         answer = client.call_async(request)
         if not self._until(answer.done, ANSWER_S):
             raise UnansweredError(f"{name}: no answer within {ANSWER_S:g} s")
         return answer.result()
+
+    def offers_first(self, first: tuple[Any, str], second: tuple[Any, str]) -> bool:
+        """Wait for one of two services, types and names; return whether the first is offered."""
+        here, there = self._client(*first), self._client(*second)
+        self.wait_until(lambda: here.service_is_ready() or there.service_is_ready())
+        return bool(here.service_is_ready())
+
+    def _client(self, kind: Any, service: str) -> Client:
+        name = f"{self.namespace}/{service}"
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name)
+        return self._clients[name]
 
     def wait_until(self, holds: Callable[[], bool]) -> bool:
         """Wait for a condition as long as for a service; return whether it holds."""
@@ -212,6 +224,8 @@ def tell(
 def _ordered(line: _Line, order: str, fault: str | None) -> str:
     """Send a command; return the node's answer."""
     asked = ORDERS[order]
+    if order in PAUSES and line.offers_first((SetBool, "pause"), (asked.kind, asked.service)):
+        return f"{order}: {line.ask(SetBool, 'pause', SetBool.Request(data=PAUSES[order])).message}"
     if asked.of_a_fault:
         _changed(line, asked.service.split("/", maxsplit=1)[0], {"fault": fault or ""})
     request = SetBool.Request(data=True) if asked.kind is SetBool else Trigger.Request()
@@ -223,8 +237,19 @@ def _ordered(line: _Line, order: str, fault: str | None) -> str:
 
 def _changed(line: _Line, node: str, values: Mapping[str, Any]) -> str:
     """Change parameters of a node, all or none; return their new values."""
+    names = list(values)
+    request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
+    known = line.ask(ListParameters, f"{node}/list_parameters", request).result.names
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise UnansweredError(unknown_name(unknown[0], known, "parameter "))
+    types = line.ask(GetParameterTypes, f"{node}/get_parameter_types", GetParameterTypes.Request(names=names)).types
+    absent = [name for name in names if values[name] is None]
+    if absent:
+        raise UnansweredError(f"{absent[0]}: has no value; expected {absent[0]}=VALUE")
+    reals = {name for name, kind in zip(names, types, strict=True) if kind == ParameterType.PARAMETER_DOUBLE}
     numbers = {
-        name: float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        name: float(value) if name in reals and isinstance(value, int) and not isinstance(value, bool) else value
         for name, value in values.items()
     }
     changes = [Parameter(name, value=value).to_parameter_msg() for name, value in numbers.items()]

@@ -11,6 +11,7 @@ import pytest
 from crank_drives import PRESS_KLOSS as KLOSS
 from scipy.integrate import quad
 
+import mech_twin as mt
 from mech_twin.engine.run import frames
 from mech_twin.machines.compaction_press.dynamics import layer_force
 from mech_twin.machines.compaction_press.parameters import press_constants
@@ -223,3 +224,16 @@ def test_a_press_that_needs_no_flywheel_has_a_report():
     assert report["flywheel_missing_kg_m2"] == 0.0
     assert report["start_speed_with_flywheel_rad_per_s"] == pytest.approx(10.0 * pi * 1.025)
     assert all(np.isfinite(value) for value in report.values())
+
+
+@pytest.mark.parametrize(
+    ("speed_rpm", "step_s", "quarter"),
+    [(90.0, 0.001, False), (500.0, 0.001, False), (450.0, 0.002, False), (300.0, 0.0003, False), (180.0, 5e-4, True)],
+)
+def test_a_boundary_on_the_end_of_a_step_is_passed(speed_rpm, step_s, quarter):
+    turns = 6.25  # the bottom is at three quarters of a turn, here on the end of a step, but for rounding
+    settings = {"drive.speed_rpm": speed_rpm, "coupling.step_s": step_s, "working_force.working_quarter": quarter}
+    run = mt.simulate("compaction_press", turns * 60.0 / speed_rpm, settings)
+    times = {kind: [event.time_s for event in run.events if event.kind == kind] for kind in ("contact", "bottom")}
+    assert len(times["contact"]) == 6
+    assert times["bottom"] == pytest.approx([(turn + 0.75) * 60.0 / speed_rpm for turn in range(6)], rel=1e-12)
