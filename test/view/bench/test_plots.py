@@ -48,7 +48,8 @@ def page(browser):
             found.link = link
             found.locator("#span").select_option("1")  # a recording is opened with the whole of it in sight
             found.wait_for_function(f"() => window.bench.shown > {LENGTH_S - PICTURE_S / 2}")
-            found.wait_for_function("() => window.bench.window()[1] > 1.99")
+            chosen = f"([low, high]) => Math.abs(low - {LENGTH_S - SPAN_S}) < 0.01 && high > {LENGTH_S - 0.01}"
+            found.wait_for_function(f"() => ({chosen})(window.bench.window())")  # both the span and its end
             yield found
 
 
