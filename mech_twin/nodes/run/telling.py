@@ -142,8 +142,7 @@ class Teller:
 
     def values(self, node: str = "linkage") -> dict[str, Any]:
         """Return the parameters of a node and their values; raises as `tell` does."""
-        request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
-        names = list(self._line.ask(ListParameters, f"{node}/list_parameters", request).result.names)
+        names = _known(self._line, node)
         answer = self._line.ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         found = zip(names, map(parameter_value_to_python, answer.values), strict=True)
         return {name: list(value) if isinstance(value, array) else value for name, value in found if value is not None}
@@ -235,11 +234,16 @@ def _ordered(line: _Line, order: str, fault: str | None) -> str:
     return f"{order}: {answer.message or 'done'}"
 
 
+def _known(line: _Line, node: str) -> list[str]:
+    """Return the names of all parameters of a node."""
+    request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
+    return list(line.ask(ListParameters, f"{node}/list_parameters", request).result.names)
+
+
 def _changed(line: _Line, node: str, values: Mapping[str, Any]) -> str:
     """Change parameters of a node, all or none; return their new values."""
     names = list(values)
-    request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
-    known = line.ask(ListParameters, f"{node}/list_parameters", request).result.names
+    known = _known(line, node)
     unknown = [name for name in names if name not in known]
     if unknown:
         raise UnansweredError(unknown_name(unknown[0], known, "parameter "))

@@ -226,7 +226,7 @@ class Monitor:
         """Report the sensor fault; reset the charts, since the samples do not describe the machine."""
         self._number = vector.number
         self._history.clear()
-        self._episode = None
+        self._episode = self._suspected = None
         self._charts.restart()
         self._innovations.clear()
         first = wrong[0]

@@ -24,6 +24,7 @@ from mech_twin.studies.monitoring.operating import (
     polynomial_terms,
     term_values,
 )
+from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 Q, D = 2, 5
@@ -94,18 +95,24 @@ def test_a_step_of_the_point_within_a_cycle_is_no_alarm_and_another_change_is_on
     baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
     limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
 
-    def begun(point_after: tuple[float, float]) -> list[int]:
-        monitor, alarms = Monitor(MonitorSetup("none", baseline, limits, operating=known)), []
+    sensors = {"encoder": SensorLimits(1000.0, 0.001, 0.0, 0.0, 0.0)}
+    sound = {"encoder": ChannelQuality(100, 0.001, 0.0, 0.0)}
+
+    def begun(point_after: tuple[float, float], silent: int = -1) -> list[int]:
+        setup = MonitorSetup("none", baseline, limits, operating=known, sensors=sensors)
+        monitor, alarms = Monitor(setup), []
         for number in range(60):
             row = known.mean + known.response(np.array(point_after if number > 40 else (0.0, 0.0)))[0]
             if number == 40:  # a mixture of both, in which the point hardly moves
                 row[list(known.others)] += 15.0
-            vector = FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row)
+            quality = {} if number == silent else sound
+            vector = FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row, quality)
             alarms += [number] if monitor.observe(vector).alarm_begins else []
         return alarms
 
     assert begun((0.4, 0.0)) == []
     assert begun((0.0, 0.0)) == [41]
+    assert begun((0.0, 0.0), silent=41) == []  # a sensor that fails then was the reason
 
 
 def test_a_motor_at_another_supply_has_the_torque_that_the_supply_gives_at_every_speed() -> None:
