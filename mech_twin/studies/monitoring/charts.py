@@ -82,19 +82,25 @@ def advance_cusum(u: Array, allowance: float, cap: float, up: Array, down: Array
 
 
 @kernel
-def jump_statistic(recent: Array, newest: int, count: int, total: Array) -> tuple[float, int]:
-    """Return the largest |sum of the last n|^2/n for n up to ``count``, and n; ``recent`` is a ring buffer (N, d)."""
-    length, width = recent.shape
-    total[:] = 0.0
-    best, age = 0.0, 0
+def advance_jumps(z: Array, newest: int, count: int, sums: Array, squares: Array) -> tuple[float, int]:
+    """Add a cycle to ``sums`` (d, N), each since another of the last N cycles; return the largest |sum|^2/n, and n.
+
+    The sum since this cycle takes place ``newest``; ``count`` places are in use.  ``squares`` (N,) is a work array.
+    """
+    width, length = sums.shape
+    for place in range(length):
+        squares[place] = 0.0
+    for i in range(width):
+        value, since = z[i], sums[i]
+        since[newest] = 0.0
+        for place in range(length):
+            since[place] += value
+            squares[place] += since[place] * since[place]
+    best, age, place = 0.0, 0, newest
     for n in range(1, count + 1):
-        place = (newest - n + 1) % length
-        square = 0.0
-        for i in range(width):
-            total[i] += recent[place, i]
-            square += total[i] * total[i]
-        if square > best * n:
-            best, age = square / n, n
+        if squares[place] > best * n:
+            best, age = squares[place] / n, n
+        place = place - 1 if place > 0 else length - 1
     return best, age
 
 
@@ -102,14 +108,11 @@ def jump_statistic(recent: Array, newest: int, count: int, total: Array) -> tupl
 def chart_rows(u: Array, z: Array, allowance: float, window: int) -> Array:
     """Return the three statistics (n, 3) of a run of standardised (n, d) and whitened (n, d) innovations."""
     cycles, width = z.shape
-    up, down, total = np.zeros(width), np.zeros(width), np.zeros(width)
-    recent = np.zeros((window, width))
+    up, down, sums, squares = np.zeros(width), np.zeros(width), np.zeros((width, window)), np.zeros(window)
     found = np.zeros((cycles, 3))
     for t in range(cycles):
         found[t, 0], _ = advance_cusum(u[t], allowance, 1e300, up, down)
-        newest = t % window
-        recent[newest] = z[t]
-        found[t, 1], _ = jump_statistic(recent, newest, min(t + 1, window), total)
+        found[t, 1], _ = advance_jumps(z[t], t % window, min(t + 1, window), sums, squares)
         for i in range(width):
             found[t, 2] += z[t, i] * z[t, i]
     return found
@@ -135,17 +138,16 @@ class ChartState:
 
     def restart(self) -> None:
         """Reset the charts, for example after a fault has gone."""
-        self._up, self._down, self._total = (np.zeros(self.width) for _ in range(3))
-        self._recent = np.zeros((WINDOW, self.width))
+        self._up, self._down = np.zeros(self.width), np.zeros(self.width)
+        self._sums, self._squares = np.zeros((self.width, WINDOW)), np.zeros(WINDOW)
         self._cycles = 0
 
     def advance(self, u: Array, z: Array) -> ChartValues:
         """Return the statistics after a cycle of standardised (d,) and whitened (d,) innovations."""
         cusum, feature = advance_cusum(u, ALLOWANCE, self.cap, self._up, self._down)
         newest = self._cycles % WINDOW
-        self._recent[newest] = z
         self._cycles += 1
-        glr, age = jump_statistic(self._recent, newest, min(self._cycles, WINDOW), self._total)
+        glr, age = advance_jumps(z, newest, min(self._cycles, WINDOW), self._sums, self._squares)
         return ChartValues(float(cusum), float(glr), float(z @ z), int(feature), int(age))
 
 
