@@ -89,6 +89,16 @@ def test_pins_are_exact_and_carry_no_address(file: Path) -> None:
             assert re.fullmatch(r"[A-Za-z0-9._-]+==([0-9]+!)?[A-Za-z0-9.]+", line), line
 
 
+def test_no_package_is_pinned_twice_in_one_environment() -> None:
+    """The site is built in the environment of the tests: two versions of one package end its set-up."""
+    for line in ("jazzy", "kilted"):
+        texts = [
+            (ROOT / "constraints" / f"{name}.txt").read_text(encoding="utf-8") for name in ("python", line, "docs")
+        ]
+        names = [name.lower().replace("_", "-") for text in texts for name in re.findall(r"^([\w.-]+)==", text, re.M)]
+        assert len(names) == len(set(names))
+
+
 def test_what_make_leaves_beside_the_package_changes_no_verdict_of_lint(tmp_path: Path) -> None:
     """As `make run` and then `make test`: a directory of recordings is no package whose imports are sorted apart."""
     read = ROOT / "test" / "cli" / "test_outputs.py"
