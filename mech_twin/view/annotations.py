@@ -30,8 +30,9 @@ FLASH = (225, 130, 0)
 RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 RECENT_S = 2.0  # time window of blow rate, energy and power
-WEAK_SHARE = 0.05  # blows below this share of the hardest recent one are bounces
+WEAK_SHARE = 0.25  # least energy relative to the hardest recent blow, half its impulse: weaker ones are bounces
 AT_REST = 1e-3  # rad/s or m/s
+ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
 POWER = "drive_power_w"
 REST = "rest"  # regime of a body in contact with the surface it is pressed on
@@ -213,6 +214,7 @@ class Banner:
         self._power: deque[tuple[float, float]] = deque()
         self._body: deque[tuple[float, float, bool]] = deque()  # time, pressing force, whether it is in contact
         self._broken = ""
+        self._begin_s: float | None = None
         self._last_blow: tuple[float, float] | None = None
 
     def add(
@@ -227,6 +229,7 @@ class Banner:
             self._command = motor.command
         if linkage is not None:
             self._linkage = linkage
+            self._begin_s = linkage.time_s if self._begin_s is None else self._begin_s
             self._note_broken(linkage)
         if forces is not None and POWER in forces.quantities.names:
             self._power.append((forces.time_s, _named(forces.quantities, POWER)))
@@ -291,15 +294,13 @@ class Banner:
         name = joint.replace("_", " ")
         if joint in self._slides:
             return [Card(name, f"{speed:+.2f} m/s", name, speed, "m/s")]
-        return [Card(name, f"{speed:.4g} rad/s", name, speed, "rad/s")]  # unit of terminal and topics
+        shown = f"{speed:.4g}" if abs(speed) >= ROUNDING else "0"
+        return [Card(name, f"{shown} rad/s", name, speed, "rad/s")]  # unit of terminal and topics
 
     def _work(self, linkage: LinkageSample) -> list[Card]:
         _forget(self._blows, linkage.time_s)
         found = []
-        hardest = max((energy for _, energy in self._blows), default=0.0)
-        real = [(time_s, energy) for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
-        if len(real) > 1:
-            rate_hz = (len(real) - 1) / (real[-1][0] - real[0][0])
+        if (rate_hz := self._blow_rate(linkage.time_s)) > 0.0:
             found.append(Card("blow rate", f"{rate_hz:.1f}/s", "blow rate", rate_hz, "1/s"))
         if self._last_blow is not None:
             time_s, energy_j = self._last_blow
@@ -315,6 +316,16 @@ class Banner:
             name, rated_w = "mean drive power", self.rated_power_w
             found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", rated_w))
         return found
+
+    def _blow_rate(self, now_s: float) -> float:
+        """Return the blows per second of the recent time: from first to last blow where that is most of it."""
+        span_s = min(RECENT_S, now_s - (now_s if self._begin_s is None else self._begin_s))
+        hardest = max((energy for _, energy in self._blows), default=0.0)
+        struck_s = [time_s for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
+        if not struck_s or span_s <= 0.0:
+            return 0.0
+        apart_s = struck_s[-1] - struck_s[0]
+        return (len(struck_s) - 1) / apart_s if apart_s > 0.5 * span_s else len(struck_s) / span_s
 
     def _note_broken(self, linkage: LinkageSample) -> None:
         values = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)

@@ -22,7 +22,7 @@ PANEL_PX, LETTER_PX, LINE_PX = 700.0, 6.6, 20.0  # width of a usual panel, of a 
 FRAME_PX = 12.0  # padding of the box of a text, both sides together
 SHIFTS = (0.0, 1.15, -1.15, 2.3, -2.3, 3.45, -3.45)  # vertical shifts in lines, tried in this order
 SIDES = (0.0, 1.1, -1.1, 2.2, -2.2)  # horizontal shifts in half text widths, tried if no vertical shift is free
-PREFIXES = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 MARGIN = 0.08
 CAPTION = 0.16  # share of the figure's height below the drawing, for values and scales
 ASPECT = 1.3  # width to height of the panel the figure is made for
@@ -137,10 +137,11 @@ def round_above(value: float) -> float:
 
 def with_prefix(value: float, unit: str) -> str:
     """Return a value to three digits with an SI prefix: 1731 N is ``1.73 kN``; a value below 1e-6 is 0."""
+    rounded = abs(float(f"{value:.3g}"))  # 999.6 is 1 k
     for factor, prefix in PREFIXES:
-        if abs(value) >= factor:
+        if rounded >= factor:
             return f"{value / factor:.3g} {prefix}{unit}"
-    return f"0 {unit}" if abs(value) < PREFIXES[-1][0] else f"{value} {unit}"
+    return f"0 {unit}" if rounded < PREFIXES[-1][0] else f"{value} {unit}"
 
 
 class Bounds(NamedTuple):

@@ -147,3 +147,39 @@ def test_every_colour_of_a_drawing_is_told_from_the_ground_of_either_theme(name,
     for shape in shapes:
         low, high = sorted((luminance(shape.colour), luminance(GROUNDS[theme])))
         assert (high + 0.05) / (low + 0.05) > 2.5, shape.name
+
+
+def test_the_headline_counts_a_series_of_bounces_as_one_blow():
+    """The mass strikes its stop once a period of the force (0.05 s) and bounces there, ever weaker."""
+    machine, *_, banner = run_of("impact_mass", 3.0)
+    cards = {card.key: card for card in banner.cards()}
+    assert cards["blow rate"].value == pytest.approx(1.0 / machine.parameters.period_s, rel=0.01)
+    struck = [event for frame in frames(machine, 3.0) for event in frame_events(frame) if event.time_s > 2.9]
+    assert cards["last blow"].value == max(map(lost_energy, struck))
+
+
+def test_two_blows_close_together_are_no_rate_of_a_thousand_a_second():
+    machine = built("impact_mass")
+    banner = Banner(machine.mechanism, lambda event: event.impulse_ns)
+    for frame in frames(machine, 2.5):
+        banner.add(frame.motor, frame.linkage, frame.forces)
+    for time_s in (1.999, 2.0):
+        banner.strike(Event(time_s, "impact", "stop", 1.0, -0.5, 3.0, 0))
+    rate = next(card for card in banner.cards() if card.key == "blow rate")
+    assert rate.value == pytest.approx(1.0), "two in the last two seconds"
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(999.4, "999 N"), (999.6, "1 kN"), (999_960.0, "1 MN"), (2.5e9, "2.5 GN"), (9.996e-4, "1 mN"), (-999.6, "-1 kN")],
+)
+def test_a_number_rounded_up_to_a_thousand_gets_the_next_prefix(value, shown):
+    assert with_prefix(value, "N") == shown
+
+
+def test_the_speed_of_a_shaft_at_rest_is_shown_as_zero():
+    machine = built("mb10_breaker")
+    banner = Banner(machine.mechanism)
+    frame = next(iter(frames(machine, 0.1)))
+    banner.add(frame.motor, frame.linkage._replace(velocity=(2.8e-30,) * len(frame.linkage.joints)), frame.forces)
+    assert banner.cards()[0].shown == "0 rad/s"
