@@ -224,8 +224,12 @@ def show_frame(scene: BenchScene | RerunScene, machine: Machine, frame: Frame, *
     for event in frame_events(frame):
         scene.event(event)
     if draw:
-        shapes = machine.draw(frame.linkage, frame.body)
-        scene.drawing(Drawing(frame.linkage.step, frame.linkage.time_s, shapes))
+        scene.drawing(drawn(machine, frame))
+
+
+def drawn(machine: Machine, frame: Frame) -> Drawing:
+    """Return the drawing of a machine at a frame."""
+    return Drawing(frame.linkage.step, frame.linkage.time_s, machine.draw(frame.linkage, frame.body))
 
 
 class OverlaySide:
@@ -234,6 +238,7 @@ class OverlaySide:
     def __init__(self, link: BenchLink) -> None:
         self.scene = BenchScene(link, RECORDED)
         self._drawn_s = -math.inf
+        self._undrawn: Frame | None = None
         self.machine: Machine | None = None
 
     def see(self, machine: Machine, frame: Frame) -> None:
@@ -244,7 +249,13 @@ class OverlaySide:
         draw = frame.linkage.time_s - self._drawn_s >= PICTURE_S - 1e-9
         if draw:
             self._drawn_s = frame.linkage.time_s
+        self._undrawn = None if draw else frame
         show_frame(self.scene, machine, frame, draw=draw)
+
+    def end(self) -> None:
+        """Draw the last frame."""
+        if self.machine is not None and self._undrawn is not None:
+            self.scene.drawing(drawn(self.machine, self._undrawn))
 
 
 class Overlay:
@@ -273,13 +284,17 @@ class Overlay:
 
     def tell(self, sides: Sequence[ComparedRun], found: Comparison) -> None:
         """Tell what differs, and which times of the two belong to one angle of the cycle."""
+        for side in (self.first, self.second):
+            side.end()
         self._tell_machine(found.machine)
         machine = self.first.machine
         leading = None if machine is None or machine.mechanism is None else _leading_angle(machine, sides[0])
         pairs = None if leading is None else at_equal_angle(sides[0], sides[1], leading)
         farthest = sorted(found.numbers, key=lambda each: -each.relative)[:MOST_ROWS]
         content: dict[str, Any] = {
-            "settings": [[each.name, *map(_shown, each[1:3])] for each in found.settings][:MOST_ROWS],
+            "settings": [
+                [each.name, *("-" if side is None else str(side) for side in each[1:3])] for each in found.settings
+            ][:MOST_ROWS],
             "numbers": [
                 [", ".join(filter(None, caption(each.name))), *map(_shown, each[1:3]), _percent(each.relative)]
                 for each in farthest

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -11,9 +12,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.compare import (
     PATIENCE_S,
+    PICTURE_S,
     SHOWN_BYTES,
     USUAL_DURATION_S,
     configured_machine,
+    drawn,
     know_machine,
     show_frame,
 )
@@ -34,6 +37,7 @@ from mech_twin.studies.simulation import RunMetrics
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.studies.resimulation import ConfigurationHistory
     from mech_twin.view.bench.scene import BenchScene
     from mech_twin.view.rerun_scene import RerunScene
 
@@ -132,34 +136,46 @@ def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
 
 
 def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal) -> None:
-    metrics = None if stop.asked else _metrics(samples)
-    if metrics is not None:
-        know_machine(scene, metrics.machine)
+    history = None if stop.asked else _history(samples)
+    metrics, undrawn, drawn_s = None, None, -math.inf
+    if history is not None:
+        machine = history.machine_at(0)
+        metrics = RunMetrics(lambda: machine)
+        know_machine(scene, machine)
+    draws = not samples.has_drawings
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
             if stop.asked:
                 return
             if not isinstance(item, StepSamples):
                 scene.drawing(item)
+                undrawn = None
                 continue
             scene.frame(motor=item.motor, linkage=item.linkage, forces=item.forces, body=item.body)
             for event in item.events:
                 scene.event(event)
-            frame = None if metrics is None else item.frame(samples.has_body)
-            if metrics is not None and frame is not None:
+            frame = None if history is None else item.frame(samples.has_body)
+            if history is not None and metrics is not None and frame is not None:
                 metrics.observe(frame)
+                undrawn = frame
+                if draws and frame.linkage.time_s - drawn_s >= PICTURE_S:
+                    scene.drawing(drawn(history.machine_at(frame.linkage.step), frame))
+                    undrawn, drawn_s = None, frame.linkage.time_s
+    if history is not None and undrawn is not None:  # later than the last drawing that was recorded
+        scene.drawing(drawn(history.machine_at(undrawn.linkage.step), undrawn))
     if metrics is not None:
         scene.metrics(metrics.numbers())
     say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
 
 
-def _metrics(samples: BagSamples) -> RunMetrics | None:
-    """Return the observer of the run's metrics; None for a machine that is not in the catalogue."""
+def _history(samples: BagSamples) -> ConfigurationHistory | None:
+    """Return the recorded configurations; None of a machine that is not in the catalogue."""
     from mech_twin.studies.resimulation import ConfigurationHistory
 
     try:
-        machine = ConfigurationHistory(samples.descriptions(), "the recording").machine_at(0)
+        history = ConfigurationHistory(samples.descriptions(), "the recording")
+        history.machine_at(0)
     except ConfigurationError as error:
         say(f"no metrics: {error}")
         return None
-    return RunMetrics(lambda: machine)
+    return history

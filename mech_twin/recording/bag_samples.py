@@ -185,9 +185,14 @@ class BagSamples:
             if isinstance(item, StepSamples):
                 yield item
 
+    @property
+    def has_drawings(self) -> bool:
+        """Whether the recording holds drawings of the mechanism."""
+        return self._holds(self._scene, SCENE)
+
     def shown(self, drawings: bool = True) -> Iterator[StepSamples | Drawing]:
         """Yield the steps and the drawings of the mechanism, in order of time."""
-        topics = [*self._steps, *([self._scene] if drawings and self._holds(self._scene, SCENE) else [])]
+        topics = [*self._steps, *([self._scene] if drawings and self.has_drawings else [])]
         assembler = self._assembler = StepAssembler(self.fields, self.unused)
         for message in self._reader.messages(topics):
             if message.topic == self._scene:

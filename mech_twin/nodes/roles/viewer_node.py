@@ -164,7 +164,8 @@ class ViewerNode(ObserverNode):
             self.create_subscription(MarkerArray, SCENE.name, self._on_scene, EVERY)
 
     def close(self) -> None:
-        """Show the last metrics and close the scene."""
+        """Show the last frame and metrics, and close the scene."""
+        self._draw_last()
         self.scene.metrics(self.run_metrics.running_numbers())
         self.scene.close()
 
@@ -193,10 +194,13 @@ class ViewerNode(ObserverNode):
 
     def draw_newest(self) -> None:
         """Draw the newest frame, if it is not drawn yet and a drawing is due."""
-        frame = self._undrawn
-        if frame is None or not self.scene.drawing_due(frame.linkage.time_s):
+        if self._undrawn is not None and self.scene.drawing_due(self._undrawn.linkage.time_s):
+            self._draw_last()
+
+    def _draw_last(self) -> None:
+        frame, self._undrawn = self._undrawn, None
+        if frame is None:
             return
-        self._undrawn = None
         machine = self.run_metrics.machine
         shapes = machine.draw(frame.linkage, frame.body) if self.draw is None else self.draw(frame)
         self.scene.drawing(Drawing(frame.linkage.step, frame.linkage.time_s, shapes))

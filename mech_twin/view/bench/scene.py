@@ -98,6 +98,11 @@ class _Role:
         self._samples: deque[Any] = deque(maxlen=KEPT_SAMPLES)
         self.units: dict[str, str] = {}
 
+    @property
+    def waiting(self) -> bool:
+        """Whether there are samples."""
+        return bool(self._samples)
+
     def add(self, sample: Sample) -> None:
         """Add a sample."""
         self._samples.append(sample)
@@ -147,6 +152,11 @@ class RoleCurves:
         for role, sample in zip(self._roles, samples, strict=True):
             if sample is not None:
                 role.add(sample)
+
+    @property
+    def waiting(self) -> bool:
+        """Whether there are samples since the last picture."""
+        return any(role.waiting for role in self._roles)
 
     def taken(self, sending: Sending) -> list[Curves]:
         """Remove the samples, and return their curves, decimated with their extremes."""
@@ -237,24 +247,28 @@ class BenchScene:
 
     def drawing(self, drawing: Drawing) -> None:
         """Send a picture: this drawing, and the data of the run up to it."""
-        before = time.monotonic()
-        curves = self._roles.taken(self._sending)
-        self._lay_out(curves)
         self._extent.widen(drawing.shapes)
         if not self._extent.within(self._bounds):
             self._bounds = self._extent.bounds()
         notes = self._annotations.shapes(drawing.time_s, self._bounds) if self._annotations else ()
         width_m = 1.0 if self._bounds is None else self._bounds.right_m - self._bounds.left_m
         lines = [shape for shape in (*drawing.shapes, *notes) if shape.kind != "text"]
+        self._show(drawing.time_s, packed_shapes((*lines, *texts_of(drawing.shapes, notes, width_m))))
+
+    def _show(self, time_s: float, shapes: dict[str, Any] | None) -> None:
+        """Send a picture; without shapes the page keeps the last drawing."""
+        before = time.monotonic()
+        curves = self._roles.taken(self._sending)
+        self._lay_out(curves)
         picture = {
-            "time_s": round(drawing.time_s, 9),
+            "time_s": round(time_s, 9),
             "sent_s": time.time(),
             "state": self._banner.state(),
             "alarm": self._banner.alarm(),
             "command": self._banner.command,
             "cards": self._banner.cards(),
             "bounds": packed_bounds(self._bounds),
-            "shapes": packed_shapes((*lines, *texts_of(drawing.shapes, notes, width_m))),
+            "shapes": shapes,
             "curves": packed_curves(curves),
             "events": list(self._events),
             "lanes": [] if self._lanes is None else self._lanes.taken(),
@@ -278,7 +292,9 @@ class BenchScene:
         self._link.tell("metrics", {"rows": metric_rows(metrics)})
 
     def close(self) -> None:
-        """Send the residuals of the whole run, and close the connection."""
+        """Send what no picture holds yet, and the residuals of the whole run, and close the connection."""
+        if self._roles.waiting or self._events:
+            self._show(self._time_s, None)
         self._tell_health(None)
         self._link.close()
 

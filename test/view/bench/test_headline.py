@@ -3,12 +3,18 @@
 
 from __future__ import annotations
 
+import base64
+
+import numpy as np
 import pytest
 from catalogue import built
 
 from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import frame_events
+from mech_twin.samples import Drawing
 from mech_twin.view.annotations import RECENT_S, Banner
-from mech_twin.view.bench.scene import body_regimes, rated_power_w
+from mech_twin.view.bench.scene import BenchScene, body_regimes, rated_power_w
+from mech_twin.view.sending import RECORDED
 
 
 def test_the_mean_drive_power_stands_beside_the_rated_power_of_the_motor():
@@ -43,3 +49,41 @@ def test_pressing_force_and_contact_share_are_those_of_the_last_two_seconds():
     assert 0 < len(resting) < len(recent)
     assert cards["contact share"].value == pytest.approx(100.0 * len(resting) / len(recent), rel=1e-12)
     assert cards["pressing force"].shown.endswith(" N")
+
+
+class NotedLink:
+    """A link that keeps the pictures."""
+
+    def __init__(self):
+        self.pictures = []
+
+    def tell(self, kind, content):
+        return True
+
+    def show(self, picture):
+        self.pictures.append(picture)
+        return True
+
+    def close(self):
+        self.pictures = tuple(self.pictures)
+
+
+def test_what_came_after_the_last_drawing_is_shown_before_the_scene_closes():
+    """A recording holds a drawing every 20 or 30 ms: the steps and events after the last one are of the run too."""
+    machine, link = built("impact_mass"), NotedLink()
+    run = [frame for frame in frames(machine, 0.5) if frame.linkage.time_s > 0.3]
+    with BenchScene(link, RECORDED) as scene:
+        scene.know(machine.mechanism)
+        for place, frame in enumerate(run):
+            scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+            for event in frame_events(frame):
+                scene.event(event)
+            if place == 0:
+                scene.drawing(Drawing(0, frame.linkage.time_s, machine.draw(frame.linkage, None)))
+    first, last = link.pictures
+    assert last["time_s"] == pytest.approx(run[-1].linkage.time_s, abs=1e-9)
+    assert (first["shapes"] is None, last["shapes"] is None) == (False, True)
+    curve_s = np.frombuffer(base64.b64decode(last["curves"]["pins/magnitude"][0]))
+    assert curve_s[-1] > run[-1].linkage.time_s - RECORDED.window * machine.coupling_step_s
+    happened = [event.time_s for frame in run for event in frame_events(frame)]
+    assert last["events"][-1][0] == happened[-1]
