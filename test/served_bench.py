@@ -10,8 +10,9 @@ from pathlib import Path
 
 import aiohttp
 
+from mech_twin.view.bench.bench_page import OrderError
 from mech_twin.view.bench.link import FEED
-from mech_twin.view.bench.server import Bench, OrderError
+from mech_twin.view.bench.server import Bench
 
 SECRET = "recorded in /home/someone/secret_machine"
 LIMIT_S = 10.0

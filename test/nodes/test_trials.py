@@ -15,8 +15,8 @@ from mech_twin.engine.run import continued, frames
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.bench_process import SPAN_S, Trials, rolled_out
 from mech_twin.parameters.load import machine as load
+from mech_twin.view.bench.bench_page import OrderError
 from mech_twin.view.bench.scene import framed, listed
-from mech_twin.view.bench.server import OrderError
 
 BEFORE, AFTER = 150, 100
 

@@ -14,6 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from mech_twin.parameters.load import PAGE_SUFFIXES
 from mech_twin.recording.bag_contents import RecordingReader
 from mech_twin.recording.bag_directory import bag_files
 from mech_twin.recording.bag_reader import about_bag, open_bag
@@ -21,8 +22,8 @@ from mech_twin.recording.bag_samples import BagSamples, NoSamplesError, recorded
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.recovery import recover
 from mech_twin.studies.resimulation import recorded_settings
+from mech_twin.view.bench.bench_page import OrderError
 from mech_twin.view.bench.link import BEGUN_BY
-from mech_twin.view.bench.server import OrderError
 
 OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST = "open", "overlay", "run", "salvage", "download", "list"
 END_S = 10.0  # time limit for a command to end
@@ -38,7 +39,7 @@ class Hall:
     folder : Path
         Folder of the recordings, new ones too.
     machines : sequence of str
-        Machines that may be run.
+        Machines that may be run, besides the pages of the folder.
     place : str
         Address of the bench, for commands.
     clear : callable
@@ -61,13 +62,14 @@ class Hall:
         self._folder, self._machines, self._place = folder, list(machines), place
         self._clear, self._tell, self._offer = clear, tell, offer
         self._known: dict[tuple[str, int, int], dict[str, Any]] = {}
+        self._turn = asyncio.Lock()  # of two orders at once, a double click, the second ends what the first began
         self._process: asyncio.subprocess.Process | None = None
         self._watch: asyncio.Task[None] | None = None
 
     async def look(self) -> None:
         """Send the pages the recordings, newest first, and the machines that may be run."""
         recordings = await asyncio.to_thread(self._recordings)
-        self._tell("hall", {"folder": self._folder.name, "recordings": recordings, "machines": self._machines})
+        self._tell("hall", {"folder": self._folder.name, "recordings": recordings, "machines": self._runnable()})
 
     async def obey(self, message: Mapping[str, Any]) -> str:
         """Execute an order; return a line on its result.
@@ -82,7 +84,7 @@ class Hall:
             await self.look()
             return "list of recordings"
         if name == RUN:
-            machine = self._named(values, "machine", self._machines)
+            machine = self._named(values, "machine", self._runnable())
             kept = f"{Path(machine).stem}-{datetime.now():%Y%m%d-%H%M%S}"
             return await self._begin("run", machine, "--record", kept)
         first = self._recording(values, "recording")
@@ -112,6 +114,10 @@ class Hall:
             await process.wait()
 
     async def _begin(self, *words: str) -> str:
+        async with self._turn:
+            return await self._begun(*words)
+
+    async def _begun(self, *words: str) -> str:
         await self.close()
         await self._clear()
         self._process = await asyncio.create_subprocess_exec(
@@ -137,7 +143,7 @@ class Hall:
         text = f"{verb}: {'; '.join(last_lines)}" if failed else f"{verb} is over"
         if failed:
             self._tell("status", {"text": text})
-        self._tell("end", {"text": text})
+        self._tell("end", {"text": text, "has_failed": failed})
         await self.look()
 
     async def _salvaged(self, bag: Path) -> str:
@@ -158,6 +164,11 @@ class Hall:
         if values.get(key) not in known:
             raise OrderError(f"{key} {values.get(key)!r}: expected one of the list ({len(known)})")
         return str(values[key])
+
+    def _runnable(self) -> list[str]:
+        """Return the machines, and the pages that now are in the folder."""
+        own = sorted(path.name for suffix in PAGE_SUFFIXES for path in self._folder.glob(f"*{suffix}"))
+        return [*self._machines, *own]
 
     def _paths(self) -> list[Path]:
         found = [

@@ -25,8 +25,9 @@ from typing import Any, NamedTuple
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
 from mech_twin.process.interruption import end_with_parent
+from mech_twin.view.bench.bench_page import OrderError
 from mech_twin.view.bench.link import FEED, LARGEST_BYTES, PREFIX
-from mech_twin.view.bench.server import Bench, OrderError
+from mech_twin.view.bench.server import Bench
 
 SPAN_S = 0.3  # length of a roll-out in machine time: three blows of the breaker
 TRIAL_PROGRAM = "from mech_twin.nodes.run.bench_process import answer_trials; answer_trials()"
@@ -49,9 +50,12 @@ class Trials:
         self._turn = asyncio.Lock()
         self.frame: dict[str, Any] | None = None
 
-    def changed(self, key: str, value: Any) -> None:
-        """Adopt a changed live parameter."""
+    def changed(self, key: str, value: Any) -> list[list[str]]:
+        """Adopt a changed live parameter; return the settings that now differ from the installed ones."""
+        from mech_twin.studies.run_comparison import changed_settings
+
         self._configuration = merged_tree(self._configuration, tree_from_flat({key: value}))
+        return changed_settings(self._name, self._configuration)
 
     async def tried(self, values: Mapping[str, Any]) -> str:
         """Return curves and cards of the near future with these values, or why there are none.
@@ -163,11 +167,13 @@ class Orders(threading.Thread):
         Namespace of the machine.
     changed : callable
         Called with name and value of each live parameter that changes, whichever node or client changed it.
+    paused : callable
+        Called with whether the run is paused, whoever paused it.
     """
 
-    def __init__(self, namespace: str, changed: Callable[[str, Any], None]) -> None:
+    def __init__(self, namespace: str, changed: Callable[[str, Any], None], paused: Callable[[bool], None]) -> None:
         super().__init__(daemon=True, name="orders")
-        self._namespace, self._changed = namespace, changed
+        self._namespace, self._changed, self._paused = namespace, changed, paused
         self._asked: queue.Queue[_Asked] = queue.Queue()
         self._is_over = False
 
@@ -185,6 +191,7 @@ class Orders(threading.Thread):
 
         with Teller(self._namespace, SERVICE_S) as teller:
             teller.watch_parameters(self._changed)
+            teller.watch_pause(self._paused)
             while not self._is_over:
                 teller.serve_until(lambda: self._is_over or not self._asked.empty())
                 while not self._asked.empty():
@@ -229,6 +236,8 @@ class BenchProcess:
         self._settings = settings
         self._orders: Orders | None = None
         self._trials: Trials | None = None
+        self._is_paused = False
+        self._live: set[str] = set()
         self._loop = asyncio.get_running_loop()
         self.bench = Bench(self._obey, others=settings["others"], history_bytes=settings["history_bytes"])
         self.bench.on_machine(self._know)
@@ -275,8 +284,10 @@ class BenchProcess:
     def _know(self, machine: Mapping[str, Any]) -> None:
         """Start forwarding orders, if the machine accepts any."""
         if self._orders is None and machine.get("namespace"):
-            self._orders = Orders(machine["namespace"], self._changed)
+            self._is_paused = False
+            self._orders = Orders(machine["namespace"], self._changed, self._paused)
             self._orders.start()
+        self._live = {parameter["name"] for parameter in machine.get("parameters", [])}
         if self._trials is None and machine.get("configuration"):
             self._trials = Trials(machine["name"], machine["configuration"])
             self.bench.on_frame(self._at, self._tried)
@@ -291,9 +302,21 @@ class BenchProcess:
         return await self._trials.tried(values)
 
     def _changed(self, name: str, value: Any) -> None:
-        if self._trials is not None:
-            self._loop.call_soon_threadsafe(self._trials.changed, name, value)
-        self._loop.call_soon_threadsafe(self.bench.tell, "changed", {"name": name, "value": value})
+        self._loop.call_soon_threadsafe(self._adopt, name, value)
+
+    def _paused(self, is_paused: bool) -> None:
+        self._loop.call_soon_threadsafe(self._tell_pause, is_paused)
+
+    def _adopt(self, name: str, value: Any) -> None:
+        """Let trials and pages, those opened later too, have the new value of a live parameter."""
+        if name in self._live:  # and not one of how it is run
+            settings = [] if self._trials is None else self._trials.changed(name, value)
+            self.bench.change(name, value, settings)
+
+    def _tell_pause(self, is_paused: bool) -> None:
+        if is_paused != self._is_paused:
+            self._is_paused = is_paused
+            self.bench.tell("pause", {"is_paused": is_paused})
 
     async def _obey(self, message: Mapping[str, Any]) -> str:
         if self._hall is not None and message["name"] in HALL_ORDERS:
@@ -310,7 +333,7 @@ class BenchProcess:
         if not is_done:
             raise OrderError(text)
         if message["name"] in (PAUSE, GO_ON):
-            self.bench.tell("pause", {"is_paused": message["name"] == PAUSE})
+            self._tell_pause(message["name"] == PAUSE)
         return text
 
 

@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParametersAtomically
 from rclpy.client import Client
@@ -21,7 +22,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.declarations.captions import unknown_name
-from mech_twin.messages.topics import SPEED_COMMAND
+from mech_twin.messages.topics import DIAGNOSTICS, SPEED_COMMAND
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.nodes.run.domain import UnansweredError
 
@@ -53,6 +54,7 @@ ORDERS = {
     "resume": Order("replay/resume"),
     "next-impact": Order("replay/next_impact"),
 }
+PAUSED = "paused"  # how the state of a paused run begins
 PAUSES = {"pause": True, "resume": False}  # of a run, which has one service for both
 
 
@@ -176,6 +178,17 @@ class Teller:
                     changed(each.name, parameter_value_to_python(each.value))
 
         self.node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
+
+    def watch_pause(self, paused: Callable[[bool], None], node: str = "linkage") -> None:
+        """Call ``paused`` with whether the run is paused, about once a second, from the diagnostics of a node."""
+        name = f"{self._line.namespace}/{node}"
+
+        def on_diagnostics(message: DiagnosticArray) -> None:
+            for status in message.status:
+                if status.name == name:
+                    paused(status.message.startswith(PAUSED))
+
+        self.node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, on_diagnostics, DIAGNOSTICS.qos)
 
     def serve_until(self, holds: Callable[[], bool]) -> None:
         """Serve the node until a condition holds."""

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A page served by the bench: its queue of messages, and its drawing rate."""
+"""A page served by the bench: its queue of messages, its drawing rate, and the form of its orders."""
 
 from __future__ import annotations
 
 import asyncio
 import json
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,6 +15,10 @@ from aiohttp import web
 from mech_twin.view.bench.picture import Pictures
 
 SEND_S = 5.0  # a page that does not accept a message within this time counts as closed
+
+
+class OrderError(Exception):
+    """A refused order; the message is one line for its sender."""
 
 
 class BenchPage:
@@ -48,3 +53,25 @@ class BenchPage:
     async def _send(self, text: str) -> None:
         async with asyncio.timeout(SEND_S):
             await self.socket.send_str(text)
+
+
+def check_order(message: Mapping[str, Any]) -> None:
+    """Check the form of an order: name, fault and values.
+
+    Raises
+    ------
+    OrderError
+        The form is invalid; the message gives what was expected.
+    """
+    name, values, fault = message.get("name"), message.get("values", {}), message.get("fault")
+    if not isinstance(name, str):
+        raise OrderError("expected the name of an order")
+    if not isinstance(fault, str | None):
+        raise OrderError(f"{name}: expected the name of a fault")
+    if not isinstance(values, dict):
+        raise OrderError(f"{name}: expected values by key")
+    for key, value in values.items():
+        if not isinstance(value, bool | int | float | str):
+            raise OrderError(f"{key}: expected a number, a word or a switch")
+        if isinstance(value, float) and not math.isfinite(value):
+            raise OrderError(f"{key}: expected a finite number")

@@ -14,7 +14,6 @@ from __future__ import annotations
 import asyncio
 import hmac
 import json
-import math
 import secrets
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
@@ -25,7 +24,7 @@ from typing import Any
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from mech_twin.files.report_page import versions
-from mech_twin.view.bench.bench_page import SEND_S, BenchPage
+from mech_twin.view.bench.bench_page import SEND_S, BenchPage, OrderError, check_order
 from mech_twin.view.bench.guard import (
     HEADERS,
     LONGEST_LINE,
@@ -54,10 +53,6 @@ KEPT = (*STATES, "comparison", "hall")
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
 Obey = Callable[[Mapping[str, Any]], Awaitable[str]]
-
-
-class OrderError(Exception):
-    """A refused order; the message is one line for its sender."""
 
 
 class Bench:
@@ -167,6 +162,15 @@ class Bench:
             self._states[kind] = text
         for page in self._pages:
             page.tell(text)
+
+    def change(self, name: str, value: Any, settings: list[list[str]]) -> None:
+        """Send a new value of a live parameter, and the settings that differ; pages opened later get them as well."""
+        machine = json.loads(self._states.get("machine", "{}"))
+        for parameter in machine.get("parameters", []):
+            if parameter["name"] == name:
+                parameter["value"] = value
+        self._states["machine"] = json.dumps(machine | {"settings": settings})
+        self.tell("changed", {"name": name, "value": value, "settings": settings})
 
     async def begin_anew(self) -> None:
         """Clear the contents after the last messages of their sender."""
@@ -374,25 +378,3 @@ class Bench:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
-
-
-def check_order(message: Mapping[str, Any]) -> None:
-    """Check the form of an order: name, fault and values.
-
-    Raises
-    ------
-    OrderError
-        The form is invalid; the message gives what was expected.
-    """
-    name, values, fault = message.get("name"), message.get("values", {}), message.get("fault")
-    if not isinstance(name, str):
-        raise OrderError("expected the name of an order")
-    if not isinstance(fault, str | None):
-        raise OrderError(f"{name}: expected the name of a fault")
-    if not isinstance(values, dict):
-        raise OrderError(f"{name}: expected values by key")
-    for key, value in values.items():
-        if not isinstance(value, bool | int | float | str):
-            raise OrderError(f"{key}: expected a number, a word or a switch")
-        if isinstance(value, float) and not math.isfinite(value):
-            raise OrderError(f"{key}: expected a finite number")

@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import asyncio
+import json
 
 import aiohttp
 import pytest
+from served_bench import LIMIT_S, in_loop, served
 
+from mech_twin.nodes.run import bench_hall
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, OPEN, OVERLAY, RUN, SALVAGE, Hall
 from mech_twin.view.bench import server
+from mech_twin.view.bench.bench_page import OrderError
 from mech_twin.view.bench.link import FEED
-from mech_twin.view.bench.server import Bench, OrderError
+from mech_twin.view.bench.server import Bench
 
 
 async def asked(bench: Bench, path: str) -> tuple[int, bytes]:
@@ -54,3 +58,58 @@ def test_what_is_not_in_the_list_is_neither_opened_nor_run(tmp_path, order, name
     hall = Hall(folder, ["mb10_breaker"], "bench:nowhere", never, never, never)
     with pytest.raises(OrderError, match="expected one of the list"):
         asyncio.run(hall.obey({"name": order, "values": {"recording": name, "machine": name, "other": name}}))
+
+
+def test_of_two_orders_at_once_the_second_ends_what_the_first_began(tmp_path, monkeypatch):
+    """A double click would otherwise leave a process that nobody ends, and two runs on one bench."""
+    program = tmp_path / "program"
+    program.write_text("#!/bin/sh\nexec sleep 60\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setattr(bench_hall.sys, "executable", str(program))
+    started = []
+    begin = asyncio.create_subprocess_exec
+
+    async def noted(*words, **more):
+        started.append(await begin(*words, **more))
+        return started[-1]
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", noted)
+
+    async def order_twice() -> list[int | None]:
+        async def clear() -> None:
+            await asyncio.sleep(0.05)
+
+        hall = Hall(tmp_path, ["mb10_breaker"], "bench:nowhere", clear, lambda *_: None, str)
+        order = {"name": RUN, "values": {"machine": "mb10_breaker"}}
+        await asyncio.gather(hall.obey(order), hall.obey(order))
+        codes = [process.returncode for process in started]
+        await hall.close()
+        return codes
+
+    assert [code is None for code in asyncio.run(order_twice())] == [False, True]
+
+
+def test_a_page_put_into_the_folder_later_is_offered_at_the_next_look(tmp_path):
+    told = []
+    hall = Hall(tmp_path, ["mb10_breaker"], "bench:nowhere", None, lambda _, content: told.append(content), str)
+    asyncio.run(hall.look())
+    (tmp_path / "mine.yaml").write_text("name: mine\n", encoding="utf-8")
+    asyncio.run(hall.look())
+    assert [each["machines"] for each in told] == [["mb10_breaker"], ["mb10_breaker", "mine.yaml"]]
+
+
+@in_loop
+async def test_a_page_opened_later_gets_the_present_values_of_the_live_parameters(tmp_path):
+    keys = [{"name": "tool.restitution", "value": 0.35}, {"name": "tool.wall_force_n", "value": 500.0}]
+    differing = [["tool.restitution", "0.35", "0.3"]]
+    async with served(tmp_path) as (bench, _), aiohttp.ClientSession() as session:
+        here = f"127.0.0.1:{bench.port}"
+        bench.tell("machine", {"name": "mb10_breaker", "parameters": keys, "settings": []})
+        bench.change("tool.restitution", 0.3, differing)
+        page = await session.ws_connect(f"ws://{here}/feed", headers={"Origin": f"http://{here}"})
+        await page.send_str(bench.token)
+        async with asyncio.timeout(LIMIT_S):
+            while (told := json.loads((await page.receive()).data))["kind"] != "machine":
+                pass
+        assert [each["value"] for each in told["parameters"]] == [0.3, 500.0]
+        assert told["settings"] == differing

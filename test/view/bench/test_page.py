@@ -173,6 +173,24 @@ def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_p
         page.wait_for_function(f"() => window.bench.shown > {halted} + 0.2")
 
 
+def change_and_look_anew(page):
+    """Change a value here, and pause at the terminal: a page opened anew knows both."""
+    number = page.locator("[data-name='tool.wall_force_n'] input[type=number]")
+    number.fill("700")
+    number.press("Enter")
+    expect(page.locator("#changed tr")).to_have_text(re.compile("^tool.wall_force_n500.0700.0$"))
+    for order, word in (("pause", "Go on"), ("resume", "Pause")):
+        subprocess.run([*COMMAND, "tell", "mb10_breaker", order], check=True, capture_output=True, timeout=60)
+        expect(page.locator("#order-pause")).to_have_text(word)
+        if order == "pause":
+            expect(page.locator("#state")).to_have_text("paused")
+            page.reload()
+            expect(page.locator("#order-pause")).to_have_text(word)
+            expect(number).to_have_value("700")
+            expect(page.locator("#changed tr")).to_have_text(re.compile("^tool.wall_force_n500.0700.0$"))
+    page.wait_for_function("() => window.bench.shown > 0.2", timeout=UP_MS)
+
+
 def test_one_of_two_pages_commands_and_a_page_comes_back_after_its_connection_was_lost(browser, ros_domain, tmp_path):
     with running("run", "mb10_breaker", "--no-record", folder=tmp_path) as (url, _), opened(browser, url) as first:
         expect(first.locator("#role")).to_have_text("this page commands")
@@ -186,6 +204,7 @@ def test_one_of_two_pages_commands_and_a_page_comes_back_after_its_connection_wa
         first.evaluate(CUT)
         expect(first.locator("#role")).to_have_text("this page commands", timeout=20_000)
         assert "no connection" in first.evaluate("() => window.states")
+        change_and_look_anew(first)
         before = first.evaluate("() => window.bench.shown")
         first.wait_for_function(f"() => window.bench.shown > {before}")
 
@@ -267,7 +286,7 @@ def test_a_recording_is_played_scrubbed_and_has_no_commands(browser, ros_domain,
         expect(page.locator("#command")).to_be_hidden()
         page.wait_for_function("() => Number(document.getElementById('cursor').max) > 1.9", timeout=UP_MS)
         # it is opened at its end, with the whole of it in the plots
-        page.wait_for_function("() => window.bench.shown > 1.9 && window.bench.window()[1] > 1.9")
+        page.wait_for_function("() => window.bench.shown > 1.9999 && window.bench.window()[1] > 1.9999")
         assert page.evaluate("() => window.bench.window()[0]") < 0.1
         expect(page.locator("#span")).to_have_value("whole")
         expect(page.locator(".shown-at:visible")).to_have_count(0)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The bench's page: receives messages, and dispatches them to the modules.
 
-import { changed, commands, forgetCommands, know, showPause, showRole } from "./command.js";
+import { changed, commands, forgetCommands, know, showPause, showRole, showSettings } from "./command.js";
 import { answered, connect, cut } from "./connection.js";
 import { ghost, showGhost } from "./ghost.js";
 import { fetchFile, showHall } from "./hall.js";
@@ -23,12 +23,12 @@ function hear(message) {
     metrics: () => showMetrics(message.rows),
     role: () => showRole(message),
     answer: () => answered(message),
-    changed: () => changed(message.name, message.value),
+    changed: () => { changed(message.name, message.value); showSettings(message.settings); },
     pause: () => { run.paused = message.is_paused; showPause(); },
     alarms: () => showFaults(message.faults),
     advice: () => showAdvice(message.rows),
     fit: () => showFit(message),
-    end: () => { run.over = message.text; answer(message.text, "done"); },
+    end: () => { run.over = message.text; answer(message.text, message.has_failed ? "refused" : "done"); },
     ghost: () => showGhost(message),
     anew: () => { forget(); if (message.all) beginAnew(); },
     hall: () => showHall(message),
@@ -47,6 +47,7 @@ function beginAnew() {
   find("cover").hidden = false;
   find("cards").replaceChildren();
   find("time").textContent = "";
+  find("machine").textContent = document.title = "mech_twin bench";
   follow(true);
   curves.clear();
   ghost.curves.clear();

@@ -31,12 +31,19 @@ export function know(machine) {
   find("parameters").hidden = !machine.parameters.length;
   find("keys").replaceChildren(...machine.parameters.map(keyRow));
   if (!machine.sides) find("comparison").hidden = true;
-  find("differs").hidden = !machine.settings?.length || Boolean(machine.sides);
-  find("changed").replaceChildren(...rowsOf(machine.settings ?? []));
+  showSettings(machine.settings ?? []);
   listPanels();
   for (const [name, id] of [["acknowledge", "alarms"], ["accept", "advice"], ["identify", "fit"]]) if (!machine.orders.includes(name)) find(id).hidden = true;
   commands(run.commands);
   showPause();
+}
+
+// settings that differ from the installed ones
+export function showSettings(settings) {
+  if (!run.machine) return;
+  run.machine.settings = settings;
+  find("differs").hidden = !settings.length || Boolean(run.machine.sides);
+  find("changed").replaceChildren(...rowsOf(settings));
 }
 
 export function showPause() {
