@@ -19,7 +19,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_file
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.parameters.load import PAGE, PAGE_SUFFIXES
+from mech_twin.parameters.load import PAGE
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.interruption import end_with_parent
 from mech_twin.process.stop_signal import StopSignal
@@ -140,8 +140,7 @@ def open_bench(request: BenchVerb) -> None:
     settle_domain()
     from mech_twin.view.bench.started import StartedBench
 
-    own = sorted(path.name for suffix in PAGE_SUFFIXES for path in folder.glob(f"*{suffix}"))
-    machines = [*(name for name in CATALOGUE if name != PAGE.name), *own, *map(str, shipped_pages().values())]
+    machines = [*(name for name in CATALOGUE if name != PAGE.name), *map(str, shipped_pages().values())]
     hall = {"folder": str(folder.resolve()), "machines": machines}
     with StartedBench(request.port or None, hall=hall, history_bytes=512 << 20, announce=say) as bench:
         say(f"view: {bench.url}")

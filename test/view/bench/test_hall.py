@@ -60,7 +60,7 @@ def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, rec
         row(page, "soft").get_by_role("button", name="Reference", exact=True).click()
         row(page, "hard").get_by_role("button", name="Compare with reference").click()
         expect(page.locator("#settings")).to_contain_text("working_force.peak_n", timeout=UP_MS)
-        expect(page.locator("#settings tr")).to_have_text("working_force.peak_n1e+042e+04")
+        expect(page.locator("#settings tr")).to_have_text("working_force.peak_n10000.020000.0")
         page.wait_for_function("() => window.bench.apart().rows > 100", timeout=UP_MS)
         assert page.evaluate("() => window.bench.apart().largest") > 1000.0
         page.locator("#how").select_option("difference")
@@ -96,8 +96,15 @@ def test_machines_and_a_page_of_ones_own_are_run_from_the_bench_and_their_record
             page.locator("#order-pause").click()
             expect(page.locator("#state")).to_have_text("paused")
         step_once(page)
+        (tmp_path / "bad.yaml").write_text("name: bad\nbodees: {}\n", encoding="utf-8")
         page.locator("#list").click()
         expect(page.locator(".recording", has_text="vibration_crank")).to_contain_text("complete", timeout=UP_MS)
+        page.locator("#machines").select_option("bad.yaml")
+        page.locator("#begin").click()
+        expect(page.locator("#status")).to_contain_text("bad.yaml: expected a page with bodies", timeout=UP_MS)
+        expect(page.locator("#answers li.refused").first).to_contain_text("bad.yaml: expected a page")
+        expect(page.locator("#machine")).to_have_text("mech_twin bench")
+        expect(page.locator("#machines")).to_have_value("bad.yaml")
 
 
 def step_once(page) -> None:

@@ -20,8 +20,11 @@ export function connect(opened, heard, lost) {
   socket.onmessage = (event) => heard(JSON.parse(event.data));
   socket.onclose = (event) => {
     lost();
-    if (event.reason === "token") return say("The address is of another run: its token is not right here.");
     find("state").textContent = "no connection";
+    if (event.reason === "token") {
+      find("role").textContent = "";
+      return say("The address is of another run: its token is not right here. Open the one that the terminal printed last.");
+    }
     find("role").textContent = "trying to reach the bench again";
     if (!run.pictures.length) say("The bench does not answer; trying again.");
     setTimeout(() => connect(opened, heard, lost), RETRY_MS);

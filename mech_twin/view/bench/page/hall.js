@@ -10,10 +10,12 @@ export function showHall({ folder, recordings, machines }) {
   find("hall").hidden = false;
   find("folder").textContent = folder;
   if (!run.machine && !run.pictures.length) {
-    say("Open a recording, or run a machine.");
+    if (!run.over) say("Open a recording, or run a machine."); // else why what was begun ended
     find("state").textContent = "ready";
   }
+  const chosen = find("machines").value;
   find("machines").replaceChildren(...machines.map((name) => new Option(name.split("/").at(-1).replaceAll("_", " "), name)));
+  if (machines.includes(chosen)) find("machines").value = chosen;
   find("recordings").replaceChildren(...(recordings.length ? recordings.map(recordingRow) : ["no recording here"]));
   commands(run.commands);
 }
