@@ -201,3 +201,23 @@ def test_an_event_of_the_log_is_gone_to(page):
     assert page.link.show(told)
     page.locator("#events button").click()
     page.wait_for_function("() => Math.abs(window.bench.shown - 1.26) < 1e-6")
+
+
+TICKS = [[0, 500, 1000], [1066.1, 1066.2, 1066.3], [10000, 10000.5, 10001], [-0.002, 0, 0.002], [2e6, 3e6]]
+LABELS = [
+    ["0", "500", "1000"],
+    ["1066.1", "1066.2", "1066.3"],
+    ["10k", "10.0005k", "10.001k"],
+    ["-0.002", "0", "0.002"],
+]
+
+
+def test_the_ticks_of_an_axis_are_told_apart_and_rounding_is_no_curve(page):
+    named = "async (every) => { const { labels } = await import('./plots.js'); return every.map(labels); }"
+    told = page.evaluate(named, TICKS)
+    assert told == [*LABELS, ["2M", "3M"]]
+    ranges = "async (all) => { const { padded } = await import('./plots.js'); return all.map((one) => padded(...one)) }"
+    flat, noise, apart = page.evaluate(ranges, [[1066.1, 1066.1002], [-4e-15, 1e-14], [1066.0, 1067.0]])
+    assert flat == pytest.approx([1066.1 - 53.3, 1066.1 + 53.3], abs=0.1)
+    assert noise == pytest.approx([-1e-3, 1e-3])
+    assert apart == pytest.approx([1065.95, 1067.05])

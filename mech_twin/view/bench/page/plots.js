@@ -7,6 +7,7 @@ import { RIGHT } from "./lanes.js";
 const HEIGHT = 118;
 const DRAGGED_PX = 5; // a shorter drag is a click
 const NARROW = 16; // longest name (letters) for two legend entries with values side by side
+const TINY = 1e-9, ROUNDING = 1e-6; // smallest value read off; values are rounded to a few times 1e-8 of their size
 const STEP = 0.01; // share of the window by which an arrow key moves the cursor
 
 export class Plots {
@@ -109,7 +110,7 @@ class Plot {
       scales: { x: { time: false }, y: { range: (_, low, high) => padded(low, high) } },
       series: [{}, ...this.names.map((name, place) => line(name, place)), ...this.names.map((name, place) => line(`${name}, tried`, place, [5, 4]))],
       axes: [{ ...axis, size: 24, gap: 2, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(6))} s`), space: 64 },
-        { ...axis, size: 76, values: (_, ticks) => ticks.map(short), space: 15 }],
+        { ...axis, size: 76, values: (_, ticks) => labels(ticks), space: 15 }],
     }, null, holder);
     this.line = made("div", { className: "reading", hidden: true });
     this.band = made("div", { className: "band", hidden: true });
@@ -196,20 +197,29 @@ function valueAt(data, column, at) {
   return values[before] + ((values[after] - values[before]) * (at - times[before])) / (times[after] - times[before]);
 }
 
-function padded(low, high) {
+// a curve that varies by rounding alone is drawn as a straight line
+export function padded(low, high) {
   if (low === null || high === null) return [0, 1];
-  const room = 0.05 * (high - low) || Math.max(1e-3, 0.05 * Math.abs(high));
+  const isFlat = high - low <= Math.max(TINY, ROUNDING * Math.max(Math.abs(low), Math.abs(high)));
+  const room = isFlat ? Math.max(1e-3, 0.05 * Math.abs(high)) : 0.05 * (high - low);
   return [low - room, high + room];
 }
 
-function short(value) {
+function short(value, digits = 4) {
   const size = Math.abs(value);
-  if (size >= 1e6) return `${Number((value / 1e6).toPrecision(4))}M`;
-  if (size >= 1e4) return `${Number((value / 1e3).toPrecision(4))}k`;
-  return String(Number(value.toPrecision(4)));
+  if (size >= 1e6) return `${Number((value / 1e6).toPrecision(digits))}M`;
+  if (size >= 1e4) return `${Number((value / 1e3).toPrecision(digits))}k`;
+  return String(Number(value.toPrecision(digits)));
 }
 
-const readOff = (value) => (Math.abs(value) < 1e-9 ? "0" : short(value));
+// labels of an axis, with as many digits as tell its ticks apart
+export function labels(ticks) {
+  const largest = Math.max(...ticks.map(Math.abs)), step = Math.abs(ticks[1] - ticks[0]) || largest;
+  const digits = Math.max(4, Math.min(9, 2 + Math.floor(Math.log10(largest)) - Math.floor(Math.log10(step))));
+  return ticks.map((tick) => short(tick, Number.isFinite(digits) ? digits : 4));
+}
+
+const readOff = (value) => (Math.abs(value) < TINY ? "0" : short(value));
 
 export function made(kind, properties = {}) { return Object.assign(document.createElement(kind), properties); }
 
