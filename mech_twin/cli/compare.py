@@ -205,7 +205,6 @@ def _show(found: Comparison, all_numbers: bool) -> None:
 
 
 PATIENCE_S = 30.0  # that the bench may take for what it has been sent
-PICTURE_S = 0.01  # of the machine's time, between two pictures
 SHOWN_BYTES = 512 << 20  # of both runs; the oldest pictures go first
 MOST_ROWS = 300  # of a table on the page
 
@@ -237,7 +236,6 @@ class OverlaySide:
 
     def __init__(self, link: BenchLink) -> None:
         self.scene = BenchScene(link, RECORDED)
-        self._drawn_s = -math.inf
         self._undrawn: Frame | None = None
         self.machine: Machine | None = None
 
@@ -246,9 +244,7 @@ class OverlaySide:
         if self.machine is None:
             self.machine = machine
             know_machine(self.scene, machine)
-        draw = frame.linkage.time_s - self._drawn_s >= PICTURE_S - 1e-9
-        if draw:
-            self._drawn_s = frame.linkage.time_s
+        draw = self.scene.drawing_due(frame.linkage.time_s)
         self._undrawn = None if draw else frame
         show_frame(self.scene, machine, frame, draw=draw)
 

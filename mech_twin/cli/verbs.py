@@ -205,7 +205,7 @@ class ViewVerb(Verb, answer="view:view_bag"):
     bag: BagOrTable
     given_map: MapFile = None
     config: Config = None
-    duration_s: float | None = option("of a page: time to simulate, s (3, 500ms)", unit="s", gt=0.0, shown="3")
+    duration_s: float | None = option("of a page: time to simulate, s (3, 500ms)", unit="s", shown="3")
     save: Path | None = option("write a file NAME.rrd instead of opening the view", writes=())
     port: Port = 0
     force: Force = False

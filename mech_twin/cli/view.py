@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mech_twin.cli.compare import (
     PATIENCE_S,
-    PICTURE_S,
     SHOWN_BYTES,
     USUAL_DURATION_S,
     configured_machine,
@@ -58,7 +56,8 @@ def view_bag(request: ViewVerb) -> None:
         stop = stack.enter_context(StopSignal())
         with stop.interrupting():
             if simulated:
-                machine, duration_s = configured_machine(str(bag)), request.duration_s or USUAL_DURATION_S
+                duration_s = USUAL_DURATION_S if request.duration_s is None else request.duration_s
+                machine = configured_machine(str(bag))
                 shown = _of_machine(machine, lambda scene, stop: _show_run(scene, machine, duration_s, stop))
             elif map_file is not None:
                 from mech_twin.cli.measured import read_measured, show_measured
@@ -117,7 +116,8 @@ def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: floa
         for frame in run:
             if stop.asked:
                 return
-            show_frame(scene, machine, frame, draw=scene.drawing_due(frame.linkage.time_s))
+            is_last = metrics.frames == steps_for(machine, duration_s)
+            show_frame(scene, machine, frame, draw=is_last or scene.drawing_due(frame.linkage.time_s))
             metrics.observe(frame)
     scene.metrics(metrics.numbers())
 
@@ -137,7 +137,7 @@ def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
 
 def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal) -> None:
     history = None if stop.asked else _history(samples)
-    metrics, undrawn, drawn_s = None, None, -math.inf
+    metrics, undrawn = None, None
     if history is not None:
         machine = history.machine_at(0)
         metrics = RunMetrics(lambda: machine)
@@ -158,9 +158,9 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
             if history is not None and metrics is not None and frame is not None:
                 metrics.observe(frame)
                 undrawn = frame
-                if draws and frame.linkage.time_s - drawn_s >= PICTURE_S:
+                if draws and scene.drawing_due(frame.linkage.time_s):
                     scene.drawing(drawn(history.machine_at(frame.linkage.step), frame))
-                    undrawn, drawn_s = None, frame.linkage.time_s
+                    undrawn = None
     if history is not None and undrawn is not None:  # later than the last drawing that was recorded
         scene.drawing(drawn(history.machine_at(undrawn.linkage.step), undrawn))
     if metrics is not None:

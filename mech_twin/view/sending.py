@@ -97,14 +97,17 @@ class Sending(NamedTuple):
         Least simulated time per batch of curve data (s).
     picture_s : float
         Least wall-clock time between two pictures (s).
+    drawing_s : float
+        Least simulated time between two drawings (s).
     """
 
     window: int
     batch_s: float
     window_s: float = 0.0
     picture_s: float = 0.0
+    drawing_s: float = 0.0
 
 
 AT_ONCE = Sending(window=5, batch_s=0.1)  # for a file
-RECORDED = Sending(window=5, batch_s=1.0)  # for a recording, at the speed of reading
+RECORDED = Sending(window=5, batch_s=1.0, drawing_s=0.01)  # for a recording, at the speed of reading
 LIVE = Sending(window=10, window_s=0.01, batch_s=0.03, picture_s=0.033)

@@ -161,6 +161,11 @@ def test_view_of_a_page_shows_its_run(page, tmp_path):
     sliding = np.array(moving["/linkage_sliding/position"]["Scalars:scalars"].to_pylist())
     assert (np.ptp(sliding, axis=0) > 0.01).all()
     assert len(moving["/mechanism/figure"]) > 5
+    ends = moving["/mechanism/figure"]["sim_time"].to_pylist()[-1]
+    assert ends.total_seconds() == pytest.approx(0.2), "the last frame is drawn too"
+    still = tmp_path / "still.rrd"
+    answer("view", page, "--duration", "0", "--save", still)
+    assert len(rrd_tables(still)[0]["/mechanism/figure"]) == 1
     with pytest.raises(CommandError, match=r"--duration 1: a recording has its own length; expected a page"):
         answer("view", tmp_path, "--duration", "1")
 

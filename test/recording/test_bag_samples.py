@@ -14,6 +14,7 @@ import pytest
 from catalogue import built
 from command_line import mech_twin
 from recordings import Entry, altered_bag, earlier_layout, edited, entries_of, simulated_bag, written_bag
+from rrd_tables import rrd_tables
 
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.nodes.exchange.base_node import RunOptions
@@ -56,6 +57,20 @@ def test_drawings_come_between_the_steps_at_their_time(frames: list[Frame], tmp_
     assert [item.step for item in shown if isinstance(item, StepSamples)] == [f.linkage.step for f in frames]
     assert [round(drawing.time_s, 9) for drawing in drawings] == [0.0, 0.033, 0.066, 0.099]
     assert all(drawing.shapes for drawing in drawings)
+
+
+def test_a_recording_without_drawings_is_drawn_by_its_machine(frames: list[Frame], tmp_path: Path) -> None:
+    scene = f"/{DRUM}/scene"
+    with BagReader(tmp_path / "bag") as reader:
+        assert scene in reader.topics
+        assert BagSamples(reader).has_drawings
+    plain = altered_bag(tmp_path / "bag", tmp_path / "plain", lambda entry: [entry] if entry.topic != scene else [])
+    with BagReader(plain) as reader:
+        assert not BagSamples(reader).has_drawings
+    done = mech_twin("view", plain, "--save", tmp_path / "plain.rrd")
+    assert done.code == 0, done.err
+    figures = rrd_tables(tmp_path / "plain.rrd")[0]["/mechanism/figure"]
+    assert [at.total_seconds() for at in figures["sim_time"].to_pylist()] == pytest.approx([0.0, 0.034, 0.067, 0.1])
 
 
 def test_a_step_recorded_twice_counts_once(frames: list[Frame], tmp_path: Path) -> None:

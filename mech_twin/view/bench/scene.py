@@ -6,6 +6,7 @@ A frame, the complete state of a run at a step, becomes plain lists for JSON and
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -186,6 +187,7 @@ class BenchScene:
         self._names: dict[str, tuple[str, ...]] = {}
         self._events: deque[list[Any]] = deque(maxlen=MOST_EVENTS)
         self._sent_at = self._state_at = -1.0
+        self._drawn_s = -math.inf
         self._time_s = 0.0
         self._lanes: Lanes | None = None
         self._invariants: RunInvariants | None = None
@@ -223,6 +225,7 @@ class BenchScene:
                 if sample.time_s < self._time_s - 1.0:
                     self._link.tell("anew", {})
                     self._time_s = sample.time_s
+                    self._drawn_s = -math.inf
                 self._time_s = max(self._time_s, sample.time_s)
         self._roles.add(motor, linkage, forces, body)
         if self._lanes is not None:
@@ -242,11 +245,14 @@ class BenchScene:
             self._tell_health(behind_s)
 
     def drawing_due(self, time_s: float) -> bool:
-        """Return whether the next picture is due, by the wall clock."""
+        """Return whether the next picture is due, by the wall clock and by simulated time."""
+        if time_s - self._drawn_s < self._sending.drawing_s - 1e-9:
+            return False
         return time.monotonic() - self._sent_at >= self._sending.picture_s
 
     def drawing(self, drawing: Drawing) -> None:
         """Send a picture: this drawing, and the data of the run up to it."""
+        self._drawn_s = drawing.time_s
         self._extent.widen(drawing.shapes)
         if not self._extent.within(self._bounds):
             self._bounds = self._extent.bounds()

@@ -76,16 +76,15 @@ function keyRow(parameter) {
   return row;
 }
 
-function change(name, value) {
+// set a live parameter; undone: the change that this takes back
+function change(name, value, takenBack = null) {
   const parameter = run.machine.parameters.find((each) => each.name === name);
   const before = parameter.value;
-  if (before === value) return;
+  if (before === value) return changed(name, before);
   order("change", { values: { [name]: value } }, (isDone) => {
-    if (!isDone) return changed(name, before);
-    if (undone.at(-1)?.taken !== true) undone.push({ name, before });
-    else undone.pop();
+    if (isDone !== Boolean(takenBack)) undone.push(takenBack ?? { name, before });
     find("undo").disabled = !undone.length || !run.commands;
-    changed(name, value);
+    changed(name, isDone ? value : before);
   });
 }
 
@@ -129,7 +128,7 @@ function numbers(parameter) {
     attempt(parameter.name, Number(number.value));
   };
   slider.onchange = () => change(parameter.name, Number(number.value));
-  number.onchange = () => { if (number.value !== "") change(parameter.name, Number(number.value)); };
+  number.onchange = () => change(parameter.name, number.value === "" ? parameter.value : Number(number.value));
   return [slider, number];
 }
 
@@ -166,6 +165,7 @@ find("take").onclick = () => send({ kind: "take" });
 find("speed").oninput = () => { find("speed-now").textContent = `${Math.round(100 * find("speed").value)} % wanted`; };
 find("speed").onchange = () => { order("speed", { values: { share: Number(find("speed").value) } }); find("speed").blur(); };
 find("undo").onclick = () => {
-  const last = undone.at(-1);
-  if (last) { last.taken = true; change(last.name, last.before); }
+  const last = undone.pop();
+  find("undo").disabled = !undone.length;
+  if (last) change(last.name, last.before, last);
 };
