@@ -294,7 +294,7 @@ class Banner:
         name = joint.replace("_", " ")
         if joint in self._slides:
             return [Card(name, f"{speed:+.2f} m/s", name, speed, "m/s")]
-        shown = f"{speed:.4g}" if abs(speed) >= ROUNDING else "0"
+        shown = "0" if abs(speed) < ROUNDING else f"{speed:.4g}"
         return [Card(name, f"{shown} rad/s", name, speed, "rad/s")]  # unit of terminal and topics
 
     def _work(self, linkage: LinkageSample) -> list[Card]:
@@ -330,7 +330,7 @@ class Banner:
     def _note_broken(self, linkage: LinkageSample) -> None:
         values = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)
         for joint, position, speed in values:
-            if not (math.isfinite(position) and math.isfinite(speed)):
+            if not self._broken and not (math.isfinite(position) and math.isfinite(speed)):
                 self._broken = f"{joint} is not finite at {linkage.time_s:.3f} s"
 
 

@@ -161,9 +161,10 @@ class DrawnExtent:
 
     def widen(self, shapes: Sequence[Shape]) -> None:
         """Extend the visible range to these shapes."""
-        points = [point for shape in shapes for point in shape.points_m]
-        if points:
-            self._widen(np.array(points))
+        points = np.array([point for shape in shapes for point in shape.points_m]).reshape(-1, 2)
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points):
+            self._widen(points)
 
     def within(self, bounds: Bounds | None) -> bool:
         """Return whether everything drawn so far lies within these bounds."""

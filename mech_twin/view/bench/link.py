@@ -9,6 +9,7 @@ Each message is its length (4 bytes, big-endian), a byte for its kind (picture o
 from __future__ import annotations
 
 import json
+import math
 import socket
 import struct
 import threading
@@ -24,6 +25,22 @@ BUFFER_BYTES = 1 << 20
 PREFIX = "bench:"
 BEGUN_BY = "MECH_TWIN_BENCH"  # environment variable of a command started by a bench: its address
 FEED = "feed"  # file name of the socket
+
+
+def encoded(content: Any, *, finite: bool) -> bytes:
+    """Return JSON; if finite, with null for numbers that are not: the page would refuse a whole picture for one."""
+    try:
+        return json.dumps(content, separators=(",", ":"), allow_nan=not finite).encode()
+    except ValueError:
+        return json.dumps(_with_null(content), separators=(",", ":")).encode()
+
+
+def _with_null(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _with_null(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_with_null(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 class BenchLink:
@@ -77,7 +94,7 @@ class BenchLink:
         with self._lock:
             if not self.is_alive or not self._flush(limit_s):
                 return False
-            body = json.dumps(content, separators=(",", ":")).encode()
+            body = encoded(content, finite=kind == PICTURE)
             self._left = HEAD.pack(len(body), kind) + body
             self._flush(limit_s)
             return self.is_alive

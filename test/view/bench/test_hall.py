@@ -65,6 +65,11 @@ def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, rec
         assert page.evaluate("() => window.bench.apart().largest") > 1000.0
         page.locator("#how").select_option("difference")
         page.locator("#align").select_option("angle")
+        with page.expect_download() as saved:
+            page.locator("#report").click()
+        report = saved.value.path().read_text(encoding="utf-8")
+        assert "Runs: curves are A - B, at equal cycle angle" in report
+        assert "<figcaption>Pin reactions, N, A - B</figcaption>" in report
 
         # fetch one
         with page.expect_download() as fetched:

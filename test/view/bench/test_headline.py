@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import base64
+import json
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.samples import Drawing
 from mech_twin.view.annotations import RECENT_S, Banner
+from mech_twin.view.bench.link import encoded
 from mech_twin.view.bench.scene import BenchScene, body_regimes, rated_power_w
 from mech_twin.view.sending import RECORDED
 
@@ -87,3 +89,21 @@ def test_what_came_after_the_last_drawing_is_shown_before_the_scene_closes():
     assert curve_s[-1] > run[-1].linkage.time_s - RECORDED.window * machine.coupling_step_s
     happened = [event.time_s for frame in run for event in frame_events(frame)]
     assert last["events"][-1][0] == happened[-1]
+
+
+def test_a_value_that_is_not_finite_reaches_the_page_as_an_alarm_with_its_first_time():
+    """A page refuses a picture with NaN as JSON, and would stand still without a word."""
+    machine, link = built("vibration_crank"), NotedLink()
+    with BenchScene(link, RECORDED) as scene:
+        scene.know(machine.mechanism)
+        for frame in frames(machine, 0.1):
+            linkage, nothing = frame.linkage, (np.nan,) * len(frame.linkage.joints)
+            if linkage.time_s > 0.05:
+                linkage = linkage._replace(velocity=nothing, position=nothing)
+            scene.frame(frame.motor, linkage, frame.forces)
+            scene.drawing(Drawing(linkage.step, linkage.time_s, machine.draw(linkage, None)))
+    told = json.loads(encoded(link.pictures[-1], finite=True), parse_constant=pytest.fail)
+    first_s = next(frame.linkage.time_s for frame in frames(machine, 0.1) if frame.linkage.time_s > 0.05)
+    assert told["alarm"] == f"crank is not finite at {first_s:.3f} s"
+    assert told["cards"][0][1:4] == ["nan rad/s", "crank", None]
+    assert None not in told["bounds"]

@@ -46,8 +46,8 @@ def page(browser):
             assert link.show(picture(PICTURE_S * place))
         with opened(browser, bench.url, shows=False) as found:
             found.link = link
-            found.locator("#span").select_option("1")  # a recording is opened with the whole of it in sight
             found.wait_for_function(f"() => window.bench.shown > {LENGTH_S - PICTURE_S / 2}")
+            found.locator("#span").select_option("1")  # a recording is opened with the whole of it in sight
             chosen = f"([low, high]) => Math.abs(low - {LENGTH_S - SPAN_S}) < 0.01 && high > {LENGTH_S - 0.01}"
             found.wait_for_function(f"() => ({chosen})(window.bench.window())")  # both the span and its end
             yield found
@@ -221,3 +221,19 @@ def test_the_ticks_of_an_axis_are_told_apart_and_rounding_is_no_curve(page):
     assert flat == pytest.approx([1066.1 - 53.3, 1066.1 + 53.3], abs=0.1)
     assert noise == pytest.approx([-1e-3, 1e-3])
     assert apart == pytest.approx([1065.95, 1067.05])
+
+
+@pytest.mark.parametrize("width", [1280, 900, 380])
+def test_a_narrow_window_hides_nothing_to_its_right(page, width):
+    told = picture(LENGTH_S)
+    cards = [[name, "18.8 J", name, 18.8, "J", None] for name in ("blow rate", "last blow at 1.89 s", "pressing force")]
+    assert page.link.show(told | {"cards": cards})
+    page.set_viewport_size({"width": width, "height": 720})
+    page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_the_header_says_that_a_run_is_over_though_no_picture_follows(page):
+    expect(page.locator("#state")).to_have_text("running")
+    page.link.tell("end", {"text": "the run is over"})
+    expect(page.locator("#state")).to_have_text("over")
+    expect(page.locator("#answers li").first).to_have_text("the run is over")

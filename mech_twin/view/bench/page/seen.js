@@ -4,14 +4,15 @@
 import { colours } from "./curves.js";
 import { plots, show } from "./instant.js";
 import * as report from "./report.js";
-import { find, lanes, rounded, run, shown } from "./state.js";
+import { find, lanes, other, rounded, run, shown } from "./state.js";
 
 function seen() {
   const picture = shown.drawn ?? run.pictures.at(-1);
   for (const plot of plots.shown) plot.visible = true;
   if (picture) show(picture, shown.at);
   const cells = (id) => [...find(id).querySelectorAll("tr")].map((line) => [...line.children].map((cell) => cell.textContent));
-  const two = !find("comparison").hidden;
+  const two = !find("comparison").hidden, chosen = (id) => find(id).selectedOptions[0].textContent;
+  const drawn = other.isDifference ? "curves are A - B" : "A solid, B dashed";
   const live = (run.machine?.parameters ?? []).map((each) => [each.name, String(rounded(each.value)), each.unit]);
   const events = [...find("events").children].map((line) => [line.textContent]).slice(0, 50);
   return {
@@ -22,10 +23,10 @@ function seen() {
     pictures: [
       { title: "Machine", canvas: find("drawing"), words: [] },
       ...(lanes.size ? [{ title: "Regimes", canvas: find("lane-drawing"), words: lanes.words.map((word, place) => [word, colours(lanes.words.length)[place]]) }] : []),
-      ...plots.shown.map((plot) => ({ title: plot.title, canvas: plot.plot.ctx.canvas, words: plot.names.map((name, place) => [name, plot.colours[place]]) })),
+      ...plots.shown.map((plot) => ({ title: two && other.isDifference ? `${plot.title}, A - B` : plot.title, canvas: plot.plot.ctx.canvas, words: plot.names.map((name, place) => [name.replaceAll("_", " "), plot.colours[place]]) })),
     ],
     tables: [
-      ...(two ? [{ title: "Runs", head: ["side", "run"], rows: run.machine.sides.map((name, place) => ["AB"[place], name]) },
+      ...(two ? [{ title: `Runs: ${drawn}, at equal ${chosen("align")}`, head: ["side", "run"], rows: run.machine.sides.map((name, place) => ["AB"[place], name]) },
         { title: "Settings that differ", head: ["key", "A", "B"], rows: cells("settings") },
         { title: "Numbers that differ", head: ["quantity", "A", "B", "apart"], rows: cells("compared") }] : []),
       { title: "Settings that differ from the machine as installed", head: ["key", "installed", "here"], rows: run.machine?.settings ?? [] },
