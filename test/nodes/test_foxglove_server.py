@@ -16,6 +16,8 @@ import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
+from mech_twin.messages.topics import DIAGNOSTICS
+
 pytest.importorskip("foxglove")
 CRANK, LIMIT_S = "vibration_crank", 30.0
 SUBPROTOCOL = "foxglove.sdk.v1"
@@ -180,8 +182,12 @@ def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
         assert (await client.call(f"/{CRANK}/go-on"))["success"]
         assert "supply off" in (await client.call(f"/{CRANK}/stop"))["message"]
 
+    async def diagnosed(client):  # which the layout of the machine shows
+        return deserialize_message(await client.look_at(DIAGNOSTICS.name), DIAGNOSTICS.type).status[0].hardware_id
+
     with served("--commands") as port:
         with_client(port, talk)
+        assert with_client(port, diagnosed) == CRANK
 
 
 def test_foxgloves_own_client_sees_a_topic_a_parameter_and_a_service():

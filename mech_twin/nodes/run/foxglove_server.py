@@ -21,6 +21,7 @@ from foxglove.websocket import Capability, MessageSchema, Parameter, ServerListe
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from mech_twin.messages.topics import DIAGNOSTICS
 from mech_twin.nodes.run.bench_process import GO_ON, carried_out
 from mech_twin.nodes.run.domain import UnansweredError
 from mech_twin.nodes.run.telling import Teller
@@ -31,7 +32,7 @@ LOOPBACK = "127.0.0.1"
 LOOK_S = 0.5  # period of the search for new topics
 ANSWER_S = 15.0
 DEPTH = 100
-GLOBAL = ("/tf", "/tf_static")
+GLOBAL = ("/tf", "/tf_static", DIAGNOSTICS.name)
 SERVICES = ("start", "stop", "reset", "pause", GO_ON, "step")
 VALUES = "values"
 NOTHING = {"type": "object", "properties": {}}
