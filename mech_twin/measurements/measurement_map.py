@@ -22,6 +22,7 @@ from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import document_tree
 
 MOST_CHANNELS = 1000
+TIME_COLUMN = "time_s"  # of a table whose map names no other
 FREE, PER_RUN = "free", "per_run"
 LARGEST, LONGEST_LAG_S, FASTEST_HZ = 1e12, 10.0, 1e6
 
@@ -154,8 +155,11 @@ class MeasurementMap(_Group):
 
     @model_validator(mode="after")
     def _each_source_once(self) -> MeasurementMap:
+        time_column = self.time.column or TIME_COLUMN
         seen: set[str] = set()
         for channel in self.channels:
+            if channel.source.column == time_column:
+                raise ValueError(f"source {time_column!r} is the column of the time; expected another column")
             if channel.source.label in seen:
                 raise ValueError(f"source {channel.source.label!r} stands twice: a channel is one quantity")
             seen.add(channel.source.label)

@@ -18,7 +18,7 @@ import numpy as np
 from mech_twin.errors import MeasurementError
 from mech_twin.files.input_file import opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
-from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource
+from mech_twin.measurements.measurement_map import TIME_COLUMN, MeasurementMap, Source, TimeSource
 from mech_twin.measurements.sensors import Reading
 from mech_twin.measurements.units import TIME_UNITS, is_unit, time_unit_in, unit_in
 from mech_twin.process.dependencies import require_extra
@@ -32,7 +32,6 @@ BAG_MAGICS = (b"\x89MCAP", b"SQLite format 3")
 HEAD_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 20
 BATCH_ROWS = 1 << 16
-TIME_COLUMN = "time_s"
 NO_VALUE = ("", "-", "--", "---", "na", "n/a", "#n/a", "null", "none")  # in any case, with a blank at either end
 WRONG_CELL = re.compile(
     r"CSV column #(\d+): Row #(\d+): CSV conversion error to double: invalid value '(.*)'", re.DOTALL

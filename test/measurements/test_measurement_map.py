@@ -74,6 +74,8 @@ def test_the_map_of_the_page_is_read(tmp_path: Path) -> None:
         (changed(0, source={"joint": "c"}), ("channels.0.source", "topic", "column")),
         (changed(0, source={"topic": "/b"}), ("channels.0.source", "field")),
         (changed(1, source={"column": "a"}), ("'a' stands twice",)),
+        (changed(1, source={"column": "Time (s)"}), ("'Time (s)' is the column of the time",)),
+        ({**changed(1, source={"column": "time_s"}), "time": {}}, ("'time_s' is the column of the time",)),
         ({**GOOD, "machine": "press"}, ("no machine 'press'",)),
         ({**GOOD, "channels": []}, ("channels", "at least 1")),
         ({**GOOD, "time": {"stamps": "clock"}}, ("time.stamps", "'clock'", "'header' or 'log'")),
