@@ -333,14 +333,15 @@ def with_transients(
         Shape (d - q,): standard deviation of y in these runs.
     """
     transient, hold = np.zeros((len(surface.variables), len(surface.others))), 2
-    for k, (y, u) in ((k, run) for k, each in enumerate(runs) for run in each):
-        over = np.maximum(np.abs(y) - 4.0 * noise, 0.0)
-        lasting = np.flatnonzero(over.any(axis=1))
-        if len(lasting):
-            hold = max(hold, int(lasting[-1]) + 2)
-        spans = np.maximum.accumulate(np.maximum(u[:, k], 0.0)) - np.minimum.accumulate(np.minimum(u[:, k], 0.0))
-        ratios = over / np.maximum(spans, LEAST_MOVED)[:, None]
-        transient[k] = np.maximum(transient[k], MOVES * ratios.max(axis=0))
+    for k, each in enumerate(runs):
+        lasting: list[int] = []
+        for y, u in each:
+            over = np.maximum(np.abs(y) - 4.0 * noise, 0.0)
+            lasting += np.flatnonzero(over.any(axis=1)).tolist()
+            spans = np.maximum.accumulate(np.maximum(u[:, k], 0.0)) - np.minimum.accumulate(np.minimum(u[:, k], 0.0))
+            ratios = over / np.maximum(spans, LEAST_MOVED)[:, None]
+            transient[k] = np.maximum(transient[k], MOVES * ratios.max(axis=0))
+        hold = max([hold, *(cycle + 2 for cycle in lasting if lasting.count(cycle) > 1)])  # seen once it is noise
     return replace(surface, transient=transient, hold=hold)
 
 

@@ -37,8 +37,9 @@ from mech_twin.studies.monitoring.sensing import (
 )
 
 SETTLED_CYCLES = 25  # simulated before the cycles that are averaged
-STEP = 0.4  # of a range, to measure the transient
-STEP_DRAWS, STEP_PHASES = 2, 4
+STEP = 1.0  # of a range, to measure the transient: down at the even phases, up at the odd ones
+STEP_DRAWS, STEP_PHASES = 2, 8
+FIRST_PHASE = 0.25  # of the distance between phases: no harmonic up to the fourth is zero at each of them
 KNOT_S = 1.0  # between the operating points of a drift
 DRIFT_S = 600.0  # shortest period in which a variable moves through its range and back
 
@@ -244,10 +245,10 @@ def _settling(
     runs: list[list[tuple[Array, Array]]] = [[] for _ in chosen]
     noise = np.zeros(len(surface.others))
     for k, phase in product(range(len(chosen)), range(STEP_PHASES)):
-        later = parameters_at(monitored.parameters, [chosen[k]], [-STEP * float(surface.ranges[k])])
+        later = parameters_at(monitored.parameters, [chosen[k]], [STEP * (-1) ** phase * float(surface.ranges[k])])
         if later is None:
             continue
-        change_s = first_s + phase / STEP_PHASES * period_s
+        change_s = first_s + (phase + FIRST_PHASE) / STEP_PHASES * period_s
         run = roll_out(
             healthy, duration_s, needed_columns(monitored.sensors), None, 1.0,
             [(change_s, monitored.entry.build(later))],
@@ -255,7 +256,7 @@ def _settling(
         seen: list[list[tuple[FeatureVector, Array]]] = []
         before: list[Array] = []
         for draw in range(STEP_DRAWS):
-            random = np.random.default_rng(draw)
+            random = np.random.default_rng((k, phase, draw))  # the same noise would look like a transient
             vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, healthy.coupling_step_s, random, begin_s))
             points = [surface.reduced(vector)[1] for vector in vectors if vector.end_s <= change_s]
             before += [point for point in points if np.isfinite(point).all()][-1:]

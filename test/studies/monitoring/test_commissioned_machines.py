@@ -97,6 +97,24 @@ def test_each_machine_is_healthy_anywhere_in_its_ranges_and_the_variable_is_told
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("share", [-0.05, 0.05])
+def test_a_step_of_the_mains_within_their_range_alarms_at_no_phase_of_the_cycle(share: float) -> None:
+    machine, setup = commissioned("vibration_crank")
+    period_s, healthy = setup.baseline.period_s, machine.entry.build(machine.parameters)
+    stepped = parameters_at(machine.parameters, machine.operating[:1], [share])
+    assert stepped is not None
+    for phase in (0.05, 0.2, 0.3, 0.45, 0.55, 0.7, 0.8, 0.95):
+        change_s = machine.declared.run_up_s + (20.0 + phase) * period_s
+        seen = seen_run(
+            healthy, machine.sensors, change_s + 30.0 * period_s, random=np.random.default_rng(3),
+            begin_s=machine.declared.run_up_s, changes=[(change_s, machine.entry.build(stepped))],
+        )  # fmt: skip
+        found = judged(Monitor(setup), machine.vectors(seen))
+        assert found.alarms == ()
+        assert found.operating[0].share == pytest.approx(share, abs=1e-3)
+
+
+@pytest.mark.slow
 def test_a_drift_of_the_yarns_speed_acts_on_the_torque_by_no_more_than_the_charts_allow() -> None:
     machine, setup = commissioned("winding_drum")
     step_s = machine.entry.build(machine.parameters).coupling_step_s
