@@ -182,7 +182,7 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
     _say_setup(setup)
     for run in runs:
         for value in run.found.operating:
-            share, low, high = (f"{100.0 * each:+.3g} %" for each in (value.share, value.low_95, value.high_95))
+            share, low, high = (f"{100.0 * each:+.4g} %" for each in (value.share, value.low_95, value.high_95))
             told = f"({low} to {high}) of the baseline's, fair within +-{100.0 * value.range:.3g} %"
             say(f"{run.run}: operating_point: {value.name} {share} {told}")
         if not run.found.alarms:
@@ -230,7 +230,7 @@ def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[Cy
 
 
 def _alarm_rows(alarm: Alarm) -> list[tuple[Any, ...]]:
-    place = (rounded(alarm.alarm_s), rounded(alarm.onset_s), alarm.delay_cycles)
+    place = (f"{alarm.alarm_s:.2f}", f"{alarm.onset_s:.2f}", alarm.delay_cycles)
     if not alarm.candidates:
         return [(*place, alarm.verdict, "", "", "", "")]
     return [(*place, candidate.name, *map(rounded, candidate[1:4]), candidate.unit) for candidate in alarm.candidates]

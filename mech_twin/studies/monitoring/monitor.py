@@ -34,7 +34,7 @@ from mech_twin.studies.monitoring.findings import (
     shelved,
 )
 from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, candidates, estimated_change
-from mech_twin.studies.monitoring.operating import MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
+from mech_twin.studies.monitoring.operating import LIMIT, MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
 from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
 SENSOR = "sensor_"
@@ -87,12 +87,16 @@ class OperatingTrack:
             return ()
         surface = self.surface
         half = 1.96 * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
-        return tuple(
-            OperatingValue(name, float(u * share), float((u - h) * share), float((u + h) * share), float(share), beyond)
-            for name, u, h, share, beyond in zip(
-                surface.variables, self._smooth, half, surface.ranges, surface.beyond, strict=True
-            )
-        )
+        low, high = (self._smooth - half) * surface.ranges, (self._smooth + half) * surface.ranges
+        low[self._smooth <= 0.01 - LIMIT] = -1.0  # at the end of what was simulated, one bound is open
+        high[self._smooth >= LIMIT - 0.01] = 1.0
+        numbers = (self._smooth * surface.ranges, low, high, surface.ranges)
+        return tuple(map(OperatingValue, surface.variables, *(each.tolist() for each in numbers), surface.beyond))
+
+    @property
+    def cycles(self) -> int:
+        """Cycles since the operating point changed, the present one included; 1 if it drifts."""
+        return round(1.0 / self._weight) + self.surface.hold - 2 if self._weight > SMOOTHED else 1
 
     def changed(self) -> tuple[OperatingValue, ...]:
         """Return the variables that differ from the baseline significantly."""
@@ -124,11 +128,15 @@ class MonitorSetup:
 
 @dataclass
 class _Episode:
-    """An alarm in progress: index of its first cycle and of the onset, cycles since, consecutive quiet cycles."""
+    """An alarm in progress: index of its first cycle and of the onset, cycles since, consecutive quiet cycles.
+
+    ``beyond``: no chart has seen it, an operating variable is beyond its range.
+    """
 
     began: int
     onset: int
     onset_s: float
+    beyond: bool = False
     age: int = 0
     quiet: int = 0
     finding: str = ""
@@ -301,32 +309,33 @@ class Monitor:
         The cycle in which the operating point steps is a mixture, and only the next shows where the point is.
         """
         limits = self.setup.limits
+        charted = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
+        beyond = any(value.is_outside for value in self.operating)
         if self._episode is None:
-            over = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
-            over = over or any(value.is_outside for value in self.operating)
+            over = charted or beyond
             if self._track is not None:
                 if over and not waited:
                     self._suspected, over = self._innovations[-1][2], False
                 over = over or (waited and not self._track.moves)
             if over:
-                self._episode = _Episode(vector.number, *self._onset(charts))
+                moved = self._track.cycles if self._track is not None and beyond and not charted else 0
+                self._episode = _Episode(vector.number, *self._onset(moved or charts.jump_cycles), bool(moved))
             return over
         episode = self._episode
         episode.age += 1
-        if episode.age <= ONSET_CYCLES and charts.jump_cycles < WINDOW:
-            episode.onset, episode.onset_s = self._onset(charts)
+        episode.beyond = episode.beyond and not charted
+        if episode.age <= ONSET_CYCLES and charts.jump_cycles < WINDOW and not episode.beyond:
+            episode.onset, episode.onset_s = self._onset(charts.jump_cycles)
         quiet = all(value <= limit for value, limit in zip(charts.statistics, limits.quiet, strict=True))
-        quiet = quiet and not any(value.is_outside for value in self.operating)
-        episode.quiet = episode.quiet + 1 if quiet else 0
+        episode.quiet = episode.quiet + 1 if quiet and not beyond else 0
         if episode.quiet >= self.setup.rules.clear:
             self._episode = None
             self._charts.restart()
         return False
 
-    def _onset(self, charts: ChartValues) -> tuple[int, float]:
-        """Return index and stamp of the cycle in which the jump began, by the maximum of the jump chart."""
-        kept = min(max(charts.jump_cycles, 1), len(self._innovations))
-        number, onset_s, _ = self._innovations[-kept]
+    def _onset(self, cycles: int) -> tuple[int, float]:
+        """Return index and stamp of the cycle in which a change of this age in cycles began."""
+        number, onset_s, _ = self._innovations[-min(max(cycles, 1), len(self._innovations))]
         return number, onset_s
 
     def _named(self, episode: _Episode) -> tuple[Verdict, tuple[Candidate, ...]]:

@@ -47,7 +47,10 @@ MOVES = 1.5  # times the largest movement in the baseline: a larger one is a cha
 
 
 class OperatingValue(NamedTuple):
-    """Estimate of a variable: name, relative change with 95 % interval, declared range, the fault beyond it."""
+    """Estimate of a variable: name, relative change with 95 % interval, declared range, the fault beyond it.
+
+    Where the change is larger than was simulated, the interval is open: to -1 or 1.
+    """
 
     name: str
     share: float
@@ -64,11 +67,8 @@ class OperatingValue(NamedTuple):
 
     @property
     def candidate(self) -> Candidate:
-        """The deviation as a fault; beyond the simulated points one bound of its size is open."""
-        low, high = self.low_95, self.high_95
-        if abs(self.share) >= (LIMIT - 0.01) * self.range:
-            low, high = (low, 1.0) if self.share > 0.0 else (-1.0, high)
-        return Candidate(self.beyond, self.share, low, high, "1", 0.0)
+        """The deviation as a fault."""
+        return Candidate(self.beyond, self.share, self.low_95, self.high_95, "1", 0.0)
 
 
 @dataclass(frozen=True)

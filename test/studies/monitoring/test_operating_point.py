@@ -11,6 +11,7 @@ import pytest
 
 from mech_twin.capabilities.faults import motor_changes
 from mech_twin.capabilities.variation import varied
+from mech_twin.cli.monitor import Judged, show_runs
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.studies.monitoring.baseline import Baseline
@@ -18,12 +19,15 @@ from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, OperatingTrack
 from mech_twin.studies.monitoring.operating import (
+    LIMIT,
     OperatingSurface,
+    OperatingValue,
     SurfaceVariable,
     chosen_variables,
     polynomial_terms,
     term_values,
 )
+from mech_twin.studies.monitoring.report import Alarm, JudgedRun
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
@@ -113,6 +117,47 @@ def test_a_step_of_the_point_within_a_cycle_is_no_alarm_and_another_change_is_on
     assert begun((0.4, 0.0)) == []
     assert begun((0.0, 0.0)) == [41]
     assert begun((0.0, 0.0), silent=41) == []  # a sensor that fails then was the reason
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_a_variable_that_steps_beyond_its_range_began_in_the_cycle_of_its_step(noise: float) -> None:
+    known, random = surface(), np.random.default_rng(2)
+    baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
+    limits = ChartLimits(Thresholds(30.0, 80.0, 80.0), Thresholds(20.0, 60.0, 60.0), 1e4, extrapolated=False)
+    monitor, begun = Monitor(MonitorSetup("none", baseline, limits, operating=known)), []
+    for number in range(80):
+        row = known.mean + known.response(np.array((1.25 if number >= 40 else 0.0, 0.0)))[0]
+        row[list(known.others)] += noise * random.standard_normal(D - Q)
+        found = monitor.observe(FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row))
+        begun += [found] if found.alarm_begins else []
+    (alarm,) = begun
+    assert 4.0 < alarm.time_s < 6.0
+    assert alarm.onset_s == pytest.approx(4.0)
+    assert found.onset_s == pytest.approx(4.0)
+    assert [candidate.name for candidate in found.candidates] == [known.beyond[0]]
+
+
+def test_the_interval_of_a_variable_farther_off_than_was_simulated_is_open() -> None:
+    track = OperatingTrack(surface())
+    for _ in range(60):
+        track.advance(np.array([-LIMIT, 0.4]))
+    far, near = track.values()
+    assert far.low_95 == -1.0
+    assert far.high_95 == pytest.approx(-LIMIT * far.range, abs=0.01)
+    assert far.candidate[:4] == (far.beyond, far.share, far.low_95, far.high_95)
+    assert near.low_95 <= near.share <= near.high_95 < 0.1
+
+
+def test_times_are_told_to_a_hundredth_of_a_second_also_late_in_a_day(capsys: pytest.CaptureFixture[str]) -> None:
+    limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
+    baseline = Baseline(("a",), np.zeros(1), np.zeros((0, 1)), np.eye(1), 1000, 0.1)
+    value = OperatingValue("supply", 0.03998, 0.03996, 0.04, 0.05, "supply_sag")
+    alarm = Alarm(40001.234, 40005.678, np.nan, 45, {}, "unknown", "unknown", ())
+    found = JudgedRun(400000, 0, (alarm,), (), (value,))
+    show_runs(MonitorSetup("none", baseline, limits), {}, [Judged("today", found)], as_json=False)
+    told = capsys.readouterr()
+    assert all(word in told.out for word in ("40005.68", "40001.23"))
+    assert "+3.998 % (+3.996 % to +4 %)" in told.err
 
 
 def test_a_motor_at_another_supply_has_the_torque_that_the_supply_gives_at_every_speed() -> None:
