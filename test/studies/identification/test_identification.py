@@ -109,6 +109,16 @@ def test_nothing_is_written_where_no_key_is_identified(stand: Path, identified: 
     assert not out.exists()
 
 
+def test_a_late_run_is_told_how_to_find_its_beginning(stand: Path, tmp_path: Path) -> None:
+    head, *rows = (stand / "plant.csv").read_text(encoding="utf-8").splitlines()
+    late = [(float(time) - 1.37, rest) for time, _, rest in (row.partition(",") for row in rows)]
+    run = tmp_path / "late.csv"
+    run.write_text("\n".join([head, *(f"{time},{rest}" for time, rest in late if time >= 0.0)]), encoding="utf-8")
+    ended = mech_twin("identify", MACHINE, run, "--map", stand / "map.yaml", *free("crank_m"))
+    assert ended.code == 1
+    assert "--begin unknown" in ended.err
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
