@@ -68,7 +68,7 @@ class MachineUnit:
     packed: PackedModels
     first_row: Array
     adjustable: tuple[Adjustable, ...]
-    efforts: tuple[int, ...]  # indices of motor efforts in a frame vector; empty if they do not act on the linkage
+    efforts: tuple[int, ...]  # indices in a frame vector of the motor efforts that act on the linkage
     kinds: tuple[str, ...]  # kinds of events: of the linkage, then of the body
 
     @property
@@ -100,8 +100,8 @@ def unit_of(machine: Machine, compiled: CompiledMachine) -> MachineUnit:
     packed, row = packed_models(compiled.models, generated_at), layout.row(frame)
     of_body = () if layout.body is None else layout.body.events.kinds
     kinds = (*layout.linkage.events.kinds, *(f"body_{kind}" for kind in of_body))
-    begin = layout.places.motor + 1
-    efforts = tuple(range(begin + 2, layout.places.forces, 3)) if _feels_motor(machine, frame) else ()
+    first = layout.places.motor + 3
+    efforts = tuple(first + 3 * joint for joint in range(len(frame.motor.joints)) if _feels(machine, frame, joint))
     return MachineUnit(machine, compiled, packed, row, tuple(_adjustable(machine, packed, row)), efforts, kinds)
 
 
@@ -109,9 +109,10 @@ def _first_frame(machine: Machine) -> Frame:
     return complete_frame(machine, machine.linkage.start(), None, FIRST_COMMAND)
 
 
-def _feels_motor(machine: Machine, frame: Frame) -> bool:
-    """Return whether a changed motor effort changes the next step of the linkage."""
-    stronger = frame.motor._replace(effort=tuple(2.0 * effort + 1.0 for effort in frame.motor.effort))
+def _feels(machine: Machine, frame: Frame, joint: int) -> bool:
+    """Return whether a changed effort of a joint of the motor changes the next step of the linkage."""
+    efforts = enumerate(frame.motor.effort)
+    stronger = frame.motor._replace(effort=tuple(2.0 * e + 1.0 if place == joint else e for place, e in efforts))
     alike = machine.linkage.advance(frame.linkage, frame.motor, frame.body)
     return machine.linkage.advance(frame.linkage, stronger, frame.body) != alike
 
