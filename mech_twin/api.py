@@ -13,7 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mech_twin.capabilities.arguments import real_number, several
+from mech_twin.capabilities.arguments import real_number, several, whole_number
 from mech_twin.declarations.quantity import LONGEST_RUN_S
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
@@ -122,9 +122,9 @@ def analyse(
     positions : int
         Number of crank angles in the columns, evenly over one turn.
     """
-    from mech_twin.studies.declared_studies import analysed_columns, counted_within, cycle_positions
+    from mech_twin.studies.declared_studies import analysed_columns, cycle_positions
 
-    counted_within("positions", positions, MOST_POSITIONS)
+    positions = whole_number("positions", positions, 1, MOST_POSITIONS)
     built = built_machine(machine, _path(config), settings)
     title = f"{built.name}: one cycle"
     cycle = analysed_columns(built, cycle_positions(positions))
@@ -275,19 +275,22 @@ def identify(
     ConfigurationError, MeasurementError, StudyError
         One line with file, key or channel, and what was expected.
     """
+    from mech_twin.capabilities.arguments import bounds_by_name
     from mech_twin.measurements.runs import read_run
     from mech_twin.results.opened_runs import given_map as read_given
     from mech_twin.results.opened_runs import opened_run
+    from mech_twin.studies import GREATEST_SEED
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.identification import identified
     from mech_twin.studies.identification.keyed_configuration import assumed_keys
     from mech_twin.studies.identification.unknowns import IdentificationQuestion
     from mech_twin.studies.identification.written_identification import SavedIdentification
+    from mech_twin.studies.spreading import used_cores
 
     built = built_machine(machine, _path(config), settings)
     runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")
     several("free", free, "a list of keys, or keys with their bounds")
-    map_file = _path(given_map, "given_map") or Path()
+    map_file = _file("given_map", given_map)
     channels = read_given(map_file, built)
 
     def read(path: FilePath) -> FitRun:
@@ -295,8 +298,13 @@ def identify(
             return fit_run(read_run(reader, channels), begin_known=latest_begin_s is None)
 
     keys = tuple(free) or assumed_keys(machine, built.parameters, _path(config))
-    bounds, searched = free if isinstance(free, Mapping) else {}, (latest_begin_s or 0.0, seed, cores, scheduler)
-    question = IdentificationQuestion(machine, built.parameters, keys, bounds, priors or {}, *searched)
+    bounds = bounds_by_name("free", free if isinstance(free, Mapping) else {}, "keys with their bounds")
+    known = bounds_by_name("priors", priors, "mean and standard deviation by key")
+    begin_s = real_number("latest_begin_s", latest_begin_s or 0.0, "seconds, 0 or more", 0.0)
+    share = real_number("share", share, "0 to less than 1, a part of each run", 0.0, 1.0 - 1e-9)
+    seed = whole_number("seed", seed, 0, GREATEST_SEED)
+    searched = (begin_s, seed, None if cores is None else used_cores(cores), scheduler)
+    question = IdentificationQuestion(machine, built.parameters, keys, bounds, known, *searched)
     found = identified(question, list(map(read, runs)), list(map(read, held_out)), 0.0 if held_out else share)
     return SavedIdentification(found, tuple(map(Path, runs)), tuple(map(Path, held_out)), map_file)
 
@@ -331,7 +339,7 @@ def from_json(document: FilePath) -> Any:
     """
     from mech_twin.results.written_documents import from_document
 
-    path = _path(document, "document") or Path()
+    path = _file("document", document)
     try:
         return from_document(path.read_text(encoding="utf-8"), str(path))
     except (OSError, UnicodeDecodeError) as error:
@@ -364,7 +372,11 @@ def compare(first: Run, second: Run, tolerance: float = 0.0) -> RunComparison:
     return RunComparison(compared(*sides, tolerance), sides)
 
 
-def _path(config: Any, name: str = "config") -> Path | None:
-    if config is not None and not isinstance(config, str | PathLike):
-        raise StudyError(f"{name} {config!r:.80}: expected the path of a file")
-    return None if config is None else Path(config)
+def _path(config: Any) -> Path | None:
+    return None if config is None else _file("config", config)
+
+
+def _file(name: str, path: Any) -> Path:
+    if not isinstance(path, str | PathLike):
+        raise StudyError(f"{name} {path!r:.80}: expected the path of a file")
+    return Path(path)

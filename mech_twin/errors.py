@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 
 class RerunSceneError(RuntimeError):
@@ -14,7 +15,21 @@ class ViewerError(RuntimeError):
     """The page cannot be served; the message is one line."""
 
 
-class MeasurementError(Exception):
+class SentError(Exception):
+    """An error made of more than its line, which a process sends to another one whole."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _received, (type(self), str(self), vars(self))
+
+
+def _received(kind: type[SentError], line: str, parts: dict[str, Any]) -> SentError:
+    """Return an error as another process raised it."""
+    error = kind.__new__(kind, line)
+    vars(error).update(parts)
+    return error
+
+
+class MeasurementError(SentError):
     """An unusable measurement; the message is one line for the user."""
 
     def __init__(self, file: Path | str, reason: str) -> None:

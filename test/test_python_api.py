@@ -2,6 +2,7 @@
 """The functions of ``import mech_twin as mt``: what they return is what the rooms below give, with units."""
 
 import csv
+import pickle
 import re
 import subprocess
 import sys
@@ -14,13 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mech_twin as mt
+from mech_twin import studies
 from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
-from mech_twin.errors import StudyError
+from mech_twin.errors import MeasurementError, StudyError
+from mech_twin.files.output_file import OutputError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
+from mech_twin.recording.errors import DamagedBagError
 from mech_twin.results.objects import Columns
 
 
@@ -202,6 +206,25 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.compare("a", "b"), "'a': expected two runs as `simulate` returns them"),
         (lambda: mt.identify("vibration_crank", "plant.csv", "map.yaml"), "runs 'plant.csv': expected a list of paths"),
         (lambda: mt.rollout("winding_drum", duration_s="1"), "duration_s '1': expected"),
+        (lambda: mt.rollout("winding_drum", duration_s=1e12), "duration_s 1000000000000.0: expected"),
+        (lambda: mt.rollouts("winding_drum", 0.1, [None], cores=0), "cores: expected a whole number from 1 to"),
+        (lambda: mt.sweep("mb10_breaker", {"body.preload_deflection_m": [0.01]}, cores=0), "cores: expected a whole"),
+        (lambda: studies.designs("compaction_press", 100, cores=0), "cores: expected a whole number from 1 to"),
+        (lambda: studies.designs("compaction_press", 0), "count: expected a whole number from 1 to"),
+        (lambda: mt.search("compaction_press", bounds={"crank": 0.05}), "bounds of crank 0.05: expected a lower"),
+        (lambda: mt.search("compaction_press", limits={"stroke_m": "a"}), "limit stroke_m 'a': expected"),
+        (lambda: mt.search("compaction_press", seed=-1), "seed: expected a whole number"),
+        (lambda: studies.search_runs("winding_drum", "x", {"core_radius_m": 1}), "bounds of core_radius_m 1: expected"),
+        (lambda: studies.synthesise("impact_mass", 1e-9), "key 'period_s', value 4333333333.333333: input should be"),
+        (lambda: studies.synthesise("impact_mass", 2.0, options={"margn": 1}), "no option 'margn'; expected one of"),
+        (lambda: studies.regimes("impact_mass", [10.0]), "phase1_duration_s = 10.0, period_s = 0.05"),
+        (lambda: studies.regimes("impact_mass", ["a"]), "value 'a': expected a finite number"),
+        (lambda: mt.rollouts("winding_drum", 0.0, [None])["linkage.drm.velocity"], "linkage.drum.velocity"),
+        (lambda: mt.from_json(None), "document None: expected the path of a file"),
+        (
+            lambda: Columns("run", "time_s", {"time_s": []}).plot("time_s"),
+            "no rows; JSON output holds those of a run with --samples",
+        ),
         (lambda: mt.rollout("winding_drum", 0.1, ["a"]), "settings ['a']: expected settings by dotted key"),
         (lambda: mt.rollout("winding_drum", {"core_radius_m": 0.1}), "duration_s {'core_radius_m': 0.1}: expected"),
         (lambda: mt.rollouts("winding_drum", 0.1, "core"), "settings 'core': expected a list of settings"),
@@ -235,6 +258,41 @@ def test_a_roll_out_is_a_table_with_units_and_takes_settings():
     assert run.to_pandas()["time_s"].tolist() == run["time_s"].tolist()
     assert run.plot("linkage.crank.velocity").axes[0].get_ylabel() == "crank velocity [rad/s]"
     assert repr(run).startswith("mb10_breaker: 0.01 s: 11 rows of time_s, ")
+
+
+def test_every_result_with_columns_is_a_data_frame():
+    run, cycle = mt.simulate("winding_drum", 0.01), mt.analyse("vibration_crank", positions=4)
+    assert run.to_pandas().equals(run.samples.to_pandas())
+    assert cycle.to_pandas().equals(cycle.cycle.to_pandas())
+    assert run.to_arrow().column_names == list(run.samples)
+    assert cycle.to_arrow().column_names == list(cycle.cycle)
+    both = mt.rollouts("winding_drum", 0.01, [None, None])
+    assert both.to_pandas().loc[1].reset_index(drop=True).equals(both.members[1].to_pandas())
+
+
+@pytest.mark.parametrize(("name", "chosen"), [("impact_mass", {"stop.model": "wave"}), ("vibration_crank", {})])
+def test_roll_outs_come_whole_from_another_process(name, chosen):
+    found = mt.rollouts(name, 0.2, [chosen, chosen])
+    come = pickle.loads(pickle.dumps(found))
+    for before, after in zip(found, come, strict=True):
+        assert all(before[column].tobytes() == after[column].tobytes() for column in before.columns)
+        assert (after.stepped_events, after.final) == (before.stepped_events, before.final)
+        assert [part.tolist() for part in after.event_numbers] == [part.tolist() for part in before.event_numbers]
+        assert [(last, one.parameters) for last, one in after.machines] == [
+            (last, one.parameters) for last, one in before.machines
+        ]
+    if chosen:
+        peaks = [run.gauge_numbers("impact", "peak_strain").tolist() for run in (found.members[0], come.members[0])]
+        assert peaks[0] == peaks[1]
+        assert peaks[0]
+
+
+@pytest.mark.parametrize(
+    "error", [MeasurementError("a.csv", "no row"), DamagedBagError("bag", "torn"), OutputError(Path("a"), "full")]
+)
+def test_errors_come_whole_from_another_process(error):
+    come = pickle.loads(pickle.dumps(error))
+    assert (type(come), str(come), vars(come)) == (type(error), str(error), vars(error))
 
 
 def test_a_frame_without_pandas_names_the_extra(monkeypatch):

@@ -36,6 +36,36 @@ def real_number(name: str, value: Any, expected: str, least: float = -math.inf, 
     raise StudyError(f"{name} {_shown(value)}: expected {expected}")
 
 
+def whole_number(name: str, value: Any, least: int, most: int) -> int:
+    """Return a whole number within bounds.
+
+    Raises
+    ------
+    StudyError
+        If it is not such a number.
+    """
+    if not is_number(value) or not least <= value <= most or value != int(value):
+        raise StudyError(f"{name}: expected a whole number from {least} to {most}, got {_shown(value)}")
+    return int(value)
+
+
+def bounds_by_name(name: str, value: Any, expected: str) -> dict[str, tuple[float, float]]:
+    """Return a mapping to a lower and an upper number, which may be infinite; an empty one for None.
+
+    Raises
+    ------
+    StudyError
+        If it is not such a mapping.
+    """
+    found = {}
+    for key, pair in by_name(name, value, expected).items():
+        both = several(f"{name} of {key}", pair, "a lower and an upper number")
+        if len(both) != 2 or not all(map(is_number, both)):
+            raise StudyError(f"{name} of {key} {_shown(pair)}: expected a lower and an upper number")
+        found[key] = (float(both[0]), float(both[1]))
+    return found
+
+
 def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
     """Return a mapping as a dictionary; an empty one for None.
 

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.capabilities.arguments import bounds_by_name, by_name, real_number
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 
@@ -101,16 +102,16 @@ class DesignQuestion(NamedTuple):
         """
         names = {name.rsplit("_", 1)[0]: name for name in self.variables} | {name: name for name in self.variables}
         asked = dict(self.variables)
-        for name, (low, high) in (bounds or {}).items():
+        for name, (low, high) in bounds_by_name("bounds", bounds, "bounds by name").items():
             if name not in names:
                 raise StudyError(f"no variable '{name}' to bound; expected one of {', '.join(self.variables)}")
             if not 0.0 < low <= high < math.inf:
                 raise StudyError(f"bounds of {name}: 0 < {low:g} <= {high:g} fails")
             asked[names[name]] = (low, high)
-        for name, value in (limits or {}).items():
+        wanted = by_name("limits", limits, "numbers by name")
+        for name, value in wanted.items():
             if name not in self.limits:
                 raise StudyError(f"no limit '{name}'; expected one of {', '.join(self.limits)}")
-            if not 0.0 <= value < math.inf:
-                raise StudyError(f"limit {name}={value:g}: expected a number of 0 or more")
+            real_number(f"limit {name}", value, "a number of 0 or more", 0.0)
         lower, upper = tuple(low for low, _ in asked.values()), tuple(high for _, high in asked.values())
-        return DesignSpace(lower, upper, {**self.limits, **(limits or {})})
+        return DesignSpace(lower, upper, {**self.limits, **wanted})

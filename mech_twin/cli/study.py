@@ -14,7 +14,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
-from pydantic import ValidationError
 
 from mech_twin.capabilities.design import Design
 from mech_twin.capabilities.progress import listening
@@ -25,9 +24,8 @@ from mech_twin.cli.option_values import assigned
 from mech_twin.cli.run_summary import in_common_digits
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
-from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.report_page import page, picture, section, versions
-from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
@@ -132,10 +130,6 @@ def study_errors() -> Iterator[None]:
     """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""
     try:
         yield
-    except ConfigurationError:
-        raise
-    except ValidationError as error:
-        raise refusal("this study", error) from error
     except OSError as error:
         raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
 

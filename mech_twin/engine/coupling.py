@@ -15,14 +15,24 @@ Whether a machine starts when it is switched on is forecast by the same function
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from math import ceil
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mech_twin.capabilities.arguments import is_number, real_number, several
 from mech_twin.declarations.quantity import Parameters, quantity
 from mech_twin.errors import StudyError
 from mech_twin.roles import BodyRole, EffortMotor, Machine
 from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, Frame, LinkageSample, MotorSample
 
 Target = float | EffortCommand  # asked fraction of rated supply frequency, or an effort in its place
+Profile = Target | Callable[[int], Target] | Sequence[tuple[float, Target]] | NDArray[np.float64]
+Targets = NDArray[np.float64] | list[Target]  # one a step; an array where no effort is among them
+ON_STEP = 1e-9  # of a step: a time this little after a step counts as on it
+A_PROFILE = "a number, pairs of time (s) and value, an array with one number a step, or a function of the step"
 RESET = "reset"
 GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to the initial state is the linkage
 LARGEST = 1e12  # position, stiffness or damping of an effort command: their products stay finite
@@ -153,3 +163,70 @@ def start_forecast(machine: Machine, linkage: LinkageSample, target: float) -> S
             lowest = highest = position
         lowest, highest = min(lowest, position), max(highest, position)
     return StartForecast(machine.rests_when_supplied or highest - lowest > STANDING_REACH, position)
+
+
+def command_profile(command: Profile, first: int, count: int, step_s: float) -> Targets:
+    """Return the asked fraction of rated supply frequency, or effort, at ``first`` and the ``count`` steps after it.
+
+    Raises
+    ------
+    StudyError
+        If an array has another length, or a number is not a fraction from 0 to 1.
+    """
+    if isinstance(command, np.ndarray):
+        if command.shape != (count + 1,):
+            raise StudyError(f"command has shape {command.shape}; expected one number a step, ({count + 1},)")
+        if command.dtype.kind not in "fiub":
+            raise StudyError(f"command has numbers of kind {command.dtype}; expected one number a step")
+        return _shares(np.ascontiguousarray(command, dtype=np.float64))
+    if isinstance(command, int | float | np.integer | np.floating):
+        return _shares(np.full(count + 1, float(command)))
+    if isinstance(command, EffortCommand):
+        profile: list[Target] = [command] * (count + 1)
+    elif callable(command):
+        profile = [_target(command(step)) for step in range(first, first + count + 1)]
+    else:
+        pairs = _pairs(command)
+        times = [time_s for time_s, _ in pairs]
+        if times != sorted(times):
+            raise StudyError(f"command has times {times}; expected them in ascending order")
+        profile = [1.0] * (count + 1)
+        for time_s, value in pairs:
+            begin = min(max(step_at(time_s, step_s) - first, 0), count + 1)
+            profile[begin:] = [value] * (count + 1 - begin)
+    numbers = _shares(np.array([t for t in profile if not isinstance(t, EffortCommand)], dtype=np.float64))
+    return numbers if len(numbers) == len(profile) else [plain(target) for target in profile]
+
+
+def plain(target: Target) -> Target:
+    """Return a target with a number of Python, not of NumPy."""
+    return target if isinstance(target, EffortCommand) else float(target)
+
+
+def step_at(time_s: float, step_s: float) -> int:
+    """Return the first step at or after a time."""
+    return ceil(time_s / step_s - ON_STEP)
+
+
+def _shares(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the numbers of a command, all fractions of rated supply frequency but for rounding."""
+    beyond = numbers[~((numbers >= -ON_STEP) & (numbers <= 1.0 + ON_STEP))]
+    if len(beyond):
+        raise StudyError(f"command {beyond[0]:g}: expected 0 to 1, a fraction of rated supply frequency")
+    return numbers
+
+
+def _target(value: Any) -> Target:
+    if isinstance(value, EffortCommand) or is_number(value):
+        return value
+    raise StudyError(f"command's value {value!r:.80}: expected a number, or an effort command")
+
+
+def _pairs(command: Sequence[tuple[float, Target]]) -> list[tuple[float, Target]]:
+    """Return pairs of time and value."""
+    found = []
+    for pair in several("command", command, A_PROFILE):
+        if len(both := several("command", pair, A_PROFILE)) != 2:
+            raise StudyError(f"command {command!r}: expected {A_PROFILE}")
+        found.append((real_number("command's time", both[0], "seconds"), _target(both[1])))
+    return found

@@ -9,29 +9,34 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
-from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.capabilities.arguments import real_number, several
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.declarations.captions import unknown_name
+from mech_twin.declarations.quantity import LONGEST_RUN_S
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
 from mech_twin.engine.compiled_steps import RunEnd
-from mech_twin.engine.coupling import Target, check_effort, complete_frame, next_frame
+from mech_twin.engine.coupling import (
+    Profile,
+    Target,
+    Targets,
+    check_effort,
+    command_profile,
+    complete_frame,
+    next_frame,
+    plain,
+    step_at,
+)
 from mech_twin.engine.sample_vectors import LAYOUTS, Array, EventNumbers, FrameLayout
 from mech_twin.engine.trajectory import Residual, RunInvariants, frame_events, residuals_of_run
 from mech_twin.errors import MotionError, StudyError, UnknownNameError
 from mech_twin.roles import Machine
 from mech_twin.samples import EffortCommand, Event, Frame
-
-Profile = Target | Callable[[int], Target] | Sequence[tuple[float, Target]] | NDArray[np.float64]
-Targets = Array | list[Target]  # one a step; an array where no effort is among them
-ON_STEP = 1e-9  # of a step: a time this little after a step counts as on it
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,10 @@ class RollOut:
             if gauge is not None:
                 found.append((event, gauge.numbers(event) if gauge.tells(event) else none))
         return found
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process gets: the events themselves in place of what lists them."""
+        return {**vars(self), "_listed_events": partial(list, self.stepped_events), "_numbers": None}
 
     def __getitem__(self, column: str) -> Array:
         if column not in self.columns:
@@ -253,13 +262,15 @@ def planned(
 ) -> RunPlan:
     """Return a run that is ready to be computed; parameters as for `roll_out`."""
     count = _count(machine, duration_s)
+    if start is not None and not isinstance(start, Frame):
+        raise StudyError(f"start {start!r:.80}: expected a frame, such as `final` of a roll-out")
     first = 0 if start is None else start.linkage.step
     if start is not None and start.linkage.joints != machine.linkage.joints:
         joints = ", ".join(start.linkage.joints)
         raise StudyError(f"start: a frame with the joints {joints}; expected one of {machine.name}")
     targets = command_profile(command, first, count, machine.coupling_step_s)
     if start is None:
-        start = complete_frame(machine, machine.linkage.start(), None, _plain(targets[0]))
+        start = complete_frame(machine, machine.linkage.start(), None, plain(targets[0]))
     return RunPlan(tuple(_pieces(machine, first, count, changes)), start, targets, columns)
 
 
@@ -271,69 +282,9 @@ def column_names(machine: Machine) -> tuple[str, ...]:
     return tuple(layout_of(complete_frame(machine, machine.linkage.start(), None, 1.0)).columns)
 
 
-def command_profile(command: Profile, first: int, count: int, step_s: float) -> Targets:
-    """Return the asked fraction of rated supply frequency, or effort, at ``first`` and the ``count`` steps after it.
-
-    Raises
-    ------
-    ValueError
-        If an array has another length, or a number is not finite.
-    """
-    if isinstance(command, np.ndarray):
-        numbers = np.ascontiguousarray(command, dtype=np.float64)
-        if numbers.shape != (count + 1,):
-            raise StudyError(f"command has shape {numbers.shape}; expected one number a step, ({count + 1},)")
-        return _finite(numbers)
-    if isinstance(command, int | float):
-        return _finite(np.full(count + 1, float(command)))
-    if isinstance(command, EffortCommand):
-        profile: list[Target] = [command] * (count + 1)
-    elif callable(command):
-        profile = [command(step) for step in range(first, first + count + 1)]
-    else:
-        pairs = _pairs(command)
-        times = [time_s for time_s, _ in pairs]
-        if times != sorted(times):
-            raise StudyError(f"command has times {times}; expected them in ascending order")
-        profile = [1.0] * (count + 1)
-        for time_s, value in pairs:
-            begin = min(max(_step_at(time_s, step_s) - first, 0), count + 1)
-            profile[begin:] = [value] * (count + 1 - begin)
-    efforts = {target for target in profile if isinstance(target, EffortCommand)}
-    numbers = np.array([t for t in profile if not isinstance(t, EffortCommand)], dtype=np.float64)
-    return [_plain(target) for target in profile] if efforts else _finite(numbers)
-
-
-def _plain(target: Target) -> Target:
-    return target if isinstance(target, EffortCommand) else float(target)
-
-
-def _finite(numbers: Array) -> Array:
-    """Return the numbers of a command, all finite."""
-    if not np.isfinite(numbers).all():
-        raise StudyError("command holds a number that is not finite")
-    return numbers
-
-
-def _pairs(command: Sequence[tuple[float, Target]]) -> list[tuple[float, Target]]:
-    """Return pairs of time and value."""
-    expected = "a number, pairs of time (s) and value, an array with one number a step, or a function of the step"
-    found = []
-    for pair in several("command", command, expected):
-        if len(both := several("command", pair, expected)) != 2:
-            raise StudyError(f"command {command!r}: expected {expected}")
-        found.append((real_number("command's time", both[0], "seconds"), both[1]))
-    return found
-
-
 def _count(machine: Machine, duration_s: float) -> int:
-    whole_s = real_number("duration_s", duration_s, "a finite number of seconds, 0 or more", 0.0)
+    whole_s = real_number("duration_s", duration_s, f"seconds, 0 to {LONGEST_RUN_S}", 0.0, LONGEST_RUN_S)
     return round(whole_s / machine.coupling_step_s)
-
-
-def _step_at(time_s: float, step_s: float) -> int:
-    """Return the first step at or after a time."""
-    return ceil(time_s / step_s - ON_STEP)
 
 
 def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[float, Machine]]) -> list[RunPiece]:
@@ -343,7 +294,7 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
         real_number("change at", time_s, "a finite number of seconds")
         if changed.name != machine.name or changed.coupling_step_s != machine.coupling_step_s:
             raise StudyError(f"change at {time_s} s: machine and coupling.step_s cannot change during a run")
-        begin = max(_step_at(time_s, machine.coupling_step_s), first + 1)
+        begin = max(step_at(time_s, machine.coupling_step_s), first + 1)
         if begin < bounds[-1]:
             raise StudyError(f"change at {time_s} s: expected changes in ascending order of time")
         bounds.append(begin)
@@ -359,7 +310,7 @@ def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:
     asked = names if columns is None else several("columns", columns, "a list of names")
     wanted = list(names) if columns is None else ["time_s", *(name for name in asked if name != "time_s")]
     for name in wanted:
-        if name not in names:
+        if not isinstance(name, str) or name not in names:
             raise UnknownNameError(unknown_name(name, names, "column "))
     return wanted
 

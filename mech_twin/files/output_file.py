@@ -20,6 +20,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from mech_twin.errors import SentError
+
 FILE_MODE = 0o664  # the umask is applied on top; never writable for everyone
 DIRECTORY_MODE = 0o775
 NEW_FILE = os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_WRONLY | os.O_CLOEXEC
@@ -67,7 +69,7 @@ def of_plain(kind: Any, value: Any) -> Any:
     return float(value) if kind is float else value
 
 
-class OutputError(Exception):
+class OutputError(SentError):
     """An output cannot be written; the message is one line with the path and the reason."""
 
     def __init__(self, path: Path, reason: str) -> None:

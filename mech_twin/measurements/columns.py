@@ -140,6 +140,10 @@ class Columns(_WithUnits[NDArray[Any]]):
 
     def _panels(self, names: Sequence[Any]) -> dict[str, list[str]]:
         """Return the columns to plot by unit; those without a unit by their last word, such as velocity."""
+        if not len(self[self.along]):
+            raise StudyError(
+                f"{self.title}: no rows; JSON output holds those of a run with --samples, of an analysis with --cycle"
+            )
         chosen = list(names) or [name for name, column in self._values.items() if _varies(column)]
         panels: dict[str, list[str]] = {}
         for name in chosen:

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mech_twin.errors import SentError
 
-class BagError(Exception):
+
+class BagError(SentError):
     """A bag that cannot be used; the message is one line for the user.
 
     Attributes

@@ -18,6 +18,7 @@ from mech_twin.samples import Event
 
 if TYPE_CHECKING:
     import pandas
+    import pyarrow
     from matplotlib.figure import Figure
 
     from mech_twin.studies.run_comparison import ComparedRun, Comparison
@@ -92,6 +93,14 @@ class Run:
         """Return a figure of samples over time; see `Columns.plot`."""
         return self.samples.plot(*names)
 
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the samples as a DataFrame; see `Columns.to_pandas`."""
+        return self.samples.to_pandas()
+
+    def to_arrow(self) -> pyarrow.Table:
+        """Return the samples as a table; see `Columns.to_arrow`."""
+        return self.samples.to_arrow()
+
     def named(self, label: str) -> ComparedRun:
         """Return the run as one side of a comparison."""
         from mech_twin.studies.run_comparison import ComparedRun
@@ -159,6 +168,14 @@ class Analysis:
     def plot(self, *names: str) -> Figure:
         """Return a figure of the cycle over the crank angle; see `Columns.plot`."""
         return self.cycle.plot(*names)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the columns of the cycle as a DataFrame; see `Columns.to_pandas`."""
+        return self.cycle.to_pandas()
+
+    def to_arrow(self) -> pyarrow.Table:
+        """Return the columns of the cycle as a table; see `Columns.to_arrow`."""
+        return self.cycle.to_arrow()
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,9 +6,13 @@ Each function imports its modules when it is called, so that importing this pack
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from mech_twin.errors import StudyError
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
@@ -20,6 +24,24 @@ if TYPE_CHECKING:
     from mech_twin.studies.parameter_sweep import Sweep
 
 
+FilePath = str | PathLike[str]
+GREATEST_SEED = 2**63 - 1
+
+
+@contextmanager
+def _refusing() -> Iterator[None]:
+    """Turn what a configuration refuses of the values that a study tries into an error of one line."""
+    from pydantic import ValidationError
+
+    from mech_twin.parameters.errors import refusal
+
+    try:
+        yield
+    except ValidationError as error:
+        raise refusal("this study", error) from error
+
+
+@_refusing()
 def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
     """Return every published number with the computed one.
 
@@ -35,27 +57,29 @@ def reproduce(machine: str | None = None, parameters: Parameters | None = None) 
     return all_rows() if machine is None else machine_rows(machine, parameters)
 
 
-def draw_figures(machine: str, directory: Path, parameters: Parameters | None = None) -> list[Path]:
+@_refusing()
+def draw_figures(machine: str, directory: FilePath, parameters: Parameters | None = None) -> list[Path]:
     """Draw a machine's published figures; return the files, an SVG and a PNG each.
 
     Parameters
     ----------
     machine : str
         Machine of the catalogue.
-    directory : Path
+    directory : path
         Output directory; created if missing.
     parameters : Parameters, optional
         Configuration of the machine; the installed one if absent.
     """
     from mech_twin.studies.declared_studies import machine_figures
 
-    return machine_figures(machine, directory, parameters)
+    return machine_figures(machine, Path(directory), parameters)
 
 
+@_refusing()
 def sweep(
     machine: str,
     axes: Mapping[str, Sequence[float | int | str | bool]],
-    table: Path,
+    table: FilePath,
     *,
     parameters: Parameters | None = None,
     outputs: Sequence[str] = (),
@@ -75,7 +99,7 @@ def sweep(
         Machine of the catalogue.
     axes : mapping
         Dotted configuration keys and the values each takes; several keys make a grid.
-    table : Path
+    table : path
         ``.parquet`` or ``.csv`` file to write.
     parameters : Parameters, optional
         The rest of the configuration; the installed one if absent.
@@ -97,9 +121,10 @@ def sweep(
     from mech_twin.studies.sweep_table import question
 
     asked = question(machine, parameters or machine_parameters(machine), axes, outputs, duration_s)
-    return swept(asked, table, cores=cores, scheduler=scheduler, picture=picture, progress=progress)
+    return swept(asked, Path(table), cores=cores, scheduler=scheduler, picture=picture, progress=progress)
 
 
+@_refusing()
 def size(
     machine: str,
     parameters: Parameters | None = None,
@@ -132,6 +157,7 @@ def size(
     return sized(machine, parameters, limits, objective, tolerance)
 
 
+@_refusing()
 def search(
     machine: str,
     objectives: Sequence[str] = (),
@@ -159,16 +185,19 @@ def search(
     points : int
         Directions of the Pareto front that are refined, besides one per objective.
     """
+    from mech_twin.capabilities.arguments import several, whole_number
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.design_scan import asked_objectives, design_question
+    from mech_twin.studies.design_scan import MOST_POINTS, asked_objectives, design_question
 
     question = design_question(machine)
-    wanted = asked_objectives(question, tuple(objectives))
+    wanted = asked_objectives(question, several("objectives", objectives, "a list of names"))
+    seed, points = whole_number("seed", seed, 0, GREATEST_SEED), whole_number("points", points, 1, MOST_POINTS)
     return question.search(
         parameters or machine_parameters(machine), question.space(bounds, limits), wanted, seed, points
     )
 
 
+@_refusing()
 def search_runs(
     machine: str,
     objective: str,
@@ -201,14 +230,16 @@ def search_runs(
     cores : int, optional
         Processes to spread over; all cores if absent.
     """
+    from mech_twin.capabilities.arguments import whole_number
     from mech_twin.parameters.load import machine_parameters
     from mech_twin.studies.run_search import run_search, searched_by_runs
 
-    known = parameters or machine_parameters(machine)
+    known, seed = parameters or machine_parameters(machine), whole_number("seed", seed, 0, GREATEST_SEED)
     asked = run_search(machine, known, objective, bounds, limits or {}, duration_s)
     return searched_by_runs(asked, known, seed, cores)
 
 
+@_refusing()
 def designs(
     machine: str,
     count: int,
@@ -242,9 +273,11 @@ def designs(
     progress : callable, optional
         ``progress(done, all)``.
     """
+    from mech_twin.capabilities.arguments import whole_number
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.design_scan import design_question, design_scan
+    from mech_twin.studies.design_scan import MOST_DESIGNS, design_question, design_scan
 
+    count, seed = whole_number("count", count, 1, MOST_DESIGNS), whole_number("seed", seed, 0, GREATEST_SEED)
     space = design_question(machine).space(bounds, limits)
     return design_scan(
         machine,
@@ -258,6 +291,7 @@ def designs(
     )
 
 
+@_refusing()
 def synthesise(
     machine: str,
     impact_speed_m_per_s: float,
@@ -286,17 +320,27 @@ def synthesise(
     StudyError
         If the number of periods or of starts is out of range, or there is no such cycle.
     """
+    from mech_twin.capabilities.arguments import by_name, real_number, whole_number
     from mech_twin.capabilities.long_run import MOST_ENDURANCE_PERIODS, MOST_STARTS
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.declared_studies import asked_of, counted_within
+    from mech_twin.studies.declared_studies import asked_of
 
     question: SynthesisQuestion = asked_of(machine, "synthesis", "no cycle to synthesise")
-    counted_within("periods", periods, MOST_ENDURANCE_PERIODS)
-    if options and "starts" in options:
-        counted_within("starts", options["starts"], MOST_STARTS)
-    return question.answer(parameters or machine_parameters(machine), impact_speed_m_per_s, options or {}, periods)
+    periods = whole_number("periods", periods, 1, MOST_ENDURANCE_PERIODS)
+    speed = real_number("impact_speed_m_per_s", impact_speed_m_per_s, "a finite number above 0, m/s")
+    known = ", ".join(question.options)
+    wanted = by_name("options", options, f"numbers by name: {known}")
+    for name, value in wanted.items():
+        if name not in question.options:
+            raise StudyError(f"no option '{name}'; expected one of {known}")
+        real_number(f"option {name}", value, "a finite number")
+    for name, least, most in (("starts", 1, MOST_STARTS), ("inside", 0, MOST_STARTS), ("seed", 0, GREATEST_SEED)):
+        if name in wanted:
+            wanted[name] = whole_number(name, wanted[name], least, most)
+    return question.answer(parameters or machine_parameters(machine), speed, wanted, periods)
 
 
+@_refusing()
 def regimes(
     machine: str,
     values: Sequence[float],
@@ -328,13 +372,19 @@ def regimes(
     StudyError
         If the number of periods is out of range.
     """
+    from mech_twin.capabilities.arguments import real_number, several, whole_number
     from mech_twin.capabilities.long_run import MOST_SETTLING_PERIODS
     from mech_twin.parameters.load import machine_parameters
-    from mech_twin.studies.declared_studies import asked_of, counted_within
+    from mech_twin.studies.declared_studies import asked_of
     from mech_twin.studies.sweep_table import require_key
 
     question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
-    counted_within("settling", settling_periods, MOST_SETTLING_PERIODS)
+    settling_periods = whole_number("settling", settling_periods, 1, MOST_SETTLING_PERIODS)
+    values = several("values", values, "a list of numbers")
+    if not values:
+        raise StudyError("values: expected at least one")
+    for value in values:
+        real_number("value", value, "a finite number")
     known = parameters or machine_parameters(machine)
     if key is not None:
         require_key(type(known), key)

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mech_twin.capabilities.arguments import by_name, is_number, real_number
+from mech_twin.capabilities.arguments import by_name, real_number
 from mech_twin.capabilities.published import CONTRADICTS, PublishedRow
 from mech_twin.capabilities.sizing import Sizing, SizingQuestion
 from mech_twin.declarations.captions import unknown_name
@@ -70,19 +70,6 @@ def questions_of(machine: str) -> tuple[str, ...]:
         "regimes": able.regimes,
     }
     return tuple(name for name, capability in answered.items() if capability)
-
-
-def counted_within(name: str, value: Any, most: int) -> int:
-    """Return a requested count as int.
-
-    Raises
-    ------
-    StudyError
-        If it is not a whole number from 1 to ``most``.
-    """
-    if not is_number(value) or not 1 <= value <= most or value != int(value):
-        raise StudyError(f"{name}: expected a whole number from 1 to {most}, got {value}")
-    return int(value)
 
 
 def cycle_positions(count: int) -> list[float]:

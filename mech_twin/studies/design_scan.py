@@ -18,10 +18,12 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.studies.declared_studies import asked_of
-from mech_twin.studies.spreading import available_cores, spread
+from mech_twin.studies.spreading import available_cores, spread, used_cores
 
 Array = NDArray[np.float64]
 BATCH = 20_000
+MOST_DESIGNS = 1_000_000_000
+MOST_POINTS = 1000  # of a front
 
 
 class Scanned(NamedTuple):
@@ -132,7 +134,7 @@ def design_scan(
     """
     question = design_question(machine)
     sizes = [min(BATCH, count - start) for start in range(0, count, BATCH)]
-    threads = 1 if scheduler is not None else cores or available_cores()
+    threads = 1 if scheduler is not None else used_cores(cores)
     task = partial(scanned_batch, machine, parameters, space, seed, threads)
     done: dict[int, Scanned] = {}
     for found in spread(task, list(enumerate(sizes)), 1, scheduler):

@@ -15,17 +15,19 @@ import numpy as np
 from mech_twin.capabilities.arguments import by_name, several
 from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.rollout import Profile, RollOut, RunPlan, planned
+from mech_twin.engine.coupling import Profile
+from mech_twin.engine.rollout import RollOut, RunPlan, planned
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns
 from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
+from mech_twin.process.dependencies import require_extra
 from mech_twin.process.stop_signal import raising_interrupt
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
-from mech_twin.studies.spreading import available_cores
+from mech_twin.studies.spreading import used_cores
 
 if TYPE_CHECKING:
     import pandas
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Change = tuple[float, Mapping[str, Any] | Parameters]
+CHANGES = "pairs of time (s) and live keys with their values, or a configuration"
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -68,6 +71,15 @@ class NamedRollOut(RollOut):
         """Return a table with the unit of each column in its metadata; needs the extra 'tables'."""
         return self.samples.to_arrow()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what another process gets; it builds the machines anew from their configurations."""
+        return {**super().__getstate__(), "machines": [(last, one.parameters) for last, one in self.machines]}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take what another process sent."""
+        build = catalogue_entry(state["name"]).build
+        vars(self).update(state, machines=tuple((last, build(parameters)) for last, parameters in state["machines"]))
+
     def __repr__(self) -> str:
         return f"{self.samples!r}\n{len(self.events)} events"
 
@@ -86,14 +98,22 @@ class RollOuts:
 
     def __getitem__(self, column: str) -> Array:
         """Return a column of every member, shape (members, steps + 1); shorter members end in nan."""
-        found = [member.columns[column] for member in self.members]
-        stacked = np.full((len(found), max(map(len, found))), np.nan)
+        found = [member[column] for member in self.members]
+        stacked = np.full((len(found), max(map(len, found), default=0)), np.nan)
         for row, values in zip(stacked, found, strict=True):
             row[: len(values)] = values
         return stacked
 
     def __len__(self) -> int:
         return len(self.members)
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a DataFrame with the rows of every member, indexed by member and row; needs the extra 'pandas'."""
+        require_extra("pandas")
+        import pandas as pd
+
+        frames = {number: member.to_pandas() for number, member in enumerate(self.members)}
+        return pd.concat(frames, names=["member", "row"]) if frames else pd.DataFrame()
 
     def __repr__(self) -> str:
         return f"{len(self)} roll-outs, the first {self.members[0]!r}" if self.members else "no roll-outs"
@@ -187,20 +207,15 @@ def rollouts(
         raise StudyError(f"device {device!r}: expected 'cpu' or 'cuda'")
     settings = several("settings", settings, "a list of settings, one a member")
     count = len(settings)
-    for name, given in (("starts", starts), ("commands", commands)):
-        if given is not None and len(given) != count:
+    begun = (None,) * count if starts is None else several("starts", starts, "a list of frames, one a member")
+    driven = (1.0,) * count if commands is None else several("commands", commands, "a list of commands, one a member")
+    for name, given in (("starts", begun), ("commands", driven)):
+        if len(given) != count:
             raise StudyError(f"{len(given)} {name} for {count} settings; expected one each")
+    threads, changes = used_cores(cores), several("changes", changes, CHANGES)
     asked = [
-        _member(
-            machine,
-            settings[i],
-            duration_s,
-            columns,
-            starts[i] if starts is not None else None,
-            commands[i] if commands is not None else 1.0,
-            changes,
-        )
-        for i in range(count)
+        _member(machine, each, duration_s, columns, start, command, changes)
+        for each, start, command in zip(settings, begun, driven, strict=True)
     ]
     if device == "cuda":
         from mech_twin.engine.graphics_run import run_on_graphics_processor
@@ -213,7 +228,7 @@ def rollouts(
         if ended.is_set():
             raise CancelledError
 
-    with ThreadPoolExecutor(max(1, cores or available_cores())) as pool:
+    with ThreadPoolExecutor(threads) as pool:
         waiting = [pool.submit(member.computed, between) for member in asked]
         try:
             return RollOuts(tuple(member.result() for member in waiting))
@@ -275,10 +290,13 @@ def _member(
     base = _built(machine, parameters)
     units = shown_units(base)
     machines, known = [], base.parameters
-    for time_s, change in changes:
-        source = f"change at {time_s} s"
-        known = changed(base.name, known, change, source) if isinstance(change, Mapping) else change
-        machines.append((time_s, catalogue_entry(base.name).build(known)))
+    for change in several("changes", changes, CHANGES):
+        pair = several("changes", change, CHANGES)
+        if len(pair) != 2:
+            raise StudyError(f"changes {change!r:.80}: expected {CHANGES}")
+        source = f"change at {pair[0]} s"
+        known = changed(base.name, known, pair[1], source) if isinstance(pair[1], Mapping) else pair[1]
+        machines.append((pair[0], _of_configuration(base.name, known, source)))
 
     return _Member(partial(planned, base, duration_s, columns, start, command, machines), base.name, units)
 
@@ -288,9 +306,17 @@ def _built(machine: str | Machine, parameters: Parameters | Mapping[str, Any] | 
     if isinstance(machine, Machine) and parameters is None:
         return machine
     if isinstance(parameters, Parameters):
-        return catalogue_entry(name).build(parameters)
+        return _of_configuration(name, parameters, "settings")
     if known is None:
         return catalogue_entry(name).build(machine_parameters(name, None, parameters))
     keys = by_name("settings", parameters, "settings by dotted key, or a configuration")
     tree = merged_tree(configuration_tree(known), tree_from_flat(keys, "settings"))
     return catalogue_entry(name).build(validated(catalogue_entry(name), tree, "settings"))
+
+
+def _of_configuration(name: str, parameters: Any, source: str) -> Machine:
+    entry = catalogue_entry(name)
+    if not isinstance(parameters, entry.parameters):
+        kind = type(parameters).__name__ if isinstance(parameters, Parameters) else f"{parameters!r:.80}"
+        raise StudyError(f"{source}: {kind}; expected settings by dotted key, or a configuration of {name}")
+    return entry.build(parameters)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mech_twin.errors import StudyError
-from mech_twin.studies.spreading import available_cores, spread
+from mech_twin.studies.spreading import spread, used_cores
 from mech_twin.studies.sweep_table import Point, Question, points, require_outputs, write_picture, write_table
 
 LARGEST_BATCH = 64
@@ -134,10 +134,11 @@ def swept(
     if table.suffix not in FORMATS:
         raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
     require_outputs(asked)
+    workers = used_cores(cores)
     journal = SweepJournal(journal_of(table), asked)
     resumed = len(journal.finished)
     try:
-        _finish(asked, journal, cores or available_cores(), scheduler, progress or (lambda _done, _all: None))
+        _finish(asked, journal, workers, scheduler, progress or (lambda _done, _all: None))
     finally:
         journal.close()
     found = tuple(journal.finished[index] for index in range(asked.count))

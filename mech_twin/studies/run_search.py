@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from mech_twin.capabilities.arguments import real_number
+from mech_twin.capabilities.arguments import bounds_by_name, real_number
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.variation import varied
@@ -31,7 +31,7 @@ from mech_twin.errors import MotionError, StudyError
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.shorter_steps import checked_numbers
-from mech_twin.studies.spreading import available_cores, spread
+from mech_twin.studies.spreading import spread, used_cores
 from mech_twin.studies.sweep_table import Question, question, summary
 
 Array = NDArray[np.float64]
@@ -133,6 +133,12 @@ def run_search(
     StudyError
         A key or number does not exist, or a bound or limit is invalid.
     """
+    if not isinstance(objective, str):
+        raise StudyError(f"objective {objective!r:.80}: expected the name of a number")
+    bounds, limits = (
+        bounds_by_name("bounds", bounds, "bounds by key"),
+        bounds_by_name("limits", limits, "limits by name"),
+    )
     if not bounds:
         raise StudyError("a search by runs needs at least one key and its bounds: --bound KEY=LOW:HIGH")
     asked = question(machine, parameters, {key: (low,) for key, (low, _) in bounds.items()}, (), duration_s)
@@ -161,7 +167,7 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     StudyError
         No design satisfies every limit; the message gives the nearest one.
     """
-    keys, workers = len(asked.bounds), cores or available_cores()
+    keys, workers = len(asked.bounds), used_cores(cores)
     power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
     places = qmc.Sobol(keys, scramble=True, rng=np.random.default_rng(seed)).random_base2(power)
     steps = len(places) + REFINED

@@ -18,6 +18,7 @@ from importlib import import_module
 from multiprocessing import active_children, get_context
 from typing import Any, TypeVar
 
+from mech_twin.capabilities.arguments import whole_number
 from mech_twin.errors import StudyError
 from mech_twin.process.dependencies import extra_needed
 from mech_twin.process.interruption import SIGNALS, end_with_parent
@@ -28,11 +29,23 @@ QUEUED_PER_CORE = 4
 RETRIES = 5
 NICE = 10  # of what computes beside a run
 CONNECT_S = 10.0
+MOST_CORES = 1024
 
 
 def available_cores() -> int:
     """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def used_cores(cores: int | None) -> int:
+    """Return a requested number of cores; all of this process if None.
+
+    Raises
+    ------
+    StudyError
+        If it is not a whole number from 1 to `MOST_CORES`.
+    """
+    return available_cores() if cores is None else whole_number("cores", cores, 1, MOST_CORES)
 
 
 def spread(

@@ -98,6 +98,9 @@ def question(
         fixed.append((key, several(f"key '{key}', value", values, "a list of values")))
         if not fixed[-1][1]:
             raise StudyError(f"key '{key}': no values to sweep")
+        for value in fixed[-1][1]:
+            if not isinstance(value, float | int | str | bool | None):
+                raise StudyError(f"key '{key}', value {value!r:.80}: expected numbers or names")
     wanted = several("outputs", outputs, "a list of names")
     seconds = real_number("duration", duration_s, "a finite number of seconds, 0 or more", 0.0)
     asked = Question(machine, configuration_tree(parameters), tuple(fixed), wanted, seconds)
@@ -108,6 +111,8 @@ def question(
 
 def require_key(model: type[BaseModel], key: str) -> None:
     """Raise a `StudyError` if a configuration has no such key."""
+    if not isinstance(key, str):
+        raise StudyError(f"key {key!r:.80}: expected a dotted configuration key")
     units = key_units(model)
     if declared_key(key, units) not in units:
         raise StudyError(f"no configuration key '{key}'{did_you_mean(key, units)}")

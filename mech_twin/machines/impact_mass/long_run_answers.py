@@ -8,7 +8,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -55,6 +55,8 @@ def synthesis_answer(
     )
     try:
         found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
+    except ValidationError:
+        raise
     except ValueError as error:
         raise StudyError(str(error)) from error
     designs = (found.published, found.robust)

@@ -14,7 +14,8 @@ from mech_twin.capabilities.cycle import TURN, Array, CycleFeatures
 from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.rollout import Profile, RollOut, roll_out
+from mech_twin.engine.coupling import Profile
+from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import Entry
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
