@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mech_twin.process.dependencies import lacking, missing_extra
@@ -16,16 +17,15 @@ from mech_twin.process.stop_signal import interruptible
 from mech_twin.process.terminal_output import StandardOutputError, give_up_output, printable
 
 if TYPE_CHECKING:
-    from pathlib import Path
     from sys import UnraisableHookArgs
 
 EXIT_CODE = 2
 LOSS_EXIT_CODE = 3
 FOUND = 1  # exit code of a verb that found what it looks for: a difference, a fault, a broken residual
-UNREAD = 1  # of a command whose output nobody reads to its end
 STANDARD_ERROR = 2
 _NO_MEMORY_LINE = b"mech-twin: not enough memory to clean up\n"
 INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
+UNREAD = EXIT_CODE_BASE + signal.SIGPIPE  # of a command whose output nobody reads to its end, as of other tools
 
 
 class CommandError(Exception):
@@ -79,7 +79,9 @@ def report_cli_errors() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not disturb the clean-up at exit
         sys.stderr.write(INTERRUPTED_LINE)
         raise SystemExit(INTERRUPTED) from None
-    except BrokenPipeError:  # who reads has had enough
+    except (BrokenPipeError, SystemExit) as end:  # who reads has had enough, or so the libraries say by an exit
+        if isinstance(end, SystemExit) and not isinstance(end.__context__, BrokenPipeError):
+            raise
         give_up_output()
         raise SystemExit(UNREAD) from None
     except Exception as error:
@@ -92,10 +94,21 @@ def report_cli_errors() -> Iterator[None]:
         raise SystemExit(EXIT_CODE) from error
 
 
+def _in_directory() -> bool:
+    """Return whether the working directory exists; libraries look for it while they are loaded."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return False
+    return True
+
+
 def _told(error: Exception) -> str | None:
     """Return what is said of an error in the input; None of an internal one."""
     if isinstance(error, ImportError):
         return missing_extra(error)
+    if isinstance(error, FileNotFoundError) and not _in_directory():
+        return "the working directory does not exist any more: change to another one"
     from mech_twin.declarations.configuration_tree import ConfigurationError
     from mech_twin.errors import MeasurementError, MotionError, RerunSceneError, StudyError, ViewerError
     from mech_twin.files.output_file import OutputError

@@ -8,6 +8,7 @@ an error, `StandardOutputError`.
 
 from __future__ import annotations
 
+import codecs
 import errno
 import io
 import os
@@ -16,6 +17,7 @@ import sys
 from contextlib import suppress
 from typing import Any, TextIO
 
+ESCAPED = "mech_twin.escaped"  # what a terminal's encoding lacks, as JSON escapes
 STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
 _NOT_IN_JSON = re.compile(r"[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
@@ -52,6 +54,16 @@ def outlive_terminal() -> None:
     sys.stderr = _outliving(sys.stderr, STANDARD_ERROR, _Messages)
 
 
+def _escaped(error: UnicodeError) -> tuple[str, int]:
+    """Return the characters that an encoding lacks as JSON escapes, two beyond the first 65536."""
+    assert isinstance(error, UnicodeEncodeError)
+    units = error.object[error.start : error.end].encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4)), error.end
+
+
+codecs.register_error(ESCAPED, _escaped)
+
+
 def give_up_output() -> None:
     """Redirect standard output to the null device, as the interpreter's last flush would fail again."""
     with suppress(OSError, ValueError, AttributeError):
@@ -78,6 +90,8 @@ def _outliving(stream: TextIO | None, number: int, kind: type[io.FileIO]) -> Tex
         assert stream is not None
         return stream
     encoding, errors = ("utf-8", "strict") if stream is None else (stream.encoding, stream.errors)
+    if number == STANDARD_OUTPUT and codecs.lookup(encoding).name != "utf-8":
+        errors = ESCAPED
     file = kind(descriptor, "w", closefd=False)
     lines = number == STANDARD_ERROR or file.isatty()
     return io.TextIOWrapper(io.BufferedWriter(file), encoding=encoding, errors=errors, line_buffering=lines)

@@ -48,11 +48,32 @@ def test_with_every_stream_closed_an_output_file_holds_only_what_belongs_there(t
     assert table.read_text(encoding="utf-8").splitlines()[0].startswith("time_s,")
 
 
-def test_who_reads_no_further_ends_a_command_without_a_word() -> None:
+@pytest.mark.parametrize("words", OUTPUTS.values(), ids=OUTPUTS)
+def test_who_reads_no_further_ends_a_command_as_other_tools_without_a_word(words: list[str]) -> None:
+    script = 'set -o pipefail; (sleep 0.2; exec "$@") | true'
     done = subprocess.run(
-        ["sh", "-c", '"$@" | true', "sh", *COMMAND, "list"], capture_output=True, text=True, timeout=120, check=False
+        ["bash", "-c", script, "bash", *COMMAND, *words], capture_output=True, text=True, timeout=120, check=False
     )
-    assert done.stderr == ""
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("words", [["analyse", "mb10_breaker"], ["analyse", "mb10_breaker", "--json"]])
+def test_what_an_encoding_lacks_is_said_as_an_escape(words: list[str]) -> None:
+    strange = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([*COMMAND, *words], capture_output=True, timeout=120, check=False, env=strange)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.isascii()
+    assert "--json" in words or rb"m/rad\u00b2" in done.stdout
+
+
+def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path) -> None:
+    script = 'mkdir gone; cd gone; rmdir ../gone; exec "$@"'
+    done = subprocess.run(
+        ["sh", "-c", script, "sh", *COMMAND, "analyse", "vibration_crank"],
+        capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    line = "mech-twin: the working directory does not exist any more: change to another one\n"
+    assert (done.returncode, done.stderr) == (2, line)
 
 
 @pytest.mark.parametrize(
