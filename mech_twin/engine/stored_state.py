@@ -12,12 +12,14 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from mech_twin.engine.coupling import GIVEN_STATE, RESET
+from mech_twin.engine.coupling import GIVEN_STATE, RESET, next_frame
 from mech_twin.errors import StateError
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Event, LinkageSample, Named
+from mech_twin.samples import BodySample, Event, Frame, LinkageSample, Named
 
 ORIGIN_STEP, ORIGIN_TIME = "origin_step_1", "origin_s"
+SAMPLE = ("regime", "position", "velocity", "effort", "memory")
+LAST_STEP = 2**53  # the last whole number that a float tells from the next
 Moving = TypeVar("Moving", LinkageSample, BodySample)
 
 
@@ -95,18 +97,37 @@ def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> S
     document = _object(_parsed(text), "state")
     if document.get("machine") != machine.name:
         raise StateError(f"state: machine {document.get('machine')!r}: expected {machine.name!r}")
+    _only(document, "state", ("machine", "step", "command", "linkage") + (() if machine.body is None else ("body",)))
     stored = document.get("step")
-    if not isinstance(stored, int) or stored < 0:
-        raise StateError(f"state: step {stored!r}: expected a whole number, 0 or more")
+    if type(stored) is not int or not 0 <= stored <= LAST_STEP:
+        raise StateError(f"state: step {stored!r:.40}: expected a whole number, 0 to {LAST_STEP}")
     step_s = machine.coupling_step_s
     linkage = _moved(_sample(document, "linkage", like.linkage, machine.linkage.regimes), stored, step, step_s)
     command = _number(document.get("command"), "command")
     linkage = linkage._replace(command=command, events=(Event(step * step_s, RESET, GIVEN_STATE),))
     if like.body is None or machine.body is None:
-        return StoredState(linkage, None)
+        return _going_on(machine, StoredState(linkage, None))
     body = _moved(_sample(document, "body", like.body, machine.body.regimes), stored, step, step_s)
     force = _number(document["body"].get("pressing_force_n"), "body.pressing_force_n")
-    return StoredState(linkage, body._replace(pressing_force_n=force, events=()))
+    return _going_on(machine, StoredState(linkage, body._replace(pressing_force_n=force, events=())))
+
+
+def _going_on(machine: Machine, state: StoredState) -> StoredState:
+    """Return a state from which the machine can take a step."""
+    try:
+        motor, forces = (
+            machine.motor.respond(state.linkage, state.linkage.command),
+            machine.forces.analyse(state.linkage),
+        )
+        after = next_frame(machine, Frame(state.linkage, motor, forces, state.body), state.linkage.command)
+    except (ArithmeticError, ValueError) as error:
+        raise StateError(f"state: {machine.name} cannot go on from it: {error}") from error
+    moved = (after.linkage,) if after.body is None else (after.linkage, after.body)
+    for sample in moved:
+        for joint, *values in zip(sample.joints, sample.position, sample.velocity, strict=True):
+            if not all(map(math.isfinite, values)):
+                raise StateError(f"state: {machine.name} cannot go on from it: {joint} has {values} a step later")
+    return state
 
 
 def _parsed(text: str) -> Any:
@@ -118,8 +139,9 @@ def _parsed(text: str) -> Any:
 
 def _sample(document: Mapping[str, Any], name: str, like: Moving, regimes: tuple[str, ...]) -> Moving:
     part = _object(document.get(name), name)
+    _only(part, name, SAMPLE if name == "linkage" else (*SAMPLE, "pressing_force_n"))
     regime = part.get("regime")
-    if not isinstance(regime, int) or not 0 <= regime < max(1, len(regimes)):
+    if type(regime) is not int or not 0 <= regime < max(1, len(regimes)):
         raise StateError(f"state: {name}.regime {regime!r}: expected 0 to {max(0, len(regimes) - 1)}")
     return like._replace(
         regime=regime,
@@ -128,6 +150,12 @@ def _sample(document: Mapping[str, Any], name: str, like: Moving, regimes: tuple
         effort=_numbers(part, name, "effort", like.joints),
         memory=Named(like.memory.names, _numbers(part, name, "memory", like.memory.names)),
     )
+
+
+def _only(found: Mapping[str, Any], where: str, known: tuple[str, ...]) -> None:
+    for key in found:
+        if key not in known:
+            raise StateError(f"state: {where} has '{key:.40}': expected {', '.join(known)}")
 
 
 def _numbers(part: Mapping[str, Any], of: str, key: str, names: tuple[str, ...]) -> tuple[float, ...]:

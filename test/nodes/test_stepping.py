@@ -121,7 +121,12 @@ def _known(frame: Frame) -> StepSamples:
     [
         ({"machine": "winding_drum"}, "machine 'winding_drum': expected 'vibration_crank'"),
         ({"step": -1}, "step -1"),
+        ({"step": 2**60}, "step 1152921504606846976: expected a whole number, 0 to"),
+        ({"step": True}, "step True"),
+        ({"speed": 1.0}, "state has 'speed': expected machine, step, command, linkage"),
+        ({"body": {}}, "state has 'body'"),
         ({"linkage": {}}, "linkage.regime None"),
+        ({"linkage": {"mass": 1.0}}, "linkage has 'mass': expected regime"),
         ({"command": "high"}, "command 'high': expected a finite number"),
         ({"command": float("inf")}, "command inf: expected a finite number"),
     ],
@@ -138,6 +143,17 @@ def test_what_is_no_state_is_refused_in_one_line(change: dict[str, Any], line: s
         result = run.set_parameters("linkage", run__reset_state=json.dumps(told))[0]
         assert not result.successful
         assert line.partition(":")[0] in result.reason
+
+
+@pytest.mark.parametrize(("joint", "value"), [("package_radius", 0.0), ("yarn", 1e300)])
+def test_a_state_from_which_the_machine_cannot_go_on_is_refused(joint: str, value: float) -> None:
+    machine = built("winding_drum")
+    frame = complete_frame(machine, machine.linkage.start(), None, 1.0)
+    like = StoredState(frame.linkage, frame.body)
+    told = json.loads(state_text(machine, like))
+    told["linkage"]["position"][joint] = value
+    with pytest.raises(StateError, match="winding_drum cannot go on from it"):
+        stored_state(machine, json.dumps(told), like, 5)
 
 
 def test_a_machine_driven_by_the_time_offers_no_state() -> None:
