@@ -332,6 +332,12 @@ def test_two_runs_are_compared_and_drawn_side_by_side() -> None:
         mt.compare(short, mt.simulate("winding_drum", 0.01))
 
 
+def test_a_run_that_ends_before_its_numbers_count_says_so() -> None:
+    page = str(Path(__file__).parents[1] / "config/pages/four_bar.yaml")
+    line = "settle_s = 0.5 s: the run is not longer, so it has no numbers"
+    assert [mt.simulate(page, seconds, {"settle_s": 0.5}).remarks for seconds in (0.4, 0.6)] == [(line,), ()]
+
+
 def test_a_page_is_a_path_or_its_text(tmp_path: Path) -> None:
     file = tmp_path / "fall.yaml"
     file.write_text("bodies: {m: {mass_kg: 1}}\njoints: {s: {kind: slider, between: [ground, m]}}\n", encoding="utf-8")

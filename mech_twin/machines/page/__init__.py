@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.machines.page.drawing import PageDrawing
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.mechanism import mechanism
-from mech_twin.machines.page.metrics import PageRun
+from mech_twin.machines.page.metrics import PageRun, run_remarks
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import Drives, PageLinkage, PageModel, PageReactions
 from mech_twin.roles import Capabilities, Machine
@@ -49,7 +48,7 @@ def build(parameters: Parameters) -> Machine:
         mechanism(shared),
         rests_when_supplied=True,
         gauge=shared.rods.gauge(),
-        remarks=partial(blow_remarks, shared.rods.roundings()),
+        remarks=partial(run_remarks, shared),
     )
 
 

@@ -8,10 +8,12 @@ features of one turn of a driven joint, and for faults of struck rods.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator, Mapping
 from math import hypot, inf
 
 import numpy as np
 
+from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.capabilities.cycle import (
     CycleFeatures,
     CycleReference,
@@ -177,6 +179,14 @@ class PageRun:
             out["run_drive_work_j"] = work
             out["run_power_mean_w"] = work / span
         return out
+
+
+def run_remarks(shared: PageModel, numbers: Mapping[str, float]) -> Iterator[str]:
+    """Yield remarks on blows as waves, and on a run that ended before its numbers count."""
+    yield from blow_remarks(shared.rods.roundings(), numbers)
+    settle_s = shared.page.settle_s
+    if settle_s > 0.0 and "run_power_mean_w" not in numbers:
+        yield f"settle_s = {settle_s:g} s: the run is not longer, so it has no numbers"
 
 
 def contact_mass(shared: PageModel, contact: str, linkage: LinkageSample, ahead_s: float) -> float:
