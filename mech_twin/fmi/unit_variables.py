@@ -121,8 +121,10 @@ def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[
     """Yield the keys whose value appears unchanged in the kernels' constants, for all tried values in its range.
 
     Other keys enter derived constants or the first frame; to change those, export the machine again.  A live key may
-    enter the first frame: it changes only while the unit runs, as in a run.
+    enter the first frame: it changes only while the unit runs, as in a run.  Two keys are allowed together at every
+    pair of their bounds.
     """
+    before: list[Adjustable] = []
     for key in keys(machine.parameters):
         if type(key.value) is not float or key.value == 0.0:
             continue
@@ -130,13 +132,17 @@ def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[
         values = []
         for factor in TRIED:
             value = key.value * factor
+            beside = [{}, *({each.key.name: bound} for each in before for bound in (each.least, each.greatest))]
+            if not all(_allowed(machine, {key.name: value, **others}) for others in beside):
+                continue
             other = _other(machine, key.name, value)
             if other is not None:
                 values.append(value)
                 found.add(_places(machine, packed, row, other, key._replace(value=value), key.value))
         places = found.pop() if len(found) == 1 else None
         if places:
-            yield Adjustable(key, places, min((key.value, *values)), max((key.value, *values)))
+            before.append(Adjustable(key, places, min((key.value, *values)), max((key.value, *values))))
+            yield before[-1]
 
 
 class _Other(NamedTuple):
@@ -145,6 +151,16 @@ class _Other(NamedTuple):
     machine: Machine
     packed: PackedModels
     row: Array
+
+
+def _allowed(machine: Machine, values: Mapping[str, float]) -> bool:
+    """Return whether a configuration with other values of some keys is valid."""
+    tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat(values, "unit"))
+    try:
+        validated(catalogue_entry(machine.name), tree, "unit")
+    except ConfigurationError:
+        return False
+    return True
 
 
 def _other(machine: Machine, key: str, value: float) -> _Other | None:
