@@ -87,8 +87,12 @@ def export_fmu(
     OutputError
         The file cannot be written.
     """
+    if not isinstance(machine, Machine):
+        raise ExportError(f"{machine!r:.80}: expected a machine, as `mech_twin.parameters.load.machine` returns it")
     if version not in VERSIONS:
-        raise ExportError(f"version {version} of FMI: expected 2 or 3")
+        raise ExportError(f"version {version!r} of FMI: expected 2 or 3")
+    if not platforms or not all(isinstance(platform, Platform) for platform in platforms):
+        raise ExportError(f"platforms {platforms!r:.80}: expected at least one of LINUX and WINDOWS")
     out = Path(out)
     check_output_file(out, force=force, suffixes=(SUFFIX,))
     require_extra("fmu")

@@ -198,9 +198,9 @@ def _places(
 
 def _variables(unit: MachineUnit) -> Iterator[Variable]:
     machine, layout = unit.machine, unit.compiled.layout
-    command = "asked fraction of rated supply frequency; counts from the next coupling step on"
+    command = "asked fraction of rated supply frequency, kept within 0 and 1; counts from the next coupling step on"
     yield Variable("time", TIME_REFERENCE, "real", "independent", "continuous", "s")
-    yield Variable("speed_command", COMMAND, "real", "input", "discrete", "1", FIRST_COMMAND, meaning=command)
+    yield Variable("speed_command", COMMAND, "real", "input", "discrete", "1", FIRST_COMMAND, 0.0, 1.0, command)
     sliding, names = sliding_in(machine), list(layout.columns)
     if unit.efforts:
         given = "whether the efforts of the motor are given from outside, in place of the machine's own motor"
