@@ -50,6 +50,27 @@ def test_a_paused_run_takes_the_steps_asked_for_and_no_other() -> None:
         assert [sample.position for sample in run.samples] == alone[: len(run.samples)]
 
 
+def test_a_pause_ends_the_steps_that_are_being_taken() -> None:
+    with BenchRun(CRANK) as run:
+        paused(run)
+        assert run.set_parameters("linkage", run__step_count=100_000)[0].successful
+        client = run.client.create_client(Trigger, "step")
+        run.until(client.service_is_ready)
+        begun, answer = run.samples[-1].step, client.call_async(Trigger.Request())
+        run.until(lambda: run.samples[-1].step > begun)
+        assert run.call(SetBool, "pause", SetBool.Request(data=True)).message == "paused"
+        run.until(answer.done)
+        assert not answer.result().success
+        assert answer.result().message.startswith("ended at step ")
+        run.spin_for(0.2)
+        held = run.samples[-1].step
+        run.spin_for(0.3)
+        assert run.samples[-1].step == held < begun + 100_000
+        assert run.set_parameters("linkage", run__step_count=3)[0].successful
+        assert asked(run, "step").success
+        assert run.samples[-1].step == held + 3
+
+
 def test_a_run_that_is_not_paused_is_not_stepped() -> None:
     with BenchRun(CRANK) as run:
         run.steps(5)

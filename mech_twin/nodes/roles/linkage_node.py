@@ -315,10 +315,10 @@ class LinkageNode(RoleNode):
         return "not begun" if self.sample is None else f"step {self.sample.step}, {self.sample.time_s:.9g} s"
 
     def pause(self, held: bool) -> str:
-        """Pause or continue the run; return a line that says which."""
+        """Pause or continue the run, which ends a request for steps; return a line that says which."""
         self.paused = held
         self.diagnostics.state = "paused" if held else "running"
-        self._stepping.settle(answered=True, ended=not held)
+        self._stepping.settle(answered=True, ended=True)
         self._pacer.resume()
         return "paused" if held else "goes on"
 

@@ -177,7 +177,7 @@ class Stepped(Protocol):
         ...
 
     def pause(self, held: bool) -> str:
-        """Pause or continue the run."""
+        """Pause or continue the run, which ends a request for steps."""
         ...
 
     def reset(self) -> RequestOutcome:
@@ -223,7 +223,9 @@ class SteppingServices:
         if self._taken is None or not (ended or (self._left == 0 and answered)):
             return
         done, self._left, taken, self._taken = self._left == 0, 0, self._taken, None
-        taken(RequestOutcome("RESULT_OK" if done else "RESULT_OPERATION_FAILED", self._run.step_text()))
+        text = self._run.step_text()
+        result, line = ("RESULT_OK", text) if done else ("RESULT_OPERATION_FAILED", f"ended at {text}")
+        taken(RequestOutcome(result, line))
 
     def _take(self, steps: int, answered: Callable[[RequestOutcome], Any]) -> Any:
         """Request steps; return the answer, or a future of it."""
@@ -281,7 +283,7 @@ class SteppingServices:
         if wanted not in (states.STATE_PAUSED, states.STATE_PLAYING):
             line = f"state {wanted}: expected STATE_PLAYING or STATE_PAUSED"
             return self._answered(response, RequestOutcome("RESULT_FEATURE_UNSUPPORTED", line))
-        if self._run.paused == (wanted == states.STATE_PAUSED):
+        if self._taken is None and self._run.paused == (wanted == states.STATE_PAUSED):
             response.result.result = type(response).ALREADY_IN_TARGET_STATE
             return response
         return self._answered(response, RequestOutcome("RESULT_OK", self._run.pause(wanted == states.STATE_PAUSED)))
