@@ -13,15 +13,26 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from bench_run import BenchRun
 from catalogue import built
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float32
 
 from mech_twin.messages.step_message import force as force_messages
 from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.step_message import set_stamp
-from mech_twin.messages.topics import STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, Topic, full_name, step_topics
+from mech_twin.messages.topics import (
+    EFFORT_COMMAND,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
+    Topic,
+    full_name,
+    step_topics,
+)
 from mech_twin.nodes.exchange.counting import TopicStatistics
 from mech_twin.samples import LinkageSample
 
@@ -234,4 +245,19 @@ def test_a_publisher_of_best_effort_and_one_beside_ours_are_told(monkeypatch: py
         run.until(lambda: any(kind == "incompatible" for _, kind, _ in told.said))
         reason = next(reason for _, kind, reason in told.said if kind == "incompatible")
         assert reason == "a publisher whose reliability does not fit is not connected"
+        assert reason in PAGE
+
+
+def test_a_publisher_of_another_type_on_a_command_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    with BenchRun(BODY_MACHINE) as run:
+        run.steps(20)
+        told = Told(run.node("motor").statistics, monkeypatch)
+        with rclpy.Context() as elsewhere:  # the middleware refuses it in one process
+            stranger = rclpy.create_node("stranger", context=elsewhere)
+            stranger.create_publisher(Float32, full_name(BODY_MACHINE, EFFORT_COMMAND), 1)
+            run.until(lambda: bool(told.said))
+            run.spin_for(2.5)
+            stranger.destroy_node()
+        reason = "publishes std_msgs/msg/Float32, which is not connected; expected std_msgs/msg/Float64"
+        assert told.said == [(EFFORT_COMMAND.name, "incompatible", f"stranger {reason}")]
         assert reason in PAGE

@@ -24,7 +24,7 @@ from rclpy.timer import Timer
 from mech_twin.declarations.quantity import LONGEST_RUN_S, Parameters, choice, quantity
 from mech_twin.messages.cdr import CdrError, StepMessage, received_message
 from mech_twin.messages.step_message import SOURCE, MessageError, marked
-from mech_twin.messages.topics import DIAGNOSTICS, STREAM_RATE_HZ, PeakHoldWindow, StreamWindow, Topic
+from mech_twin.messages.topics import DIAGNOSTICS, STREAM_RATE_HZ, PeakHoldWindow, StreamWindow, Topic, type_name
 from mech_twin.nodes.exchange.counting import (
     CountingPublisher,
     DecimatedPublisher,
@@ -126,6 +126,8 @@ class TwinNode(Node):
         self.diagnostics = NodeDiagnostics(self.get_fully_qualified_name(), self.statistics)
         self.source = new_source()
         self.outputs: list[CountingPublisher] = []
+        self._subscribed: list[Topic] = []
+        self._of_other_types: set[tuple[int, ...]] = set()  # endpoints
         self._listeners: list[Listener] = []
         self._hand_over: HandOver | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -179,9 +181,10 @@ class TwinNode(Node):
     # -- topics -----------------------------------------------------------------------------------------------------
 
     def subscribe(self, topic: Topic, call: Callable[[Any], None], **changes: Any) -> Subscription:
-        """Return a new subscription; publishers with an incompatible quality of service are counted."""
+        """Return a new subscription; publishers of another type or quality of service are counted."""
         callbacks = SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible, topic.name, "publisher"))
         qos = changes.pop("qos", topic.qos)
+        self._subscribed.append(topic)
         return self.create_subscription(topic.type, topic.name, call, qos, event_callbacks=callbacks, **changes)
 
     def subscribe_steps(
@@ -254,6 +257,17 @@ class TwinNode(Node):
         policy = event.last_policy_kind.name.removeprefix("RMW_QOS_POLICY_").lower()
         self.statistics.count(topic, "incompatible", f"a {who} whose {policy} does not fit is not connected")
 
+    def _count_other_types(self) -> None:
+        """Count the publishers of other types on the node's topics: the middleware connects none, and says nothing."""
+        for topic in self._subscribed:
+            expected = type_name(topic)
+            for end in self.get_publishers_info_by_topic(self.resolve_topic_name(topic.name)):
+                endpoint = tuple(end.endpoint_gid)
+                if end.topic_type != expected and endpoint not in self._of_other_types:
+                    self._of_other_types.add(endpoint)
+                    reason = f"{end.node_name} publishes {end.topic_type}, which is not connected; expected {expected}"
+                    self.statistics.count(topic.name, "incompatible", reason)
+
     def output(self, topic: Topic, peers: int = 0, *, recorded: bool = True) -> CountingPublisher:
         """Return a new counted publisher; ``peers`` subscribers and the recorder must match before the first step."""
         listeners = peers + (recorded and self.options.recorder)
@@ -307,6 +321,7 @@ class TwinNode(Node):
         """Publish the diagnostics of the window (`WINDOW_S`) that ends now."""
         if self.quiet:
             return
+        self._count_other_types()
         sent = {f"sent {output.name}": str(output.sent) for output in self.outputs}
         status, lines = self.diagnostics.close_window({**sent, **self.diagnostic_values()})
         for line in lines:
