@@ -204,6 +204,15 @@ def test_a_measured_run_is_analysed_and_shown(plant: Plant, tmp_path: Path) -> N
     assert "expected at most 0.0001" in beyond.err
 
 
+def test_a_channel_that_the_motion_does_not_tell_is_named(plant: Plant, tmp_path: Path) -> None:
+    channels = [*SENSORS["channels"][:2], {**SENSORS["channels"][2], "is": "motor.motor.effort"}]
+    given = written(tmp_path / "map.yaml", {**SENSORS, "channels": channels})
+    found = mech_twin("replay", plant.table, "--analyse", "--map", given, "--json")
+    assert found.code == 0, found.err
+    assert [each["name"] for each in json.loads(found.out)["compared"]] == [SLIDER]
+    assert "not compared: motor.motor.effort;" in found.err
+
+
 def test_a_measured_run_is_drawn_by_the_mechanism(plant: Plant, tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     file = tmp_path / "run.rrd"
