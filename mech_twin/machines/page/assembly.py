@@ -124,12 +124,8 @@ class Assembly:
     @cached_property
     def coordinates(self) -> tuple[str, ...]:
         """The name of each coordinate of the tree."""
-        names = list(self.page.joints)
-        found = []
-        for branch in self.structure.branches:
-            name = names[branch.joint]
-            found += [name + part for part in PARTS[self.structure.joints[branch.joint].kind]]
-        return tuple(found)
+        joints = (self.structure.joints[branch.joint] for branch in self.structure.branches)
+        return tuple(joint.name + part for joint in joints for part in PARTS[joint.kind])
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
@@ -139,9 +135,8 @@ class Assembly:
     @cached_property
     def slides(self) -> frozenset[str]:
         """The coordinates that are lengths."""
-        kinds = {name: joint.kind for name, joint in self.page.joints.items()}
-        sliders = {name for name, kind in kinds.items() if kind == SLIDER}
-        return frozenset(sliders | {n + p for n, k in kinds.items() if k == FREE for p in ("_x", "_y")})
+        parts = {SLIDER: ("",), FREE: ("_x", "_y")}
+        return frozenset(name + part for name, joint in self.page.joints.items() for part in parts.get(joint.kind, ()))
 
     @cached_property
     def driven_speeds(self) -> dict[int, float]:
@@ -284,7 +279,11 @@ class Assembly:
         try:
             return split_of(structure.size, structure.closures, driven, self._order, regular)
         except StructureError as error:
-            raise ConfigurationError(f"joints: {error}; the start is at a dead point, move it") from error
+            rests = [tuple(j for j in range(structure.size) if j not in driven[: k + 1]) for k in range(len(driven))]
+            led = next((k for k, rest in enumerate(rests) if k and not regular(rest)), 0)
+            one, *others = [self.coordinates[j] for j in (driven[led], *driven[:led])] if led else [""]
+            told = f"drives: the loops lead {one} with {', '.join(others)}; give it no speed; or" if led else ""
+            raise ConfigurationError(f"{told or f'joints: {error};'} the start is at a dead point, move it") from error
 
     def _redundant(self, rows: Array) -> str:
         """Return the error text for the first loop or coupling that is redundant (rank of the Jacobian)."""

@@ -96,6 +96,13 @@ def test_more_given_speeds_than_freedoms_are_refused():
     assert "drives: bearing, guide have a given speed, but the machine has 1 freedom" in told
 
 
+def test_a_second_given_speed_in_one_loop_is_named_though_a_freedom_is_left_elsewhere():
+    rail = {"kind": "slider", "between": ["ground", "cart"]}
+    drives = {"second": {"kind": "constant_speed", "joint": "guide", "speed_m_per_s": 1.0}}
+    told = refused(SLIDER_CRANK, drives=drives, bodies={"cart": {"mass_kg": 1.0}}, joints={"rail": rail})
+    assert "drives: the loops lead guide with bearing; give it no speed" in told
+
+
 def test_a_body_that_nothing_joins_is_named():
     told = refused(PENDULUM, bodies={"stone": {"mass_kg": 1.0}})
     assert "nothing joins stone to the ground" in told
