@@ -290,15 +290,17 @@ class BreakerObserver:
         done, self._work_j = work - self._work_j, work
         if self._state is None or span <= 0.0:
             return 0.0
-        shaft = done / self._b.efficiency if done > 0.0 else done * self._b.efficiency
-        last, time_s, linear = self._state, self._time_s, 0.0
-        for event in frame.linkage.events:
-            if event.pre:
-                before, after = (self._across(side, frame) for side in (event.pre, event.post))
-                linear += shaft_work_j(last, before, event.time_s - time_s)
-                last, time_s = after, event.time_s
-        linear += shaft_work_j(last, state, frame.linkage.time_s - time_s)
-        return (shaft - linear) / span
+        eta, last, time_s = self._b.efficiency, self._state, self._time_s
+        sides = [
+            (event.time_s, self._across(event.pre, frame), self._across(event.post, frame))
+            for event in frame.linkage.events
+            if event.pre
+        ]
+        for until_s, before, after in [*sides, (frame.linkage.time_s, state, state)]:
+            linear = shaft_work_j(last, before, until_s - time_s)
+            done -= linear * eta if linear > 0.0 else linear / eta  # the torque may change its sign at a blow
+            last, time_s = after, until_s
+        return (done / eta if linear > 0.0 else done * eta) / span
 
     def _across(self, side: tuple[Coordinate, ...], frame: Frame) -> MotorState:
         crank, body, *_ = side

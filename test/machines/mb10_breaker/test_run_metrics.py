@@ -78,7 +78,7 @@ def test_means_do_not_depend_on_the_samples(together):
     _, _, fine = together
     _, _, coarse = observed(5.0, **{"coupling.step_s": 0.002})
     for name in ("motor_torque_nm", "motor_power_w"):
-        assert coarse[f"steady_{name}"] == pytest.approx(fine[f"steady_{name}"], rel=5e-4)
+        assert coarse[f"steady_{name}"] == pytest.approx(fine[f"steady_{name}"], rel=2e-5)
     assert coarse["steady_motor_rms_torque_nm"] == pytest.approx(fine["steady_motor_rms_torque_nm"], rel=5e-3)
 
 
