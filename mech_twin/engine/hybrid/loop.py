@@ -257,9 +257,10 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
 
     At the bound the law slides in any case: its acceleration is 0 but for rounding, which must not decide.
     At a dead centre the law's direction vanishes, and its velocity with it: it slides on with the opposite sign.
+    So does a law whose acceleration is 0 but for rounding: slowed down so far, it cannot slide on as before.
     """
-    at, m = room.at, len(room.candidates)
-    held = regimes[law] == HOLD
+    at, m, slid = room.at, len(room.candidates), regimes[law]
+    held = slid == HOLD
     for i in range(m):
         room.candidates[i] = 1 if regimes[i] == HOLD or i == law else 0
         room.struck[i] = 1 if i == law else 0
@@ -270,11 +271,14 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
         halt(y, regimes, at, room.struck, at.multiplier)
         if leaps(y, room.before, room.tolerance, len(at.force)):
             copy_numbers(room.before, y)
-            regimes[law], room.candidates[law] = LOW + HIGH - regimes[law], 0
+            regimes[law], room.candidates[law] = LOW + HIGH - slid, 0
         else:
             mark_stopped(at, regimes, room.candidates)
             regimes[law] = HOLD
-    return settle(system, t, y, regimes, room)
+    answer = settle(system, t, y, regimes, room)
+    if not held and regimes[law] == slid:
+        regimes[law] = LOW + HIGH - slid
+    return answer
 
 
 @borrowing_kernel

@@ -4,9 +4,17 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
+import yaml
 from machines.page.pages import run
+
+from mech_twin import rollout
+from mech_twin.machines.page import build
+from mech_twin.machines.page.parameters import Page
+
+HAMMER = Path(__file__).parents[3] / "config" / "pages" / "spring_hammer.yaml"
 
 BLOCK = """
 gravity_m_per_s2: [0, -10]
@@ -90,3 +98,18 @@ def test_a_shaken_trough_conveys_what_lies_on_it():
     assert abs(expected) > 0.01
     assert travels[0] == pytest.approx(expected, rel=1e-3)  # the force of the contact is that of a step ago
     assert abs(travels[1] - expected) < 0.5 * abs(travels[0] - expected)
+
+
+@pytest.mark.parametrize("coulomb_n", [0.0, 1e-12])
+def test_friction_of_nothing_lets_a_ram_go_from_its_anvil_as_if_there_were_none(coulomb_n):
+    """The ram lets go with no acceleration but rounding's, which the friction must not follow."""
+    tree = yaml.safe_load(HAMMER.read_text())
+    tree["friction"]["ram_friction"]["coulomb_n"] = coulomb_n
+    rubbing = rollout(build(Page.model_validate(tree)), 1.6)
+    del tree["friction"]
+    free = rollout(build(Page.model_validate(tree)), 1.6)
+    released, expected = ([e.time_s for e in one.events if e.kind == "release"] for one in (rubbing, free))
+    assert len(expected) >= 7
+    assert released == pytest.approx(expected, abs=1e-10)
+    ram = "linkage.ram_guide.velocity"
+    assert rubbing[ram] == pytest.approx(free[ram], abs=1e-8)
