@@ -228,7 +228,7 @@ class PageModel:
         columns = [self.assembly.columns.index(self.assembly.coordinates[j]) for j in order]
         joints = len(self.assembly.columns)
         return PageMachine(
-            self.system, self.functions.report.address(), self.drives,
+            self.system, self.drives,
             np.array(columns, dtype=np.int64),
             self.tolerance, np.zeros(self.functions.report.size), joints, len(p.books),
             len(p.books) + len(p.gases), len(p.tabled), len(p.motors),

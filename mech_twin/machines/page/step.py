@@ -11,13 +11,19 @@ from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, moto
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
-from mech_twin.engine.hybrid.loop import Room, advance, let_open, room_in, room_sizes
+from mech_twin.engine.hybrid.loop import advance, let_open, room_sizes
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
-from mech_twin.engine.integration import Workspace
 from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, PINS, REGIME
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
-from mech_twin.machines.page.system import PageSystem, driving_effort, put_back, starting_regimes, tell_regimes
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
+from mech_twin.machines.page.system import (
+    PageSystem,
+    driving_effort,
+    energy_of,
+    page_room,
+    put_back,
+    starting_regimes,
+    tell_regimes,
+)
 from mech_twin.mechanics.straight_line import call_straight_line
 from mech_twin.parts.induction_motor import (
     MotorConstants,
@@ -34,6 +40,7 @@ MOTOR_NUMBERS, DRIVE_WIDTH = 6, 14
 ROUNDING = 1.0 + 1e-9
 NEAR_DEAD_POINT = -10
 GAS_USED_UP = -20  # of the first gas spring, -21 of the second
+ASKED = 1e-3  # of full effort: an effort without supply that differs more from the drive's own is commanded
 LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 UNLOADED = 1e-7  # of the greatest force: a joint with less carries rounding of the others
 REGULAR = 1e-3  # least regularity of the closures: the sine of an angle between links
@@ -53,7 +60,6 @@ class PageMachine(NamedTuple):
     """Constants of the linkage role; places are of a linkage row and its memory."""
 
     system: PageSystem
-    report: int
     drives: Array
     columns: Indices  # of the joints of free, dependent and driven coordinates
     tolerance: Array
@@ -83,6 +89,16 @@ def induction_motor(row: Array) -> MotorConstants:
     return MotorConstants(m[0], m[1], m[2], m[3], m[4], m[5], m[6], int(m[7]))
 
 
+@borrowing_kernel
+def effort_of(row: Array, speed: float, command: float) -> float:
+    """Return the effort that a motor or constant effort gives at the speed of its shaft."""
+    if int(row[KIND]) == INDUCTION:
+        return motor_torque(induction_motor(row), speed, command)
+    if int(row[KIND]) == DC:
+        return float(row[FIRST] * (command - speed / row[SECOND]))
+    return float(command * row[FIRST])
+
+
 @step_of(motor_step, PageDrives)
 def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) -> None:
     """Fill ``out`` with position, speed and effort of each drive at its shaft; a prescribed speed is the command."""
@@ -92,7 +108,6 @@ def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) ->
         row = model.drives[i]
         joint, place = LINKAGE_JOINTS + 3 * int(row[COLUMN]), MOTOR_JOINTS + 3 * i
         position, speed, ratio, kind = linkage[joint], linkage[joint + 1], row[RATIO], int(row[KIND])
-        effort = command * row[FIRST]
         if kind == SPEED:
             reach = abs(row[FIRST]) * model.rate_per_s * model.step_s * ROUNDING
             speed, effort = limited_change(speed, command * row[FIRST], reach), linkage[joint + 2]
@@ -101,16 +116,17 @@ def page_drives(model: PageDrives, linkage: Array, target: float, out: Array) ->
             effort = command * (row[FIRST] if regime % 2 == 0 else row[SECOND])
         elif kind == TABLE:
             effort = command * linkage[model.tables + int(row[SWITCHED])]
-        elif kind == DC:
-            effort = row[FIRST] * (command - ratio * speed / row[SECOND])
-        elif kind == INDUCTION:
-            effort = motor_torque(induction_motor(row), ratio * speed, command)
+        else:
+            effort = effort_of(row, ratio * speed, command)
         out[place], out[place + 1], out[place + 2] = ratio * position, ratio * speed, effort
 
 
 @borrowing_kernel
 def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
-    """Fill the controls of the drives for the step: forces at mean supply with slopes by speed, or accelerations."""
+    """Fill the controls of the drives for the step: forces at mean supply with slopes by speed, or accelerations.
+
+    Without supply, an effort that the drive does not give by itself is a commanded one, and held.
+    """
     controls, command = model.system.controls, motor[MOTOR_COMMAND]
     place, led, mean = model.system.driven, 0, 0.5 * (linkage[COMMAND] + command)
     for i in range(len(model.drives)):
@@ -125,11 +141,14 @@ def motor_controls(model: PageMachine, linkage: Array, motor: Array) -> None:
             first = ratio * mean
         elif kind == PROGRAM:
             first, slope = mean * row[FIRST], mean * row[SECOND]
-        elif kind == DC:
-            first, slope = first + ratio * row[FIRST] * (mean - command), -ratio * ratio * row[FIRST] / row[SECOND]
-        elif kind == INDUCTION:
-            first += ratio * motor_command_slope(induction_motor(row), ratio * speed, command) * (mean - command)
-            slope = ratio * ratio * motor_torque_slope(induction_motor(row), ratio * speed, command)
+        elif command != 0.0 or abs(motor[at + 2] - effort_of(row, motor[at + 1], 0.0)) < ASKED * abs(row[FIRST]):
+            lead = row[FIRST]
+            if kind == DC:
+                slope = -ratio * ratio * row[FIRST] / row[SECOND]
+            elif kind == INDUCTION:
+                lead = motor_command_slope(induction_motor(row), ratio * speed, command)
+                slope = ratio * ratio * motor_torque_slope(induction_motor(row), ratio * speed, command)
+            first += ratio * lead * (mean - command)
         controls[place], controls[place + 1], controls[place + 2] = first, slope, speed
         place += 3
 
@@ -174,25 +193,6 @@ def fill_found(model: PageMachine, linkage: Array) -> None:
         s.controls[i] = linkage[place + i]
 
 
-@inline_kernel
-def page_room(system: PageSystem, size: int, numbers: Array, marks: Indices) -> Room:
-    """Return the loop's work arrays; a stage is a full state, as rates depend on the dependent coordinates."""
-    n, m, own = system.free, system.law_count, system.switches
-    room = room_in(numbers[size:], marks, n, m, own, size, DORMAND_PRINCE_5)
-    work = Workspace(room.work.rates, numbers[:size], room.work.end)
-    return Room(
-        room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut,
-        room.series, room.before, room.tolerance, room.method, room.steps,
-    )  # fmt: skip
-
-
-@borrowing_kernel
-def energy_held(model: PageMachine, t: float, y: Array) -> float:
-    """Return kinetic and potential energy of a state (J)."""
-    call_straight_line(model.report, model.system.numbers, model.system.controls, t, y, model.reported)
-    return float(model.reported[2 * model.joints] + model.reported[2 * model.joints + 1])
-
-
 @borrowing_kernel
 def fill_efforts(
     model: PageMachine, regimes: Indices, acceleration: Array, multiplier: Array, place: int, out: Array
@@ -235,7 +235,7 @@ def fill_linkage(
     n, nz, nr, m = s.free, s.dependent, s.driven, s.law_count
     tell_regimes(s, regimes)
     find_accelerations(system, t, y, regimes, at)
-    energy = energy_held(model, t, y)
+    energy = energy_of(s, t, y, model.reported)
     for i in range(model.joints):
         joint = LINKAGE_JOINTS + 3 * i
         out[joint], out[joint + 1], out[joint + 2] = model.reported[2 * i], model.reported[2 * i + 1], 0.0
@@ -301,7 +301,7 @@ def page_step(
     forces = memory_place(model) + len(regimes) + model.kept + s.free
     for i in range(s.law_count):  # friction follows the force of its contact
         s.controls[s.switch_controls + 2 * s.switches + s.free + i] = linkage[forces + i]
-    begun = linkage[len(out) - 5] + energy_held(model, t, y) - linkage[len(out) - 3]
+    begun = linkage[len(out) - 5] + energy_of(s, t, y, model.reported) - linkage[len(out) - 3]
     system = declared(s, room.at)
     count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
     if count < 0:

@@ -9,7 +9,10 @@ from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.complementarity import STRUCK, seek_impulses
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, declares
-from mech_twin.kernels.kernel import borrowing_kernel
+from mech_twin.engine.hybrid.loop import Room, room_in
+from mech_twin.engine.integration import Workspace
+from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
 from mech_twin.machines.page.rods import rod_restitution
 from mech_twin.mechanics.straight_line import call_straight_line
 
@@ -56,6 +59,18 @@ class PageSystem(NamedTuple):
     report: int
     energies: int  # where they begin in the report
     resets: int
+
+
+@inline_kernel
+def page_room(system: PageSystem, size: int, numbers: Array, marks: Indices) -> Room:
+    """Return the loop's work arrays; a stage is a full state, as rates depend on the dependent coordinates."""
+    n, m, own = system.free, system.law_count, system.switches
+    room = room_in(numbers[size:], marks, n, m, own, size, DORMAND_PRINCE_5)
+    work = Workspace(room.work.rates, numbers[:size], room.work.end)
+    return Room(
+        room.at, work, room.search, room.candidates, room.struck, room.ended, room.past, room.cut,
+        room.series, room.before, room.tolerance, room.method, room.steps,
+    )  # fmt: skip
 
 
 @borrowing_kernel
@@ -188,20 +203,20 @@ def end_page(system: PageSystem, t: float, before: Array, y: Array, regimes: Ind
 
 
 @borrowing_kernel
-def energy_of(system: PageSystem, t: float, y: Array) -> float:
-    """Return kinetic and potential energy of a state (J)."""
-    call_straight_line(system.report, system.numbers, system.controls, t, y, system.values)
-    return float(system.values[system.energies] + system.values[system.energies + 1])
+def energy_of(system: PageSystem, t: float, y: Array, out: Array) -> float:
+    """Return kinetic and potential energy of a state (J); ``out`` is filled with the report."""
+    call_straight_line(system.report, system.numbers, system.controls, t, y, out)
+    return float(out[system.energies] + out[system.energies + 1])
 
 
 @borrowing_kernel
 def reset_joint(system: PageSystem, which: int, t: float, y: Array, regimes: Indices) -> None:
     """Reset a free coordinate to its start, add the energy change to its work; reset the regimes of its laws."""
-    n, k, before = system.free, system.changes[which], energy_of(system, t, y)
+    n, k, before = system.free, system.changes[which], energy_of(system, t, y, system.values)
     y[k], y[n + k] = system.timing[which, 0], system.timing[which, 1]
     put_back(system, y)
     books = len(y) - system.gases - system.resets
-    y[books + which - (system.switches - system.resets)] += energy_of(system, t, y) - before
+    y[books + which - (system.switches - system.resets)] += energy_of(system, t, y, system.values) - before
     call_straight_line(system.instant, system.numbers, system.controls, t, y, system.values)
     for i in range(system.law_count):
         place = system.law_values + i * (n + system.driven + 5)

@@ -8,7 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from machines.page.pages import BALL, SLIDER_CRANK, run
+from machines.page.pages import BALL, SLIDER_CRANK, page, run
+
+from mech_twin import rollout
+from mech_twin.machines.page import build
+from mech_twin.samples import EffortCommand
 
 BLOCK = """
 gravity_m_per_s2: [0, 0]
@@ -139,6 +143,33 @@ def test_a_force_over_time_gives_the_momentum_of_its_area():
     for periods in (1, 5, 10):
         assert told[100 * periods].linkage.velocity[0] == pytest.approx(periods * area / 2.0, rel=1e-11)
     assert told[25].motor.effort[0] == pytest.approx(40.0 * 0.025 / 0.0503, rel=1e-12)
+
+
+@pytest.mark.parametrize("step_s", [0.01, 0.001])
+def test_a_force_under_a_rising_supply_gives_the_momentum_of_its_area_at_every_step(step_s):
+    ramp = {"supply": {"initial_fraction": 0.0, "rate_per_s": 2.0}, "coupling": {"step_s": step_s}}
+    constant = {"drives": {"motor": {"kind": "constant_force", "joint": "guide", "force_n": 16.0}}}
+    told, _ = balanced(BLOCK, 0.5, **ramp, **constant)
+    for frame in told:
+        t = frame.linkage.time_s
+        assert frame.linkage.velocity[0] == pytest.approx(0.5 * 16.0 * 2.0 * t * t / 2.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "motor",
+    [
+        {"kind": "constant_torque", "torque_nm": 5.0},
+        {"kind": "dc_motor", "stall_torque_nm": 5.0, "no_load_speed_rpm": 300.0},
+        {"kind": "dc_motor", "stall_torque_nm": 5.0, "no_load_speed_rpm": 300.0, "gear_ratio": 3.0},
+    ],
+)
+def test_an_asked_torque_turns_a_wheel_by_newton_s_law_whatever_the_motor(motor):
+    machine = build(page(WHEEL, drives={"motor": {**motor, "joint": "shaft"}}))
+    run = rollout(machine, 0.2, command=lambda step: EffortCommand(2.0) if step >= 50 else 1.0)
+    speed = run["linkage.shaft.velocity"]
+    gained = 2.0 * motor.get("gear_ratio", 1.0) * (run["time_s"][50:] - run["time_s"][50]) / 0.5
+    np.testing.assert_allclose(speed[50:] - speed[50], gained, rtol=1e-12, atol=1e-12)
+    assert set(run["motor.motor.effort"][50:]) == {2.0}
 
 
 def test_a_torque_over_the_angle_does_the_same_work_each_turn():
