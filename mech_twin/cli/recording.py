@@ -264,6 +264,8 @@ def recompute_bag(request: ReplayVerb) -> None:
         samples = BagSamples(reader, history.machine_at(0).coupling_step_s)
         if set(history.versions) != {__version__}:
             say(f"recorded with version {', '.join(history.versions)}; this is {__version__}: results may differ")
+        for role, made in history.own_roles:
+            say(f"recorded with {made} in the place of the {role}; here the package's own is computed")
         with progress(samples.steps(), samples.count, f"{mode[:-1]}ing") as steps:
             if mode == "analyse":
                 verdict = analysed(steps, history.machine_at, request.tolerance or 0.0)

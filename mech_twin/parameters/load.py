@@ -336,14 +336,21 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
 
 
 def description_text(
-    name: str, parameters: Parameters, revision: int = 0, from_step: int = 0, source: float | None = None
+    name: str,
+    parameters: Parameters,
+    revision: int = 0,
+    from_step: int = 0,
+    source: float | None = None,
+    own_roles: Mapping[str, str] | None = None,
 ) -> str:
     """Return the full configuration as a parameter file with the machine's name and the step from which it is valid.
 
-    ``source`` is the number that the describing node puts into its step messages, if any.
+    ``source`` is the number that the describing node puts into its step messages, if any.  ``own_roles`` names the
+    class of the user's own in the place of each role.
     """
     head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
     head |= {} if source is None else {"source": int(source)}
+    head |= {"own_roles": dict(own_roles)} if own_roles else {}
     tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
     return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
 
@@ -362,6 +369,7 @@ class Description(NamedTuple):
     from_step: int
     parameters: Parameters
     source: float = 0.0
+    own_roles: tuple[tuple[str, str], ...] = ()  # role, and the class in its place
 
 
 def description(text: str, source: str = "description") -> Description:
@@ -377,7 +385,9 @@ def description(text: str, source: str = "description") -> Description:
     name = str(tree.get(MACHINE_KEY, head.get("machine")))
     parameters = validated(catalogue_entry(name), tree, source)
     revision, from_step, described_by = (_counter(head, key, source) for key in ("revision", "from_step", "source"))
-    return Description(name, str(head.get("version")), revision, from_step, parameters, float(described_by))
+    given = head.get("own_roles")
+    own_roles = tuple((str(role), str(made)) for role, made in given.items()) if isinstance(given, Mapping) else ()
+    return Description(name, str(head.get("version")), revision, from_step, parameters, float(described_by), own_roles)
 
 
 def _counter(head: Mapping[str, Any], key: str, source: str) -> int:

@@ -75,6 +75,11 @@ class ConfigurationHistory:
         return tuple(dict.fromkeys(described.version for described in self._described))
 
     @property
+    def own_roles(self) -> tuple[tuple[str, str], ...]:
+        """The roles whose place a class of the user's own took, and that class."""
+        return self._described[0].own_roles
+
+    @property
     def parameters(self) -> Parameters:
         """Parameters at the start of the run."""
         return self._described[0].parameters

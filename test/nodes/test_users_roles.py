@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from catalogue import built
+from command_line import mech_twin
 from step_samples import recorded_samples
 
 from mech_twin.engine.run import frames
@@ -83,6 +84,16 @@ def test_the_machine_runs_on_a_motor_of_somebodys_own(my_package: Any, ros_domai
     expected = engine(motor="my_package:DcMotor")
     assert found["step/linkage"] == [frame.linkage for frame in expected]
     assert found["step/linkage"] != [frame.linkage for frame in frames(built(NAME), RUN_S)]
+
+
+def test_a_recording_names_the_motor_of_somebodys_own_beside_the_difference(
+    my_package: Any, ros_domain: int, tmp_path: Path
+) -> None:
+    recorded(tmp_path, motor="my_package:DcMotor")
+    found = mech_twin("replay", tmp_path / "bag", "--resimulate")
+    assert found.code == 1
+    assert "recorded with my_package:DcMotor in the place of the motor" in found.err
+    assert "topic /mb10_breaker/step/motor" in found.err
 
 
 def test_our_own_roles_named_as_somebodys_give_the_same_bits(my_package: Any, ros_domain: int, tmp_path: Path) -> None:

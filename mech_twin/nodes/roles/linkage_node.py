@@ -28,7 +28,7 @@ from mech_twin.errors import StateError
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.peers import PeerWait
 from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, LinkageRejoin
-from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
+from mech_twin.nodes.roles.role_node import PLACES, RETRY_S, RoleNode
 from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
 from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_text, is_of_ros
 from mech_twin.parameters.load import validated as validated_tree
@@ -294,8 +294,10 @@ class LinkageNode(RoleNode):
     def _describe(self, from_step: int) -> None:
         self.revision = max(1, self.revision)
         self.described_by = self.source
-        parameters = self.machine.parameters
-        self.description = description_text(self.machine.name, parameters, self.revision, from_step, self.source)
+        own_roles = {role: made for role in PLACES if (made := getattr(self.options, role))}
+        self.description = description_text(
+            self.machine.name, self.machine.parameters, self.revision, from_step, self.source, own_roles
+        )
         self._out.describe(self.description)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
