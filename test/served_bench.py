@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import gc
+import warnings
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -23,7 +25,10 @@ def in_loop(test):
 
     @functools.wraps(test)
     def run(*arguments, **named):
-        asyncio.run(test(*arguments, **named))
+        with warnings.catch_warnings():  # pages that a test leaves open are its own, and not of a later one
+            warnings.filterwarnings("ignore", "Unclosed connection", ResourceWarning)
+            asyncio.run(test(*arguments, **named))
+            gc.collect()
 
     return run
 

@@ -70,7 +70,7 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
         (("compaction_press", "search", "--limit", "peak_n=1"), "no limit 'peak_n'"),
         (
             ("compaction_press", "designs", "--limit", "stroke_m=-1"),
-            "limit stroke_m=-1: expected a number of 0 or more",
+            "limit stroke_m -1.0: expected a number of 0 or more",
         ),
         (("vibration_crank", "size", "--out", "no/where.yaml"), "cannot be written"),
         (("impact_mass", "synthesise", "--impact-speed", "-1"), "impact_speed_m_per_s > 0"),

@@ -263,7 +263,7 @@ def test_speed_and_force_of_the_configuration_enter_the_search():
         ({"crank": (0.2, 0.1)}, {}, "bounds of crank: 0 < 0.2 <= 0.1 fails"),
         ({"crank": (-1.0, 0.1)}, {}, "0 < -1 <= 0.1 fails"),
         ({}, {"peak_n": 1.0}, "no limit 'peak_n'"),
-        ({}, {"stroke_m": -1.0}, "limit stroke_m=-1"),
+        ({}, {"stroke_m": -1.0}, "limit stroke_m -1.0"),
     ],
 )
 def test_a_space_that_makes_no_sense_is_refused_by_name(bounds, limits, word):
