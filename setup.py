@@ -90,8 +90,8 @@ setup(
     # lower bounds: the oldest set with which the fast tests pass (docs/releasing.md says how that is tried)
     install_requires=[
         "numpy>=1.26", "scipy>=1.11.4", "numba>=0.68", "pydantic>=2.7", "PyYAML>=6.0.1",
-        "typer>=0.26", "rich>=13.7", "mcap>=1.6", "mcap-ros2-support>=0.5.5", "zstandard>=0.22", "lz4>=4.0.2",
-        "rosbags>=0.11", "apsw>=3.46", "llvmlite",
+        "typer>=0.29", "rich>=13.7", "mcap>=1.6", "mcap-ros2-support>=0.5.5", "zstandard>=0.22", "lz4>=4.0.2",
+        "rosbags>=0.11.1", "apsw>=3.46", "llvmlite",
     ],
     extras_require={
         "jazzy": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-common-interfaces"],

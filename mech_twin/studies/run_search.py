@@ -169,7 +169,7 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     """
     keys, workers = len(asked.bounds), used_cores(cores)
     power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
-    places = qmc.Sobol(keys, scramble=True, rng=np.random.default_rng(seed)).random_base2(power)
+    places = qmc.Sobol(keys, scramble=True, seed=np.random.default_rng(seed)).random_base2(power)
     steps = len(places) + REFINED
     points, begun = [tuple(place) for place in places.tolist()], time.monotonic()
     scanned = [asked.judged(points[0])]  # in this process, so that kernels are compiled before others need them

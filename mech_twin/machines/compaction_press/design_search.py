@@ -107,7 +107,7 @@ def evaluated(parameters: CompactionPress, space: DesignSpace, designs: Array) -
 
 def scan(asked: PressSearch) -> tuple[Array, Evaluation]:
     """Return designs spread over the space (scrambled Sobol sequence), shape (n, 4), and their evaluation."""
-    sequence = qmc.Sobol(VARIABLES, scramble=True, rng=np.random.default_rng(asked.seed))
+    sequence = qmc.Sobol(VARIABLES, scramble=True, seed=np.random.default_rng(asked.seed))
     designs = asked.space.designs(sequence.random_base2(asked.effort.scan_power))
     return designs, asked.sampled(designs)
 
@@ -193,7 +193,7 @@ def _evolved(asked: PressSearch, evaluate: Evaluate, start: Array, goal: Goal, g
         atol=1e-13,
         mutation=(0.4, 0.9),
         recombination=0.9,
-        rng=np.random.default_rng(asked.seed),
+        seed=np.random.default_rng(asked.seed),
         polish=False,
         vectorized=True,
         updating="deferred",

@@ -187,7 +187,7 @@ def _further(part: FitProblem, found: list[Fitted], share: float, seed: int, wid
     if not len(places):
         return []
     count = int(np.clip(2 ** np.floor(np.log2(FEWEST_POINTS / share)), FEWEST_POINTS, MOST_POINTS))
-    points = 2.0 * qmc.Sobol(len(places), rng=seed).random(count) - 1.0
+    points = 2.0 * qmc.Sobol(len(places), seed=np.random.default_rng(seed)).random(count) - 1.0
     start = part.unknowns.start[places]
     centres = np.array([each.x[places] for each in found[:SURVIVORS]])
     low, high = (bound[places] for bound in part.unknowns.bounds())
