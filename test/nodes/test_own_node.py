@@ -252,12 +252,14 @@ def test_a_publisher_of_another_type_on_a_command_is_told_once(monkeypatch: pyte
     with BenchRun(BODY_MACHINE) as run:
         run.steps(20)
         told = Told(run.node("motor").statistics, monkeypatch)
-        with rclpy.Context() as elsewhere:  # the middleware refuses it in one process
-            stranger = rclpy.create_node("stranger", context=elsewhere)
-            stranger.create_publisher(Float32, full_name(BODY_MACHINE, EFFORT_COMMAND), 1)
-            run.until(lambda: any(kind == "incompatible" for _, kind, _ in told.said))
-            run.spin_for(2.5)
-            stranger.destroy_node()
+        elsewhere = rclpy.Context()  # in one, the middleware refuses a second type
+        rclpy.init(context=elsewhere)
+        stranger = rclpy.create_node("stranger", context=elsewhere)
+        stranger.create_publisher(Float32, full_name(BODY_MACHINE, EFFORT_COMMAND), 1)
+        run.until(lambda: any(kind == "incompatible" for _, kind, _ in told.said))
+        run.spin_for(2.5)
+        stranger.destroy_node()
+        elsewhere.destroy()
         reason = "publishes std_msgs/msg/Float32, which is not connected; expected std_msgs/msg/Float64"
         found = [each for each in told.said if each[1] == "incompatible"]
         assert found == [(EFFORT_COMMAND.name, "incompatible", f"stranger {reason}")]
