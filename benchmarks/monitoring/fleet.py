@@ -66,7 +66,7 @@ def recording(
         parameters, asked = varied(parameters, kind.changes(parameters, fault[1])), kind.command(fault[1])
     built, begin_s = machine.entry.build(parameters), machine.declared.run_up_s
     steps = round((begin_s + duration_s) / built.coupling_step_s)
-    command = asked * wander(steps, built.coupling_step_s, random)
+    command = np.minimum(asked * wander(steps, built.coupling_step_s, random), 1.0)
     run = roll_out(built, steps * built.coupling_step_s, needed_columns(machine.sensors), None, command)
     if run.error is not None:
         raise run.error

@@ -51,7 +51,10 @@ def monitored_machine(name: str) -> MonitoredMachine:
 
 
 def wander(steps: int, step_s: float, random: np.random.Generator, first: float = 0.0) -> np.ndarray:
-    """Return a supply fraction near 1 that wanders: an Ornstein-Uhlenbeck process, a knot every tenth of a second."""
+    """Return a supply fraction near 1 that wanders: an Ornstein-Uhlenbeck process, a knot every tenth of a second.
+
+    A drive gives no more than what is configured: what is above 1 counts as 1, where nothing else moves the supply.
+    """
     knots = int(np.ceil(steps * step_s / 0.1)) + 2
     decay, values = np.exp(-0.1 / WANDER_S), np.empty(knots)
     values[0] = first
@@ -71,7 +74,9 @@ def healthy_run(machine: MonitoredMachine, random: np.random.Generator) -> RollO
     built = machine.entry.build(machine.parameters)
     steps = steps_of_motion(machine)
     command = wander(steps, built.coupling_step_s, random, WANDER * random.standard_normal())
-    run = roll_out(built, steps * built.coupling_step_s, needed_columns(machine.sensors), None, command)
+    run = roll_out(
+        built, steps * built.coupling_step_s, needed_columns(machine.sensors), None, np.minimum(command, 1.0)
+    )
     if run.error is not None:
         raise run.error
     return run
@@ -115,5 +120,6 @@ def faulty_run(
     duration_s = change_s + (AFTER + 2) * period_s
     command = wander(round(duration_s / step_s), step_s, random)
     command[round(change_s / step_s) :] *= fault.command(size)
+    command = np.minimum(command, 1.0)
     run = roll_out(healthy, duration_s, needed_columns(machine.sensors), None, command, [(change_s, faulty)])
     return None if run.error is not None else (run, change_s)

@@ -212,7 +212,7 @@ def _shares(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the numbers of a command, all fractions of rated supply frequency but for rounding."""
     beyond = numbers[~((numbers >= -ON_STEP) & (numbers <= 1.0 + ON_STEP))]
     if len(beyond):
-        raise StudyError(f"command {beyond[0]:g}: expected 0 to 1, a fraction of rated supply frequency")
+        raise StudyError(f"command {float(beyond[0])}: expected 0 to 1, a fraction of rated supply frequency")
     return numbers
 
 

@@ -160,7 +160,7 @@ def test_residuals_are_those_of_the_whole_run():
         ({"duration_s": float("nan")}, "duration_s nan"),
         ({"command": np.ones(3)}, "one number a step"),
         ({"command": float("inf")}, "command inf: expected 0 to 1"),
-        ({"command": 2.0}, "command 2: expected 0 to 1"),
+        ({"command": 2.0}, "command 2.0: expected 0 to 1"),
         ({"command": [(0.1, -0.5)]}, "command -0.5: expected 0 to 1"),
         ({"command": [(0.1, "on")]}, "command's value 'on'"),
         ({"command": lambda step: None}, "command's value None"),
