@@ -10,7 +10,8 @@ At step n::
 The linkage leads each step and locates its own events; the body follows under the loads of that step.  The nodes
 call the same three functions, step index by step index, so a run over topics is bit for bit this one.
 
-Whether a machine starts when it is switched on is forecast by the same functions.
+Whether a machine starts when it is switched on is forecast by the same functions.  What is asked of the motor, a
+fraction of rated supply or an effort, becomes one value a step here (`command_profile`).
 """
 
 from __future__ import annotations
