@@ -332,9 +332,11 @@ def test_only_code_unused_for_a_month_is_removed_and_once_a_day(package, tmp_pat
     )
 
 
-def test_each_compilation_is_counted_and_observed(package, tmp_path):
+def test_each_compilation_is_counted_and_observed_and_leaves_the_collector_as_it_was(package, tmp_path):
     script = """
+import gc
 from mech_twin.kernels.kernel import compiled_count, on_compile
+gc.set_threshold(701, 11, 12)
 seen = []
 end = on_compile(lambda kernel, count: seen.append((kernel, count)))
 from kernel_trial import outer
@@ -343,6 +345,7 @@ end()
 outer.raised(1)
 assert seen == [("kernel_trial.outer.raised", 1), ("kernel_trial.inner.scaled", 2)], seen
 assert compiled_count() == 4
+assert gc.get_threshold() == (701, 11, 12)
 """
     surroundings = environment(package, tmp_path / "cache")
     subprocess.run([sys.executable, "-c", script], env=surroundings, check=True, timeout=200)
