@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Iterator
 
@@ -18,6 +19,12 @@ settings.register_profile("explore", deadline=None, print_blob=True)
 # mutation testing asks whether a test fails, not for the simplest input
 settings.register_profile("mutation", deadline=None, database=None, phases=(Phase.explicit, Phase.generate))
 settings.load_profile("compiled")
+
+
+def pytest_collection_finish() -> None:
+    """Let no collection of garbage look through the tests themselves again: that took a seventh of their time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
