@@ -48,12 +48,6 @@ class ContactPulse(NamedTuple):
 
 
 @kernel
-def reduced_mass(first_kg: float, second_kg: float) -> float:
-    """Return m_1 m_2/(m_1 + m_2), kg."""
-    return first_kg * second_kg / (first_kg + second_kg)
-
-
-@kernel
 def _waves(damping_ratio: float, tau: float) -> tuple[float, float]:
     """Return e^(-zeta tau) cos(w tau) and e^(-zeta tau) sin(w tau)/w, w^2 = 1 - zeta^2 of either sign."""
     square = 1.0 - damping_ratio * damping_ratio

@@ -99,12 +99,6 @@ def sliding_torque(coulomb: float, viscous: float, speed: float, direction: floa
 
 
 @kernel
-def sticking_torque(driving: float) -> float:
-    """Return the friction torque that holds a joint at rest against a driving torque (N m)."""
-    return -driving
-
-
-@kernel
 def release_margin(coulomb: float, driving: float) -> float:
     """Return c - |T| (N m): a joint at rest sticks while >= 0, released where it falls below."""
     return coulomb - abs(driving)

@@ -302,18 +302,6 @@ def motor_command_slope(motor: MotorConstants, speed_rad_per_s: float, command: 
     return motor.breakdown_torque_nm * motor.breakdown_slip * share * slope
 
 
-@kernel
-def slip_at_torque(motor: MotorConstants, torque_nm: float) -> float:
-    """Return the slip of the working branch at a torque; nan beyond the breakdown torque.
-
-    ``s = s_kr m/(1 + sqrt(1 - m^2))`` with ``m = M/M_max``.
-    """
-    share = torque_nm / motor.breakdown_torque_nm
-    if abs(share) > 1.0:
-        return float("nan")
-    return motor.breakdown_slip * share / (1.0 + sqrt(1.0 - share * share))
-
-
 class MotorInStep(NamedTuple):
     """A motor during one coupling step: what it told as the step began, and its curve from there (`torque_in_step`).
 

@@ -9,7 +9,6 @@ from scipy.optimize import brentq
 
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     growth_per_cycle,
-    published_growth,
     resonance_rate,
     swing_regime,
 )
@@ -77,4 +76,3 @@ def test_growth_where_body_and_load_have_one_frequency():
     body = body_at(5.0, 0.0)
     expected = math.pi * 60.0 / (2.0 * 0.35 * body.mu**2)
     assert growth_per_cycle(body) == pytest.approx(expected, rel=1e-12)
-    assert published_growth(body) == pytest.approx(expected, rel=1e-12)

@@ -20,7 +20,6 @@ from mech_twin.parts.induction_motor import (
     motor_in_step,
     motor_torque,
     motor_torque_slope,
-    slip_at_torque,
     torque_in_step,
 )
 
@@ -101,18 +100,6 @@ def test_the_corrected_curve_has_no_kink_at_breakdown():
     at = (1.0 - CORRECTED.breakdown_slip) * synchronous
     below, above = (motor_torque(CORRECTED, at + side, 1.0) for side in (-1e-4, 1e-4))
     assert abs(above - below) < 1e-6
-
-
-@settings(deadline=None)  # the first call compiles
-@given(st.floats(-22.0, 22.0))
-def test_slip_at_torque_is_the_inverse_of_the_working_branch(torque):
-    slip = slip_at_torque(KLOSS, torque)
-    assert abs(slip) <= KLOSS.breakdown_slip
-    assert kloss_torque(KLOSS, slip) == pytest.approx(torque, rel=1e-10, abs=1e-12)
-
-
-def test_no_slip_gives_more_than_the_breakdown_torque():
-    assert math.isnan(slip_at_torque(KLOSS, 23.0))
 
 
 def test_printed_values_take_the_place_of_derived_ones():
@@ -229,14 +216,6 @@ def test_between_breakdown_and_standstill_the_correction_grows_from_none_to_all_
     assert added(1.5) == pytest.approx(whole, rel=1e-12)
     shares = [added(s_kr + share * (1.0 - s_kr)) for share in (0.1, 0.3, 0.6, 0.9)]
     assert shares == sorted(shares)
-
-
-def test_at_breakdown_the_slip_of_the_largest_torque_is_told_and_of_more_is_not():
-    largest = KLOSS.breakdown_torque_nm
-    assert slip_at_torque(KLOSS, largest) == KLOSS.breakdown_slip
-    assert slip_at_torque(KLOSS, -largest) == -KLOSS.breakdown_slip
-    assert math.isnan(slip_at_torque(KLOSS, math.nextafter(largest, math.inf)))
-    assert math.isnan(slip_at_torque(KLOSS, -23.0))
 
 
 def test_supply_off_has_no_slope():

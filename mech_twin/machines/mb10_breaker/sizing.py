@@ -288,21 +288,6 @@ def collar_point(constants: PressedBody) -> CollarPoint:
     )
 
 
-def collar_grid(
-    body: BodyParameters,
-    excitation: ExcitationParameters,
-    rates_n_per_m: Iterable[float],
-    preload_deflections_m: Iterable[float],
-) -> tuple[CollarPoint, ...]:
-    """Return the metrics over spring rates and preload deflections, rate by rate."""
-    deflections = tuple(preload_deflections_m)
-    return tuple(
-        collar_point(_sprung(body, excitation, rate, deflection))
-        for rate in rates_n_per_m
-        for deflection in deflections
-    )
-
-
 def rational_ranges(
     body: BodyParameters, excitation: ExcitationParameters, rates_n_per_m: Iterable[float]
 ) -> tuple[RationalRange, ...]:

@@ -11,41 +11,10 @@ from typing import Any
 import numpy as np
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.roller_former.cart_statics import load_moments
 from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.steady import SteadyTurn, start_up, steady_turn
-from mech_twin.parts.induction_motor import (
-    InductionMotorParameters,
-    breakdown_slip,
-    kloss_torque,
-    motor_constants,
-    motor_torque,
-    slip_at_torque,
-)
-
-
-@dataclass(frozen=True)
-class CatalogueValue:
-    """A printed value of the catalogue or paper, and the value derived from the other printed data."""
-
-    quantity: str
-    printed: float
-    derived: float
-
-    @property
-    def error(self) -> float:
-        """Relative error of the derived value."""
-        return self.derived / self.printed - 1.0
-
-
-PUBLISHED_MOTOR = {
-    "rated slip": 0.025,
-    "breakdown slip": 0.0933,
-    "breakdown speed, rad/s": 94.95,
-    "starting torque, N m": 129.24,
-    "rated torque, N m": 107.7,
-}
+from mech_twin.parts.induction_motor import kloss_torque
 
 
 @dataclass(frozen=True)
@@ -86,21 +55,6 @@ class MotorVerdict:
         return f"{self.name}: suits, but stalls under load: start it empty" + (
             "" if self.starts_as_configured else " (the configured start stalls as well)"
         )
-
-
-def catalogue_check(motor: InductionMotorParameters) -> tuple[CatalogueValue, ...]:
-    """Return printed values of the published motor with those derived from its other data by Kloss's formula."""
-    rated_slip = 1.0 - motor.rated_speed_rpm / motor.synchronous_speed_rpm
-    constants = motor_constants(motor)
-    slip = breakdown_slip(rated_slip, motor.breakdown_torque_ratio)
-    derived = {
-        "rated slip": rated_slip,
-        "breakdown slip": slip,
-        "breakdown speed, rad/s": constants.synchronous_speed_rad_per_s * (1.0 - slip),
-        "starting torque, N m": motor.starting_torque_ratio * motor.rated_power_w / constants.rated_speed_rad_per_s,
-        "rated torque, N m": motor.rated_power_w / constants.rated_speed_rad_per_s,
-    }
-    return tuple(CatalogueValue(name, printed, derived[name]) for name, printed in PUBLISHED_MOTOR.items())
 
 
 def power_required_w(parameters: RollerFormer) -> float:
@@ -160,20 +114,6 @@ def motor_selection(parameters: RollerFormer, table: Mapping[str, Mapping[str, f
     return tuple(verdicts)
 
 
-def speed_under_mean_load(parameters: RollerFormer) -> float:
-    """Return the motor speed (rad/s) at the mean moment by Kloss's formula; nan if that is above breakdown."""
-    former = former_of(parameters)
-    torque = moment_metrics(former)["moment_mean_nm"] / (former.ratio * former.efficiency)
-    return former.motor.synchronous_speed_rad_per_s * (1.0 - slip_at_torque(former.motor, torque))
-
-
-def standstill_margin(parameters: RollerFormer) -> float:
-    """Return the motor's standstill moment over the largest load moment at a start (both at the crank)."""
-    former = former_of(parameters)
-    moment = motor_torque(former.motor, 0.0, 1.0) * former.ratio * former.efficiency
-    return float(moment / np.max(load_moments(former.bank, np.linspace(0.0, 2.0 * np.pi, 720), 1.0)))
-
-
 OFFSETS_DEG = {1: 0.0, 2: 90.0, 3: 120.0, 4: 90.0}
 PUBLISHED_STIFFNESS = {2: 110000.0, 3: 150000.0, 4: 200000.0}
 STUDIED_DAMPING = (2000.0, 8000.0)
@@ -197,22 +137,6 @@ class CouplingPoint:
     twist_range_rad: float
     motor_side_max_nm: float
     share_of_rated: float
-
-
-@dataclass(frozen=True)
-class StiffnessFinding:
-    """Result of a sweep over stiffness, for comparison with the published optimum.
-
-    ``minima`` are the stiffnesses (N m/rad) at which the largest moment has a local minimum inside the sweep;
-    ``unique`` is whether there is exactly one, within a step of the published value, and lowest of the whole sweep.
-    """
-
-    published_nm_per_rad: float
-    at_published_nm: float
-    minima: tuple[float, ...]
-    lowest_nm_per_rad: float
-    lowest_nm: float
-    unique: bool
 
 
 def installation(parameters: RollerFormer, count: int) -> RollerFormer:
@@ -262,45 +186,13 @@ def coupling_point(parameters: RollerFormer, stiffness: float, damping: float) -
     )
 
 
-def _swept(
-    parameters: RollerFormer, pairs: Iterable[tuple[float, float]], progress: Progress | None
-) -> tuple[CouplingPoint, ...]:
-    todo, points = list(pairs), []
-    for done, (stiffness, damping) in enumerate(todo, start=1):
-        points.append(coupling_point(parameters, stiffness, damping))
-        if progress is not None:
-            progress(done, len(todo))
-    return tuple(points)
-
-
 def damping_sweep(
     parameters: RollerFormer, damping: Iterable[float] = SWEEP_DAMPING, progress: Progress | None = None
 ) -> tuple[CouplingPoint, ...]:
     """Return the coupling's load against damping; ``progress(done, of)`` is called after each point."""
-    return _swept(parameters, ((parameters.drive.stiffness_nm_per_rad, k) for k in damping), progress)
-
-
-def stiffness_sweep(
-    parameters: RollerFormer, stiffness: Iterable[float] = SWEEP_STIFFNESS, progress: Progress | None = None
-) -> tuple[CouplingPoint, ...]:
-    """Return the coupling's load against stiffness; ``progress(done, of)`` is called after each point."""
-    return _swept(parameters, ((c, parameters.drive.damping_nms_per_rad) for c in stiffness), progress)
-
-
-def stiffness_finding(parameters: RollerFormer, points: tuple[CouplingPoint, ...]) -> StiffnessFinding:
-    """Return whether the stiffness of the configuration is a unique minimum of the largest moment in the coupling."""
-    published = parameters.drive.stiffness_nm_per_rad
-    here = coupling_point(parameters, published, parameters.drive.damping_nms_per_rad).coupling_max_nm
-    stiffness = np.array([point.stiffness_nm_per_rad for point in points])
-    most = np.array([point.coupling_max_nm for point in points])
-    inside = np.flatnonzero((most[1:-1] < most[:-2]) & (most[1:-1] < most[2:])) + 1
-    lowest = int(np.nanargmin(most))
-    near = [i for i in inside if stiffness[i - 1] <= published <= stiffness[i + 1]]
-    return StiffnessFinding(
-        published,
-        here,
-        tuple(float(stiffness[i]) for i in inside),
-        float(stiffness[lowest]),
-        float(most[lowest]),
-        len(inside) == 1 and len(near) == 1 and lowest == near[0],
-    )
+    todo, points = list(damping), list[CouplingPoint]()
+    for done, value in enumerate(todo, start=1):
+        points.append(coupling_point(parameters, parameters.drive.stiffness_nm_per_rad, value))
+        if progress is not None:
+            progress(done, len(todo))
+    return tuple(points)

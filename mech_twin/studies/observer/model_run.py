@@ -19,7 +19,7 @@ import numpy as np
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
-from mech_twin.engine.compiled_steps import DONE, Indices, Models, Widths, run_steps
+from mech_twin.engine.compiled_steps import Indices, Models, Widths, run_steps
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.sample_vectors import Array, Places
 from mech_twin.kernels.kernel import released_kernel
@@ -104,11 +104,6 @@ class StepBank:
     def events(self, table: Array) -> tuple[Event, ...]:
         """Return the events in the event table of one step, in order of time."""
         return tuple(event for _, event in self.compiled.events_in_order(table)) if len(table) else ()
-
-
-def all_went_on(step: BankStep) -> bool:
-    """Return whether every row could be advanced."""
-    return bool((step.failed == DONE).all())
 
 
 @dataclass(frozen=True)

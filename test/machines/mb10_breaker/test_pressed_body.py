@@ -7,21 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, cycle_integrated, integrated, parameters, rate_at
+from machines.mb10_breaker.published_swing import (
+    cycle_constants,
+    load_constants,
+    next_amplitudes,
+    published_fixed_point,
+    published_growth,
+)
 from pydantic import ValidationError
 
 from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     amplitudes,
     amplitudes_of_cycle,
-    cycle_constants,
     cycle_map,
     growth_per_cycle,
     largest_angle,
-    load_constants,
-    next_amplitudes,
     pressing_force,
-    published_fixed_point,
-    published_growth,
     resonance_rate,
     start_state,
     swing,

@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
 
-from mech_twin.machines.mb10_breaker.sizing import collar_grid, rational_ranges, swing_curve
+from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
+from mech_twin.machines.mb10_breaker.sizing import collar_point, rational_ranges, swing_curve
 
 RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
 
@@ -33,7 +34,7 @@ def test_preload_shifts_the_rest_and_adds_its_force_without_a_collar():
 def test_more_preload_trades_gap_and_return_speed_for_force():
     rate = rate_at(0.3)
     unit = 60.0 / (rate * 0.2)
-    points = collar_grid(*parameters(), [rate], [p * unit for p in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)])
+    points = [collar_point(pressed_body(*parameters(rate, p * unit))) for p in (0.1, 0.2, 0.4, 0.6, 0.8, 1.0)]
     assert [point.settles for point in points] == [False, True, True, True, True, True]
     for weaker, stronger in pairwise(points[1:]):
         assert stronger.metrics.gap_at_blow_m < weaker.metrics.gap_at_blow_m
