@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command line run in this process."""
+"""The command line, run in this process or as a program."""
 
 from __future__ import annotations
 
 import io
+import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -22,7 +23,7 @@ class Ended(NamedTuple):
     err: str
 
 
-def mech_twin(*words: str | Path) -> Ended:
+def mech_twin(*words: str | Path | float) -> Ended:
     """Run ``mech-twin`` with these words."""
     output, errors = io.StringIO(), io.StringIO()
     code: Any = 0
@@ -33,3 +34,11 @@ def mech_twin(*words: str | Path) -> Ended:
         except SystemExit as end:
             code = end.code or 0
     return Ended(code, output.getvalue(), errors.getvalue())
+
+
+def in_a_process(*words: str | Path) -> Ended:
+    """Run ``mech-twin`` as a program, which a run of nodes needs to answer signals."""
+    done = subprocess.run(
+        [sys.executable, "-m", "mech_twin", *map(str, words)], capture_output=True, text=True, timeout=200, check=False
+    )
+    return Ended(done.returncode, done.stdout, done.stderr)

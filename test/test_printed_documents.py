@@ -6,8 +6,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -17,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from command_line import Ended, mech_twin
+from command_line import in_a_process, mech_twin
 
 import mech_twin as mt
 from mech_twin.cli.main import EXPORTS, QUESTIONS, VERBS
@@ -173,14 +171,6 @@ def test_every_verb_that_prints_json_has_an_object_in_python() -> None:
     groups = (("", VERBS), ("study ", QUESTIONS), ("export ", EXPORTS))
     printing = {f"{group}{name}" for group, verbs in groups for name in verbs if "as_json" in verbs[name].model_fields}
     assert printing == {kind.verb for kind in KINDS}
-
-
-def in_a_process(*words: str | Path) -> Ended:
-    """Run ``mech-twin`` as a program, which a run of nodes needs to answer signals."""
-    done = subprocess.run(
-        [sys.executable, "-m", "mech_twin", *map(str, words)], capture_output=True, text=True, timeout=200, check=False
-    )
-    return Ended(done.returncode, done.stdout, done.stderr)
 
 
 def as_told(fleet: Any) -> dict[str, Any]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The command as a person types it: quick help, numbers for machines, bad input in one line."""
+"""The command as a person types it: quick help, numbers for machines, how a run ends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ import pytest
 from command_line import mech_twin
 
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import configuration_file
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -87,62 +86,6 @@ def test_analyse_gives_one_position_or_a_cycle() -> None:
     assert one["crank_deg"] == 225.0
     cycle = document("analyse", "compaction_press", "--cycle", "12", "--json")["cycle"]
     assert {len(column) for column in cycle.values()} == {12}
-
-
-def bad_yaml(folder: Path, old: str, new: str) -> str:
-    text = configuration_file("winding_drum").read_text(encoding="utf-8")
-    assert old in text
-    (folder / "bad.yaml").write_text(text.replace(old, new), encoding="utf-8")
-    return str(folder / "bad.yaml")
-
-
-def bad_inputs(folder: Path) -> dict[str, tuple[list[str], list[str]]]:
-    """Return bad inputs: words of the command, and what the one line must say."""
-    drum = ["simulate", "winding_drum", "--duration", "0.1"]
-    unknown = bad_yaml(folder, "package_radius_m:", "package_radios_m:")
-    (folder / "file").write_text("not a directory", encoding="utf-8")
-    (folder / "damaged").mkdir()
-    (folder / "damaged" / "damaged_0.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\x00" * 100)
-    linkage = ["simulate", "compaction_press", "--duration", "0.1", "--set", "linkage.crank_m=5.0"]
-    return {
-        "unknown machine": (["simulate", "press", "--duration", "1"], ["press", "compaction_press"]),
-        "unknown key": ([*drum, "--config", unknown], ["bad.yaml", "package_radios_m"]),
-        "wrong type": ([*drum, "--set", "package_radius_m=wide"], ["package_radius_m", "wide", "number"]),
-        "out of range": ([*drum, "--set", "package_radius_m=-1.0"], ["package_radius_m", "-1.0", "greater than"]),
-        "cannot turn": (linkage, ["compaction_press.yaml", "5"]),
-        "missing file": ([*drum, "--config", str(folder / "none.yaml")], ["none.yaml", "No such file"]),
-        "missing bag": (["info", str(folder / "nothing")], ["nothing"]),
-        "damaged bag": (["replay", str(folder / "damaged")], ["damaged"]),
-        "bag over a file": ([*drum, "--bag", str(folder / "file")], ["file"]),
-        "bag in a file": ([*drum, "--bag", str(folder / "file" / "bag")], ["file"]),
-        "pace": (["run", "winding_drum", "--pace", "slow"], ["--pace", "slow", "realtime"]),
-        "view": (["run", "winding_drum", "--view", "film.mp4"], ["--view", "film.mp4", ".rrd"]),
-        "unknown verb": (["fly"], ["fly"]),
-        "unknown option": (["run", "--fly"], ["--fly"]),
-        "no number": (["simulate", "winding_drum", "--duration", "long"], ["--duration"]),
-        "both": (["analyse", "winding_drum", "--crank-deg", "1", "--cycle", "4"], ["--crank-deg", "--cycle"]),
-    }
-
-
-KINDS = [
-    "unknown machine", "unknown key", "wrong type", "out of range", "cannot turn", "missing file", "missing bag",
-    "damaged bag", "bag over a file", "bag in a file", "pace", "view", "both", "unknown verb", "unknown option",
-    "no number",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_bad_input_is_one_line_and_exit_code_2(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    words, expected = bad_inputs(tmp_path)[kind]
-    done = mech_twin(*words)
-    assert done.code == 2
-    assert done.out == ""
-    lines = done.err.strip().splitlines()
-    assert len(lines) == 1, done.err
-    for word in expected:
-        assert word in lines[0]
-    assert not (tmp_path / "recordings").exists()
 
 
 def test_a_busy_port_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

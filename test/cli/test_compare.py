@@ -4,19 +4,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from command_line import mech_twin
 
 BAGS = Path(__file__).parents[2] / "bags"
 CONFIG = Path(__file__).parents[2] / "config"
-
-
-def compare(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mech_twin", "compare", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture
@@ -28,12 +22,12 @@ def changed(tmp_path: Path) -> Path:
 
 
 def test_a_machine_equals_itself_and_a_changed_one_is_named_by_key_and_numbers(changed, tmp_path):
-    assert compare("compaction_press", CONFIG / "compaction_press.yaml", "--duration", 0.2).returncode == 0
+    assert mech_twin("compare", "compaction_press", CONFIG / "compaction_press.yaml", "--duration", 0.2).code == 0
     picture = tmp_path / "apart.svg"
     words = ("compaction_press", changed, "--duration", 0.2, "--json", "--picture", picture)
-    found = compare(*words, "--tolerance", 0.01)
-    assert found.returncode == 1, found.stderr
-    document = json.loads(found.stdout)
+    found = mech_twin("compare", *words, "--tolerance", 0.01)
+    assert found.code == 1, found.err
+    document = json.loads(found.out)
     assert [(item["name"], item["first"], item["second"]) for item in document["settings"]] == [
         ("working_force.peak_n", 10000.0, 12000.0)
     ]
@@ -41,18 +35,17 @@ def test_a_machine_equals_itself_and_a_changed_one_is_named_by_key_and_numbers(c
     assert numbers["work_per_cycle_j"]["second"] == pytest.approx(1.2 * numbers["work_per_cycle_j"]["first"])
     assert numbers["stroke_m"]["relative"] == 0.0
     assert "<svg" in picture.read_text(encoding="utf-8")
-    again = compare(*words)
-    assert again.returncode == 2
-    assert "--force" in again.stderr
+    again = mech_twin("compare", *words)
+    assert again.code == 2
+    assert "--force" in again.err
 
 
 def test_a_recording_equals_the_configuration_it_was_made_with(ros_domain, tmp_path):
     bag = tmp_path / "bag"
-    words = ["simulate", "compaction_press", "--duration", "0.3", "--bag", str(bag)]
-    subprocess.run([sys.executable, "-m", "mech_twin", *words], check=True, capture_output=True, timeout=300)
-    found = compare(bag, "compaction")  # the beginning of a machine's name, as everywhere
-    assert found.returncode == 0, found.stdout + found.stderr
-    assert "within a tolerance of 0" in found.stdout
+    assert mech_twin("simulate", "compaction_press", "--duration", "0.3", "--bag", bag).code == 0
+    found = mech_twin("compare", bag, "compaction")  # the beginning of a machine's name, as everywhere
+    assert found.code == 0, found.out + found.err
+    assert "within a tolerance of 0" in found.out
 
 
 @pytest.mark.parametrize(
@@ -60,7 +53,7 @@ def test_a_recording_equals_the_configuration_it_was_made_with(ros_domain, tmp_p
     [("winding_drum", "expected one machine"), ("nowhere", "nowhere"), ("nowhere.yaml", "nowhere.yaml")],
 )
 def test_what_cannot_be_compared_is_one_line(second, said):
-    found = compare("compaction_press", second, "--duration", 0.01)
-    assert found.returncode == 2
-    assert len(found.stderr.strip().splitlines()) == 1
-    assert said in found.stderr
+    found = mech_twin("compare", "compaction_press", second, "--duration", 0.01)
+    assert found.code == 2
+    assert len(found.err.strip().splitlines()) == 1
+    assert said in found.err

@@ -4,17 +4,17 @@
 from __future__ import annotations
 
 import inspect
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import mech_twin
 from typer.main import get_command
 
 from mech_twin import api
 from mech_twin.capabilities.progress import tell
 from mech_twin.cli.console import estimate
-from mech_twin.cli.main import QUESTIONS, VERBS, app, main, with_options_repeated
+from mech_twin.cli.main import QUESTIONS, VERBS, app, with_options_repeated
 from mech_twin.cli.option_values import seconds
 from mech_twin.cli.study import told
 from mech_twin.cli.verb import Apart
@@ -168,6 +168,9 @@ MISTAKES = {
     "endless duration": ("simulate mb10_breaker --duration inf", ["--duration inf", TIMES]),
     "samples of no kind": (SIMULATE + "--table t.xls", ["--table t.xls", ".parquet, .csv, .tsv"]),
     "bag in no place": (SIMULATE + "--bag /proc/x", ["/proc/x", "cannot be written"]),
+    "bag over a file": (SIMULATE + "--bag low.yaml", ["low.yaml"]),
+    "bag in a file": (SIMULATE + "--bag low.yaml/bag", ["low.yaml"]),
+    "damaged bag": ("replay damaged", ["damaged"]),
     "table in no place": (SIMULATE + "--table /proc/x.csv", ["/proc/x.csv", "cannot be written"]),
     "sensors of nothing": (SIMULATE + "--sensors s.yaml", ["--sensors s.yaml", "expected --bag or --table"]),
     "negative seed": (SIMULATE + "--seed -1", ["--seed", "greater than or equal to 0"]),
@@ -230,7 +233,10 @@ MISTAKES = {
 }
 
 
-def write_configurations(folder: Path) -> None:
+def write_files(folder: Path) -> None:
+    """Write two configurations that are wrong, and a recording that is damaged."""
+    (folder / "damaged").mkdir()
+    (folder / "damaged" / "damaged_0.mcap").write_bytes(b"\x89MCAP0\r\n" + b"\x00" * 100)
     text = configuration_file("winding_drum").read_text(encoding="utf-8")
     lines = text.splitlines()
     place = next(i for i, line in enumerate(lines) if line.strip().startswith("package_radius_m:"))
@@ -243,17 +249,14 @@ def write_configurations(folder: Path) -> None:
 
 @pytest.mark.parametrize("kind", MISTAKES)
 def test_a_mistake_is_answered_in_one_line_that_helps(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     typed, expected = MISTAKES[kind]
-    write_configurations(tmp_path)
+    write_files(tmp_path)
     before = set(tmp_path.iterdir())
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *typed.split()])
-    with pytest.raises(SystemExit) as end:
-        main()
-    said = capsys.readouterr()
-    assert end.value.code == 2
+    said = mech_twin(*typed.split())
+    assert said.code == 2
     assert said.out == ""
     assert len(said.err.strip().splitlines()) == 1, said.err
     for words in expected:
@@ -270,14 +273,12 @@ def _verbs() -> dict[str, Any]:
 @pytest.mark.parametrize(
     "name", [name for name, verb in _verbs().items() if {"as_json", "as_csv"} <= {p.name for p in verb.params}]
 )
-def test_a_result_has_one_form(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_has_one_form(name: str) -> None:
     needed = [word for each in _verbs()[name].params if each.required for word in _typed(each)]
     words = ["study", "mb10", name] if name in STUDIES else [name]
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *words, *needed, "--json", "--csv"])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 2
-    assert capsys.readouterr().err == "mech-twin: --json and --csv exclude each other: one form of output\n"
+    said = mech_twin(*words, *needed, "--json", "--csv")
+    assert said.code == 2
+    assert said.err == "mech-twin: --json and --csv exclude each other: one form of output\n"
 
 
 def _typed(parameter: Any) -> list[str]:
@@ -295,21 +296,16 @@ def test_every_rule_names_options_that_its_verb_has() -> None:
 
 
 @pytest.mark.parametrize("name", _verbs())
-def test_no_option_is_taken_for_the_value_of_another(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_option_is_taken_for_the_value_of_another(name: str) -> None:
     words = ["study", "mb10", name] if name in STUDIES else [name]
     for parameter in _verbs()[name].params:
         if parameter.param_type_name != "option" or parameter.is_flag:
             continue
         option = parameter.opts[0]
-        monkeypatch.setattr(sys, "argv", ["mech-twin", *words, option, "--help"])
-        with pytest.raises(SystemExit) as end:
-            main()
-        said = capsys.readouterr().err
-        assert end.value.code == 2
-        assert said.startswith(f"mech-twin: {option} --help: expected "), said
-        assert said.endswith("found an option\n")
+        said = mech_twin(*words, option, "--help")
+        assert said.code == 2
+        assert said.err.startswith(f"mech-twin: {option} --help: expected "), said
+        assert said.err.endswith("found an option\n")
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from shutil import copyfile, copytree
 from typing import Any
 
 import pytest
 import yaml
+from command_line import mech_twin
 
-from mech_twin.cli.main import main
 from mech_twin.cli.monitor import show_design
 
 pytest.importorskip("pyarrow")
@@ -33,16 +32,6 @@ OFF_BEAT = "coupling.step_s=0.00093"  # no part of the period: rounding would de
 HEALTHY, FAULTY, CHANGE_S = 16.0, 14.0, 10.0
 
 
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: Any) -> tuple[Any, str, str]:
-    """Return exit code and output of the command."""
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *map(str, words)])
-    capsys.readouterr()
-    with pytest.raises(SystemExit) as end:
-        main()
-    told = capsys.readouterr()
-    return end.value.code or 0, told.out, told.err
-
-
 class Plant:
     """Sensors of an impact mass, a healthy run of it and one whose force level drops."""
 
@@ -60,20 +49,14 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
         (*words, "--duration", FAULTY, "--table", found.faulty, "--change", f"phase1_force_n=-10%@{CHANGE_S}"),
     ]
     for run in runs:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "argv", ["mech-twin", *map(str, run)])
-            with pytest.raises(SystemExit) as end:
-                main()
-            assert not end.value.code
+        assert not mech_twin(*run).code
     return found
 
 
-def test_a_fault_in_a_run_is_found_named_and_sized(
-    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fault_in_a_run_is_found_named_and_sized(plant: Plant, tmp_path: Path) -> None:
     kept = tmp_path / "healthy.json"
     words = ("monitor", "impact_mass", plant.faulty, "--map", plant.map, "--arl0", 1.0)
-    code, out, _ = command(monkeypatch, capsys, *words, "--baseline", plant.healthy, "--save-baseline", kept, "--json")
+    code, out, _ = mech_twin(*words, "--baseline", plant.healthy, "--save-baseline", kept, "--json")
     record = json.loads(out)
     assert code == 1
     assert record["arl0_h"] == pytest.approx(1.0) and record["extrapolated"] and record["baseline"]["cycles"] > 200
@@ -83,20 +66,20 @@ def test_a_fault_in_a_run_is_found_named_and_sized(
     assert alarm["finding"] == "first_level"
     (named,) = alarm["candidates"]
     assert named["low_95"] <= -0.1 <= named["high_95"] and named["high_95"] - named["low_95"] < 0.02
-    again = command(monkeypatch, capsys, *words, "--baseline", kept, "--json")
+    again = mech_twin(*words, "--baseline", kept, "--json")
     assert json.loads(again[1])["runs"] == record["runs"]
     shadow = ("shadow", "impact_mass", "--from", "plant", "--monitor", kept)  # the same check, before it listens
-    heavier = command(monkeypatch, capsys, *shadow, "--map", plant.map, "--set", "restitution=0.4")
+    heavier = mech_twin(*shadow, "--map", plant.map, "--set", "restitution=0.4")
     assert heavier[0] == 2 and "healthy.json: made with another configuration" in heavier[2]
-    unmapped = command(monkeypatch, capsys, *shadow)
+    unmapped = mech_twin(*shadow)
     assert unmapped[0] == 2 and "healthy.json: made with another map" in unmapped[2]
-    other = command(monkeypatch, capsys, *words[:-1], 8.0, "--baseline", kept)
+    other = mech_twin(*words[:-1], 8.0, "--baseline", kept)
     assert other[0] == 2 and "--arl0 8: " in other[2] and "holds thresholds for 1 h" in other[2]
-    shown = command(monkeypatch, capsys, *words, "--baseline", kept)
+    shown = mech_twin(*words, "--baseline", kept)
     assert shown[0] == 1 and "first_level" in shown[1] and "extrapolated" in shown[2]
     picture = tmp_path / "why.svg"
     asked = (*words, "--baseline", kept, "--explain", "first_level", "--picture", picture)
-    why = json.loads(command(monkeypatch, capsys, *asked, "--json")[1])["runs"][0]["explained"][0]
+    why = json.loads(mech_twin(*asked, "--json")[1])["runs"][0]["explained"][0]
     assert why["explains"] and why["fault"] == named and why["finding"] == "first_level"
     force = next(each for each in why["features"] if each["name"] == "force_mean_n")
     assert abs(force["change"] - force["expected"]) <= abs(0.1 * force["change"]) and force["unit"] == "N"
@@ -104,26 +87,24 @@ def test_a_fault_in_a_run_is_found_named_and_sized(
     assert moved == sorted(moved, reverse=True)
     drawn = picture.read_text(encoding="utf-8")
     assert why["features"][0]["name"] in drawn and "first_level of" in drawn
-    refused = command(monkeypatch, capsys, *words, "--baseline", kept, "--explain", "gone")
+    refused = mech_twin(*words, "--baseline", kept, "--explain", "gone")
     assert refused[0] == 2 and "fault 'gone': expected one of " in refused[2] and "first_level" in refused[2]
 
 
-def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
-    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(plant: Plant, tmp_path: Path) -> None:
     hall, page, first = tmp_path / "hall", tmp_path / "fleet.html", tmp_path / "hall" / "m0"
     words = ("fleet", "impact_mass", hall, "--map", plant.map, "--set", OFF_BEAT, "--arl0", 1.0, "--cores", 1)
-    assert "hall: cannot be listed" in command(monkeypatch, capsys, *words)[2]
+    assert "hall: cannot be listed" in mech_twin(*words)[2]
     first.mkdir(parents=True)
     copytree(plant.healthy, first / "a")
     copyfile(plant.faulty, first / "b.csv")
-    code, _, err = command(monkeypatch, capsys, *words, "--save-baselines")
+    code, _, err = mech_twin(*words, "--save-baselines")
     assert code == 1 and (first / "baseline.json").exists() and "too few sisters" in err
     for name in ("m1", "m2", "m3", "m4", "m5"):
         copytree(plant.healthy, hall / name / "a")
         copyfile(first / "baseline.json", hall / name / "baseline.json")
     (hall / "m6").mkdir()
-    code, out, _ = command(monkeypatch, capsys, *words, "--json", "--page", page)
+    code, out, _ = mech_twin(*words, "--json", "--page", page)
     told = json.loads(out)
     assert code == 1 and told["machines"][0]["name"] == "m0"
     assert told["machines"][0]["finding"] == "first_level" and told["machines"][0]["recording"] == "b.csv"
@@ -133,24 +114,22 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
     assert not any(each["verdict"] for each in told["machines"][1:])
     assert "0 recordings; expected baseline.json and a recording" in told["refused"]["m6"]
     assert "first_level" in page.read_text(encoding="utf-8") and "Not judged" in page.read_text(encoding="utf-8")
-    other = command(monkeypatch, capsys, *words[:5], "--set", "restitution=0.4", "--json")
+    other = mech_twin(*words[:5], "--set", "restitution=0.4", "--json")
     assert other[0] == 2 and "made with another configuration" in json.loads(other[1])["refused"]["m1"]
 
 
-def test_a_healthy_run_has_no_alarm_and_exit_code_0(
-    plant: Plant, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _, err = command(monkeypatch, capsys, "monitor", "impact_mass", plant.healthy, "--map", plant.map)
+def test_a_healthy_run_has_no_alarm_and_exit_code_0(plant: Plant) -> None:
+    code, _, err = mech_twin("monitor", "impact_mass", plant.healthy, "--map", plant.map)
     assert code == 0
     assert "cycles are taken as healthy" in err and "no alarm" in err
 
 
 def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not_judged(
-    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plant: Plant, tmp_path: Path
 ) -> None:
     run, stuck = tmp_path / "run.csv", tmp_path / "stuck.csv"
     words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--json")
-    command(monkeypatch, capsys, *words, "--duration", 8.0, "--table", run)
+    mech_twin(*words, "--duration", 8.0, "--table", run)
     head, *rows = [line.split(",") for line in run.read_text(encoding="utf-8").splitlines()]
     place = next(i for i, name in enumerate(head) if "mass" in name)
     value = next(row[place] for row in rows if row[place])
@@ -159,16 +138,14 @@ def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not
             row[place] = value
     stuck.write_text("\n".join(",".join(row) for row in [head, *rows]), encoding="utf-8")
     given = ("--map", plant.map, "--baseline", plant.healthy, "--arl0", 1.0)
-    code, _, err = command(monkeypatch, capsys, "monitor", "impact_mass", stuck, *given)
+    code, _, err = mech_twin("monitor", "impact_mass", stuck, *given)
     assert code == 1
     (told,) = [line for line in err.splitlines() if "cycles," in line and line.startswith(str(stuck))]
     assert told.endswith("fault: sensor_stuck:linkage.mass.position")
     assert " not judged" in told and "no alarm" not in told
 
 
-def test_a_run_without_a_cycle_says_what_its_reference_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_without_a_cycle_says_what_its_reference_does(tmp_path: Path) -> None:
     source = {"column": "crank", "topic": "/crank", "joint": "crank", "field": "position"}
     channels = [{"source": source, "is": "linkage.crank.position", "sign": -1, "rate_hz": 200.0}]
     for name, sign in (("backward", 1), ("forward", -1)):
@@ -176,61 +153,46 @@ def test_a_run_without_a_cycle_says_what_its_reference_does(
         (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump(tree), encoding="utf-8")
     run = tmp_path / "run.csv"
     words = ("simulate", "vibration_crank", "--duration", "4", "--sensors", tmp_path / "forward.yaml", "--json")
-    command(monkeypatch, capsys, *words, "--table", run)
-    code, _, err = command(monkeypatch, capsys, "monitor", "vibration_crank", run, "--map", tmp_path / "backward.yaml")
+    mech_twin(*words, "--table", run)
+    code, _, err = mech_twin("monitor", "vibration_crank", run, "--map", tmp_path / "backward.yaml")
     assert code == 2
     assert "rad; expected it to rise by more than a turn (sign: -1 in the map?)" in err
 
 
-def test_days_join_and_a_baseline_is_renewed_with_a_yes_alone(
-    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_days_join_and_a_baseline_is_renewed_with_a_yes_alone(plant: Plant, tmp_path: Path) -> None:
     second, third, kept = tmp_path / "second", tmp_path / "third", tmp_path / "healthy.json"
     for day in (second, third):
         copytree(plant.healthy, day)
     words = ("monitor", "impact_mass", second, "--map", plant.map, "--arl0", 1.0, "--set", OFF_BEAT)
     days = ("--baseline", plant.healthy, "--baseline", second)
-    command(monkeypatch, capsys, *words, *days, "--save-baseline", kept)
+    mech_twin(*words, *days, "--save-baseline", kept)
     before = json.loads(kept.read_text(encoding="utf-8"))
     cycles = [run["cycles"] for run in before["origin"]["runs"]]
     assert len(cycles) == 2 and before["baseline"]["cycles"] == sum(cycles)
     renew = ("monitor", "impact_mass", third, *words[3:], "--baseline", kept, "--renew")
-    code, _, err = command(monkeypatch, capsys, *renew)  # nobody is at the terminal
+    code, _, err = mech_twin(*renew)  # nobody is at the terminal
     assert code == 0 and "not renewed" in err and json.loads(kept.read_text(encoding="utf-8")) == before
-    other = command(monkeypatch, capsys, *renew[:-3], "--set", "restitution=0.4", *renew[-3:])
+    other = mech_twin(*renew[:-3], "--set", "restitution=0.4", *renew[-3:])
     assert other[0] == 2 and "made with another configuration" in other[2]
     faulty = ("monitor", "impact_mass", plant.faulty, *renew[3:], "--yes")
-    code, _, err = command(monkeypatch, capsys, *faulty)
+    code, _, err = mech_twin(*faulty)
     assert code == 1 and "not renewed, a run has an alarm" in err
     assert json.loads(kept.read_text(encoding="utf-8")) == before
     old = before | {"origin": before["origin"] | {"made_utc": "2020-01-31T12:00:00+00:00"}}
     kept.write_text(json.dumps(old), encoding="utf-8")
-    code, _, err = command(monkeypatch, capsys, *renew, "--yes")
+    code, _, err = mech_twin(*renew, "--yes")
     after = json.loads(kept.read_text(encoding="utf-8"))
     assert code == 0 and "days old, older than 90" in err and "renewed with 1 more, 3 runs" in err
     assert after["baseline"]["cycles"] == sum(cycles) + cycles[0] and after["origin"]["made_utc"] > "2026"
-    again = command(monkeypatch, capsys, *renew, "--yes")
+    again = mech_twin(*renew, "--yes")
     assert again[0] == 2 and "is in" in again[2] and "expected another day" in again[2]
 
 
-def test_a_run_under_the_twins_own_names_needs_no_map(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_under_the_twins_own_names_needs_no_map(tmp_path: Path) -> None:
     bag = tmp_path / "own"
-    words = (
-        "simulate",
-        "impact_mass",
-        "--set",
-        OFF_BEAT,
-        "--duration",
-        9,
-        "--bag",
-        bag,
-        "--change",
-        "restitution=0.4@8",
-    )
-    command(monkeypatch, capsys, *words)
-    code, out, _ = command(monkeypatch, capsys, "monitor", "impact_mass", bag, "--skip", 1.5, "--json")
+    words = ("--set", OFF_BEAT, "--duration", 9, "--bag", bag, "--change", "restitution=0.4@8")
+    mech_twin("simulate", "impact_mass", *words)
+    code, out, _ = mech_twin("monitor", "impact_mass", bag, "--skip", 1.5, "--json")
     record = json.loads(out)
     assert code == 1
     assert {"impact_share", "speed_ratio"} <= {feature["name"] for feature in record["features"]}
@@ -249,7 +211,7 @@ def test_a_sensor_set_is_judged_before_it_is_bought(
 
     monkeypatch.setattr("mech_twin.cli.monitor.show_design", kept)
     words = ("monitor", "impact_mass", "--design", "--sensors", plant.map)
-    code, out, _ = command(monkeypatch, capsys, *words, "--json")
+    code, out, _ = mech_twin(*words, "--json")
     record = json.loads(out)
     assert code == 0
     faults = {fault["name"]: fault for fault in record["faults"]}
@@ -278,21 +240,13 @@ def test_a_sensor_set_is_judged_before_it_is_bought(
         (("FAULTY", "--map", "MAP", "--skip", "12"), "the baseline holds "),
     ],
 )
-def test_what_is_wrong_is_told_in_one_line(
-    words: tuple[str, ...],
-    told: str,
-    plant: Plant,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_is_wrong_is_told_in_one_line(words: tuple[str, ...], told: str, plant: Plant) -> None:
     places = {"FAULTY": plant.faulty, "MAP": plant.map}
-    code, _, err = command(monkeypatch, capsys, "monitor", "impact_mass", *(places.get(word, word) for word in words))
+    code, _, err = mech_twin("monitor", "impact_mass", *(places.get(word, word) for word in words))
     assert code not in (0, 1) and told in err and "Traceback" not in err
     assert err.strip().splitlines()[-1].count(told) == 1
 
 
-def test_a_map_of_another_machine_is_refused(
-    plant: Plant, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _, err = command(monkeypatch, capsys, "monitor", "winding_drum", plant.faulty, "--map", plant.map)
+def test_a_map_of_another_machine_is_refused(plant: Plant) -> None:
+    code, _, err = mech_twin("monitor", "winding_drum", plant.faulty, "--map", plant.map)
     assert code not in (0, 1) and "key 'machine', value 'impact_mass': expected 'winding_drum'" in err

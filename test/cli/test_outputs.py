@@ -18,10 +18,10 @@ import termios
 from pathlib import Path
 
 import pytest
+from command_line import mech_twin
 from recordings import simulated_bag
 from signal_cases import processor_s, until
 
-from mech_twin.cli.main import main
 from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -29,15 +29,8 @@ COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
 DRUM = "winding_drum"
 BEGUN_S = 3.0  # of the processor, however long that takes: more than the imports, and less than any of these verbs
 # two objectives: a whole front, which takes much longer than the test
-SEARCH = [
-    "study",
-    "compaction_press",
-    "search",
-    "--objective",
-    "flywheel_inertia_kg_m2",
-    "--objective",
-    "peak_torque_nm",
-]
+SEARCH = ["study", "compaction_press", "search"]
+SEARCH += ["--objective", "flywheel_inertia_kg_m2", "--objective", "peak_torque_nm"]
 MAP = f"""machine: {DRUM}
 channels:
   - {{source: {{topic: /{DRUM}/joint_states, joint: drum, field: position}}, is: linkage.drum.position}}
@@ -75,13 +68,11 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def refusal(words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
+def refusal(words: list[str]) -> str:
     """Return the one line with which the command is refused, in a time in which nothing can have been computed."""
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    lines = capsys.readouterr().err.splitlines()
-    assert ended.value.code == 2
+    done = mech_twin(*words)
+    lines = done.err.splitlines()
+    assert done.code == 2
     assert len(lines) == 1
     assert lines[0].startswith("mech-twin: ")
     return lines[0]
@@ -93,79 +84,74 @@ def aimed(words: list[str], out: str, bag: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("verb", [*FILE_VERBS, *DIRECTORY_VERBS])
-def test_an_output_that_cannot_be_written_is_refused_first(verb, bag, capsys, monkeypatch):
+def test_an_output_that_cannot_be_written_is_refused_first(verb, bag):
     words = aimed((FILE_VERBS | DIRECTORY_VERBS)[verb], "/proc/x", bag)
-    assert "/proc/x" in refusal(words, capsys, monkeypatch)
+    assert "/proc/x" in refusal(words)
 
 
 @pytest.mark.parametrize("verb", FILE_VERBS)
-def test_an_existing_file_is_kept_without_force(verb, bag, tmp_path, capsys, monkeypatch):
+def test_an_existing_file_is_kept_without_force(verb, bag, tmp_path):
     words = aimed(FILE_VERBS[verb], str(tmp_path / "out"), bag)
     (there,) = [Path(word) for word in words if str(tmp_path) in word]
     there.write_text("kept")
-    assert f"{there}: exists already; use --force" in refusal(words, capsys, monkeypatch)
+    assert f"{there}: exists already; use --force" in refusal(words)
     assert there.read_text() == "kept"
     assert list(tmp_path.iterdir()) == [there]
 
 
 @pytest.mark.parametrize("verb", FILE_VERBS)
-def test_a_file_is_not_written_through_a_link_even_with_force(verb, bag, tmp_path, capsys, monkeypatch):
+def test_a_file_is_not_written_through_a_link_even_with_force(verb, bag, tmp_path):
     words = [*aimed(FILE_VERBS[verb], str(tmp_path / "out"), bag), "--force"]
     (link,) = [Path(word) for word in words if str(tmp_path) in word]
     link.symlink_to(tmp_path / "elsewhere")
-    assert "not a regular file" in refusal(words, capsys, monkeypatch)
+    assert "not a regular file" in refusal(words)
     assert not (tmp_path / "elsewhere").exists()
 
 
 @pytest.mark.parametrize("verb", DIRECTORY_VERBS)
-def test_an_existing_directory_is_kept_without_force(verb, bag, tmp_path, capsys, monkeypatch):
+def test_an_existing_directory_is_kept_without_force(verb, bag, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "out_0.mcap").write_text("kept")
-    assert "--force" in refusal(aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag), capsys, monkeypatch)
+    assert "--force" in refusal(aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag))
     assert (tmp_path / "out" / "out_0.mcap").read_text() == "kept"
 
 
-def test_a_place_of_a_black_box_is_refused_before_there_is_a_fault(tmp_path, capsys, monkeypatch):
+def test_a_place_of_a_black_box_is_refused_before_there_is_a_fault(tmp_path):
     words = ["shadow", DRUM, "--from", "elsewhere", "--black-box"]
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
-    assert "/proc/x: cannot be written" in refusal([*words, "/proc/x"], capsys, monkeypatch)
-    assert "not a directory" in refusal([*words, str(tmp_path / "link")], capsys, monkeypatch)
+    assert "/proc/x: cannot be written" in refusal([*words, "/proc/x"])
+    assert "not a directory" in refusal([*words, str(tmp_path / "link")])
     assert not (tmp_path / "elsewhere").exists()
 
 
 @pytest.mark.parametrize("verb", ["run --record", "simulate --bag", "recover"])
-def test_force_replaces_a_recording_but_no_other_files(verb, bag, tmp_path, capsys, monkeypatch):
+def test_force_replaces_a_recording_but_no_other_files(verb, bag, tmp_path):
     words = [*aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag), "--force"]
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.txt").write_text("kept")
-    assert "thesis.txt" in refusal(words, capsys, monkeypatch)
+    assert "thesis.txt" in refusal(words)
     assert (tmp_path / "out" / "thesis.txt").read_text() == "kept"
 
 
 @pytest.mark.parametrize("verb", ["simulate --bag", "recover"])
-def test_force_replaces_a_recording(verb, bag, tmp_path, capsys, monkeypatch):
+def test_force_replaces_a_recording(verb, bag, tmp_path):
     words = aimed(DIRECTORY_VERBS[verb], str(tmp_path / "out"), bag)
     for more in ([], ["--force"]):
-        monkeypatch.setattr(sys, "argv", ["mech-twin", *words, *more])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not ended.value.code, capsys.readouterr().err
-    monkeypatch.setattr(sys, "argv", ["mech-twin", "info", str(tmp_path / "out"), "--json"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+        done = mech_twin(*words, *more)
+        assert done.code == 0, done.err
+    assert mech_twin("info", tmp_path / "out", "--json").code == 0
 
 
-def test_a_recording_is_not_recovered_onto_itself(bag, capsys, monkeypatch):
+def test_a_recording_is_not_recovered_onto_itself(bag):
     before = (bag / "bag_0.mcap").read_bytes()
     for out in (bag, bag / "inside", bag / ".." / "bag"):
-        assert "not separate" in refusal(["recover", str(bag), str(out), "--force"], capsys, monkeypatch)
+        assert "not separate" in refusal(["recover", str(bag), str(out), "--force"])
     assert (bag / "bag_0.mcap").read_bytes() == before
 
 
-def test_a_run_that_fails_at_its_start_leaves_no_recording(tmp_path, capsys, monkeypatch):
+def test_a_run_that_fails_at_its_start_leaves_no_recording(tmp_path):
     words = ["simulate", DRUM, "--duration", "0.1", "--bag", str(tmp_path / "a" / "bag"), "--set", "no.such_key=1"]
-    refusal(words, capsys, monkeypatch)
+    refusal(words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -242,11 +228,8 @@ def test_info_fits_80_columns_with_every_topic_in_one_piece(tmp_path: Path) -> N
     assert sum("sensor_msgs/msg/JointState" in line for line in wide) == joint_states
 
 
-def test_the_topics_of_a_recording_as_csv(bag, capsys, monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["mech-twin", "info", str(bag), "--csv"])
-    with pytest.raises(SystemExit):
-        main()
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+def test_the_topics_of_a_recording_as_csv(bag):
+    rows = list(csv.DictReader(io.StringIO(mech_twin("info", bag, "--csv").out)))
     with BagReader(bag) as reader:
         assert {row["topic"]: int(row["messages"]) for row in rows} == {
             name: topic.message_count for name, topic in reader.topics.items()

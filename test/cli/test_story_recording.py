@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
+from command_line import mech_twin
 
-from mech_twin.cli.main import main
 from mech_twin.messages.cdr import received_message
 from mech_twin.recording.bag_reader import open_bag
 
@@ -18,16 +16,11 @@ STORY = Path(__file__).resolve().parents[2] / "bags" / "weak_spring"
 GROUP, WEAKER = "preload_lost or spring_soft", -0.2
 
 
-def test_the_command_names_the_fault_of_the_story(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["mech-twin", "monitor", "mb10_breaker", str(STORY / "watched"), "--json", "--skip", "0"]
-    words += ["--map", str(STORY / "map.yaml"), "--baseline", str(STORY / "healthy.json")]
-    monkeypatch.setattr(sys, "argv", [*words, "--config", str(STORY / "mb10_breaker.yaml")])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 1
-    (run,) = json.loads(capsys.readouterr().out)["runs"]
+def test_the_command_names_the_fault_of_the_story() -> None:
+    words = ("monitor", "mb10_breaker", STORY / "watched", "--json", "--skip", "0", "--map", STORY / "map.yaml")
+    done = mech_twin(*words, "--baseline", STORY / "healthy.json", "--config", STORY / "mb10_breaker.yaml")
+    assert done.code == 1
+    (run,) = json.loads(done.out)["runs"]
     first = next(alarm for alarm in run["alarms"] if alarm["finding"])
     assert first["finding"] == GROUP
     spring = next(each for each in first["candidates"] if each["name"] == "spring_soft")

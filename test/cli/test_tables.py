@@ -6,14 +6,14 @@ from __future__ import annotations
 import csv
 import io
 import math
-import sys
 from typing import Any
 
 import pytest
+from command_line import mech_twin
 from typer.main import get_command
 
 from mech_twin.cli.console import print_table
-from mech_twin.cli.main import app, main
+from mech_twin.cli.main import app
 from mech_twin.cli.run_summary import (
     GROUPS,
     HEADLINES,
@@ -48,19 +48,17 @@ RUN = {
 }
 
 
-def typed(words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+def typed(words: str, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr("mech_twin.cli.console.PIPED", 80)
-    monkeypatch.setattr(sys, "argv", ["mech-twin", *words.split()])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 0
-    return capsys.readouterr().out
+    done = mech_twin(*words.split())
+    assert done.code == 0
+    return done.out
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_an_analysed_position_fits_with_every_number_and_unit(name, monkeypatch, capsys) -> None:
-    shown = typed(f"analyse {name} --crank-deg 30", monkeypatch, capsys)
+def test_an_analysed_position_fits_with_every_number_and_unit(name, monkeypatch) -> None:
+    shown = typed(f"analyse {name} --crank-deg 30", monkeypatch)
     assert max(map(len, shown.splitlines())) <= 80
     assert "{" not in shown
     assert "[" not in shown
@@ -70,23 +68,23 @@ def test_an_analysed_position_fits_with_every_number_and_unit(name, monkeypatch,
         assert key in named or (isinstance(value, list) and set(value[0]) <= named)
 
 
-def test_every_number_of_every_cart_is_a_column_of_the_cycle(monkeypatch, capsys) -> None:
-    rows = list(csv.DictReader(io.StringIO(typed("analyse roller_former --cycle 6 --csv", monkeypatch, capsys))))
+def test_every_number_of_every_cart_is_a_column_of_the_cycle(monkeypatch) -> None:
+    rows = list(csv.DictReader(io.StringIO(typed("analyse roller_former --cycle 6 --csv", monkeypatch))))
     assert len(rows) == 6
     assert {"crank_rad", "moment_nm", "rod_force_n.1", "rod_force_n.2"} <= set(rows[0])
     assert all(math.isfinite(float(value)) for row in rows for value in row.values())
 
 
-def test_a_sweep_shows_what_varies_and_says_what_it_leaves_out(monkeypatch, capsys, tmp_path) -> None:
+def test_a_sweep_shows_what_varies_and_says_what_it_leaves_out(monkeypatch, tmp_path) -> None:
     words = f"study winding_drum sweep --over package_radius_m=0.2,0.3 --no-picture --out {tmp_path / 't.csv'}"
-    shown = typed(words, monkeypatch, capsys)
+    shown = typed(words, monkeypatch)
     assert max(map(len, shown.splitlines())) <= 80
     assert "yarn_length_m" in shown
     assert "angular_speed_last_rad_per_s" not in shown  # the core's: the same at every point
     assert "more columns with --all" in shown
-    every = typed(f"{words} --force --all", monkeypatch, capsys)
+    every = typed(f"{words} --force --all", monkeypatch)
     assert "angular_speed_last_rad_per_s" in every
-    rows = list(csv.DictReader(io.StringIO(typed(f"{words} --force --csv", monkeypatch, capsys))))
+    rows = list(csv.DictReader(io.StringIO(typed(f"{words} --force --csv", monkeypatch))))
     assert {float(row["package_radius_m"]) for row in rows} == {0.2, 0.3}
     assert all(float(row["angular_speed_last_rad_per_s"]) > 0.0 for row in rows)
 
@@ -197,8 +195,8 @@ def commands() -> list[list[str]]:
 
 
 @pytest.mark.parametrize("words", commands(), ids=" ".join)
-def test_every_help_text_fits_80_columns_and_says_what_each_option_takes(words, monkeypatch, capsys) -> None:
-    shown = typed(" ".join([*words, "--help"]), monkeypatch, capsys)
+def test_every_help_text_fits_80_columns_and_says_what_each_option_takes(words, monkeypatch) -> None:
+    shown = typed(" ".join([*words, "--help"]), monkeypatch)
     assert max(map(len, shown.splitlines())) <= 80
     assert "<" not in shown.replace("<=", "")  # no name of a Python type
     assert "…" not in shown
