@@ -217,10 +217,9 @@ def share_above(name: str, column: str, part: float, meaning: str) -> CycleFeatu
     return CycleFeature(name, "1", meaning, (column,), of)
 
 
-def event_share(name: str, column: str, meaning: str, pick: Literal["first", "last"] = "first") -> CycleFeature:
-    """Return the feature: phase of an event, as a share of the cycle's angle."""
-    place = 0 if pick == "first" else -1
-    return CycleFeature(name, "1", meaning, (column,), lambda c: float(c.channels[column].phase_rad[place] / TURN))
+def event_share(name: str, column: str, meaning: str) -> CycleFeature:
+    """Return the feature: phase of the first event, as a share of the cycle's angle."""
+    return CycleFeature(name, "1", meaning, (column,), lambda c: float(c.channels[column].phase_rad[0] / TURN))
 
 
 def event_ratio(name: str, above: str, below: str, meaning: str, sign: float = -1.0) -> CycleFeature:

@@ -126,13 +126,13 @@ FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last:
 
 
 def motor_changes(
-    parameters: Parameters, motor_key: str = "motor", *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
+    parameters: Parameters, *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
 ) -> dict[str, Any]:
     """Return the changed keys of an induction motor for factors of its torque, slip speed and synchronous speed.
 
     Printed values are scaled too; the catalogue name is removed.
     """
-    motor = value_at(parameters, motor_key)
+    motor = value_at(parameters, "motor")
     synchronous, rated = float(motor["synchronous_speed_rpm"]), float(motor["rated_speed_rpm"])
     rated_later = field * synchronous - slip * (synchronous - rated)
     found = {
@@ -143,10 +143,10 @@ def motor_changes(
     }
     printed = {"rated_torque_nm": torque, "breakdown_torque_nm": torque, "breakdown_slip": slip / field}
     found |= {key: motor[key] * share for key, share in printed.items() if motor.get(key) is not None}
-    return {f"{motor_key}.{key}": value for key, value in found.items()}
+    return {f"motor.{key}": value for key, value in found.items()}
 
 
-def motor_variables(motor_key: str = "motor") -> tuple[OperatingVariable, ...]:
+def motor_variables() -> tuple[OperatingVariable, ...]:
     """Return supply frequency and voltage, and rotor resistance of an induction motor as operating variables.
 
     Voltage is proportional to frequency, as with a converter and nearly so in a weak grid: flux, and torque at a slip
@@ -155,13 +155,13 @@ def motor_variables(motor_key: str = "motor") -> tuple[OperatingVariable, ...]:
     """
 
     def frequency(parameters: Parameters, size: float) -> dict[str, Any]:
-        return motor_changes(parameters, motor_key, field=1.0 + size)
+        return motor_changes(parameters, field=1.0 + size)
 
     def voltage(parameters: Parameters, size: float) -> dict[str, Any]:
-        return motor_changes(parameters, motor_key, torque=(1.0 + size) ** 2)
+        return motor_changes(parameters, torque=(1.0 + size) ** 2)
 
     def resistance(parameters: Parameters, size: float) -> dict[str, Any]:
-        return motor_changes(parameters, motor_key, slip=1.0 + size)
+        return motor_changes(parameters, slip=1.0 + size)
 
     return (
         OperatingVariable("supply_frequency", "frequency of the supply", FREQUENCY_RANGE, frequency, "supply_sag"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 from mech_twin.capabilities.design import InShorterSteps
 from mech_twin.declarations.quantity import Parameters
@@ -78,39 +78,25 @@ def binding_of(constraints: tuple[Constraint, ...], otherwise: str) -> str:
     return "; ".join(binding) or otherwise
 
 
-class SizingAnswer(Protocol):
-    """Function that sizes a machine within limits."""
-
-    def __call__(
-        self, parameters: Any, limits: Mapping[str, float], objective: str, table: Table, tolerance: float, /
-    ) -> Sizing:
-        """Return the sizes with the smallest objective within the limits.
-
-        Parameters
-        ----------
-        parameters : Parameters
-            Configuration of the machine; values that are not sized are taken from it.
-        limits : mapping
-            Every limit by its name.
-        objective : str
-            Objective to minimise.
-        table : callable
-            Returns an installed table by its name.
-        tolerance : float
-            Relative tolerance of assumed values: the limits hold in the worst case over the box in which each ranges
-            from value x (1 - tolerance) to value x (1 + tolerance); 0 sizes the machine as configured.
-        """
-        ...
-
-
 class SizingQuestion(NamedTuple):
-    """Sizing problem of a machine: limits with default values, objectives (the first is the default), the solver.
+    """Sizing problem of a machine.
 
-    ``usual_tolerance`` is the default tolerance; None if the solver supports no tolerance, so that a value above 0 is
-    rejected.
+    Attributes
+    ----------
+    limits : mapping
+        Usual value of each limit.
+    objectives : tuple of str
+        What may be minimised; the first is the default.
+    answer : callable
+        ``answer(parameters, limits, objective, table, tolerance)``: the sizes with the smallest objective within the
+        limits; values that are not sized are those of ``parameters``.  ``tolerance`` is a relative one of assumed
+        values: the limits hold in the worst case over the box in which each ranges from value x (1 - tolerance) to
+        value x (1 + tolerance); 0 sizes the machine as configured.
+    usual_tolerance : float, optional
+        The default tolerance; None if the solver supports none, so that a value above 0 is rejected.
     """
 
     limits: Mapping[str, float]
     objectives: tuple[str, ...]
-    answer: SizingAnswer
+    answer: Callable[[Any, Mapping[str, float], str, Table, float], Sizing]
     usual_tolerance: float | None = None

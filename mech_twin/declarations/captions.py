@@ -114,9 +114,6 @@ def axis_title(column: str, unit: str = "") -> str:
 
 def metrics_table(metrics: Mapping[str, float]) -> str:
     """Return the metrics as a Markdown table of name, value (four digits) and unit."""
-    rows = [f"| {words} | {value:.4g} | {unit} |" for (words, unit), value in _captioned(metrics)]
+    captioned = [(*caption(name), value) for name, value in metrics.items()]
+    rows = [f"| {words} | {value:.4g} | {unit} |" for words, unit, value in captioned]
     return "\n".join(["| quantity | value | unit |", "|:--|--:|:--|", *rows])
-
-
-def _captioned(metrics: Mapping[str, float]) -> list[tuple[tuple[str, str], float]]:
-    return [(caption(name), value) for name, value in metrics.items()]
