@@ -20,12 +20,10 @@ from mech_twin.machines.catalog import CATALOGUE, FORMER
 from mech_twin.parameters.errors import described_keys
 from mech_twin.parameters.load import (
     MACHINE_KEY,
-    MOTOR_TABLE,
     PAGE,
     PAGE_SUFFIXES,
     RUN_GROUP,
     configuration_directories,
-    configuration_file,
     configuration_text,
     is_of_ros,
     is_page,
@@ -95,7 +93,7 @@ def former_page(path: Path) -> str:
     if (of := given.pop(MACHINE_KEY, FORMER)) != FORMER:
         raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {of!r}: expected '{FORMER}'")
     try:
-        page = page_of(with_catalogue_motor(given, configuration_file(MOTOR_TABLE), source))
+        page = page_of(with_catalogue_motor(given, source))
         PAGE.build(validated(PAGE, page, source))
     except ConfigurationError as error:
         raise ConfigurationError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error

@@ -20,13 +20,7 @@ EXPECTED = "expected a time such as 3, 3s, 500ms, 2min or 1h"
 
 
 def seconds(text: str | float) -> float:
-    """Return a time in seconds of ``3``, ``3s``, ``500ms``, ``2min`` or ``1h``.
-
-    Raises
-    ------
-    typer.BadParameter
-        If the text is no time, is not finite, is negative, or longer than ROS can state.
-    """
+    """Return a time in seconds of ``3``, ``3s``, ``500ms``, ``2min`` or ``1h``."""
     if isinstance(text, int | float):
         return float(text)
     match = re.fullmatch(r"\s*([-+.\w]*?)\s*(ms|s|min|h)?\s*", text)
@@ -106,7 +100,7 @@ def live_settings(context: Context, incomplete: str) -> list[tuple[str, str]]:
     from mech_twin.parameters.live_change import live_numbers
     from mech_twin.parameters.load import machine_parameters
 
-    return _ready(dict.fromkeys(dict(live_numbers(machine_parameters(_entry(context).name))), ""), incomplete)
+    return _ready(dict.fromkeys(live_numbers(machine_parameters(_entry(context).name)), ""), incomplete)
 
 
 def limits(context: Context, incomplete: str) -> list[tuple[str, str]]:

@@ -146,26 +146,24 @@ def no_lines() -> dict[str, int]:
     return {}
 
 
-def key_lines(text: str, elsewhere: Iterable[str] = ()) -> dict[str, int]:
-    """Return the line number of each dotted key in a parameter file, without keys ``elsewhere`` and their groups."""
-    found: dict[str, int] = {}
+def parameter_nodes(text: str) -> list[yaml.MappingNode]:
+    """Return the nodes with parameters: below each section's head, or a page as a whole, which has no head."""
     document = yaml.compose(text, Loader=yaml.SafeLoader)
-    sections = document.value if isinstance(document, yaml.MappingNode) else []
-    for _, section in sections:
-        for name, group in section.value if isinstance(section, yaml.MappingNode) else []:
-            if name.value == SECTION:
-                for key, line in _lines(group, ""):
-                    found.setdefault(key, line)
-    if not found and isinstance(document, yaml.MappingNode):  # a page without the head of a parameter file
-        found = dict(_lines(document, ""))
+    sections = [section for _, section in document.value] if isinstance(document, yaml.MappingNode) else []
+    below = [pair for section in sections if isinstance(section, yaml.MappingNode) for pair in section.value]
+    found = [group for name, group in below if name.value == SECTION and isinstance(group, yaml.MappingNode)]
+    return found or [node for node in (document,) if isinstance(node, yaml.MappingNode)]
+
+
+def key_lines(text: str, elsewhere: Iterable[str]) -> dict[str, int]:
+    """Return the line number of each dotted key in a parameter file, without keys ``elsewhere`` and their groups."""
     left_out = {key[: len(key) - cut] for key in elsewhere for cut in _dots(key)}
-    return {key: line for key, line in found.items() if key not in left_out}
+    found = [pair for node in reversed(parameter_nodes(text)) for pair in _lines(node, "")]  # the first one counts
+    return {key: line for key, line in found if key not in left_out}
 
 
 def _lines(node: yaml.Node, prefix: str) -> Iterator[tuple[str, int]]:
-    if not isinstance(node, yaml.MappingNode):
-        return
-    for key, value in node.value:
+    for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
         yield f"{prefix}{key.value}", key.start_mark.line + 1
         yield from _lines(value, f"{prefix}{key.value}.")
 

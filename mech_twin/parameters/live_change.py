@@ -16,8 +16,7 @@ operating point to the healthy value.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.faults import MachineFault, OperatingVariable
@@ -30,7 +29,7 @@ from mech_twin.declarations.configuration_tree import (
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import Entry
-from mech_twin.parameters.errors import declared_key, did_you_mean, key_units
+from mech_twin.parameters.errors import declared_key, did_you_mean, key_units, keys
 from mech_twin.parameters.load import assignments, catalogue_entry, validated
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.roles import Machine
@@ -96,6 +95,11 @@ class ChangingMachine:
     changes : sequence of LiveChange
         In order of time.
 
+    Attributes
+    ----------
+    revisions : list of (int, Machine)
+        The machines with their parameters, each with the step from which it is in force.
+
     Raises
     ------
     ConfigurationError
@@ -103,7 +107,7 @@ class ChangingMachine:
     """
 
     def __init__(self, machine: Machine, changes: Sequence[LiveChange]) -> None:
-        self._machines: list[tuple[int, Machine]] = [(0, machine)]
+        self.revisions: list[tuple[int, Machine]] = [(0, machine)]
         self._commands: list[tuple[float, float]] = [(0.0, 1.0)]
         self._step_s = machine.coupling_step_s
         self._point: dict[str, float] = {}
@@ -126,7 +130,7 @@ class ChangingMachine:
         self._commands += [(change.time_s, before), (change.until_s, float(value))]
 
     def _add_parameters(self, change: LiveChange, name: str) -> None:
-        entry, before = catalogue_entry(name), self._machines[-1][1].parameters
+        entry, before = catalogue_entry(name), self.revisions[-1][1].parameters
         count = max(1, math.ceil((change.until_s - change.time_s) / RAMP_STEP_S - 1e-9))
         if count > MOST_RAMP_STEPS:
             longest_s = MOST_RAMP_STEPS * RAMP_STEP_S
@@ -137,7 +141,7 @@ class ChangingMachine:
             if named is not None:
                 self._point[change.key] = at_first + (_size(change, named) - at_first) * i / count
                 changes: dict[str, Any] = {}
-                healthy = self._machines[0][1].parameters
+                healthy = self.revisions[0][1].parameters
                 for key, size in self._point.items():
                     changes |= made[key].changes(varied(healthy, changes), size)
                 tree = merged_tree(configuration_tree(before), tree_from_flat(changes))
@@ -146,13 +150,13 @@ class ChangingMachine:
                 parameters = _changed(before, change, name, i / count)
             time_s = change.until_s if i == count else change.time_s + (change.until_s - change.time_s) * i / count
             step = math.ceil(time_s / self._step_s - 1e-9)
-            self._machines.append((step, entry.build(parameters)))
+            self.revisions.append((step, entry.build(parameters)))
 
     def _named_changes(self, entry: Entry) -> dict[str, MachineFault | OperatingVariable]:
         """Return faults and operating variables by name; a live key takes precedence over a fault."""
-        healthy, told = self._machines[0][1].parameters, entry.capabilities
+        healthy, told = self.revisions[0][1].parameters, entry.capabilities
         faults = () if told.faults is None else told.faults(healthy)
-        live = dict(live_numbers(healthy))
+        live = live_numbers(healthy)
         found: dict[str, MachineFault | OperatingVariable] = {
             fault.name: fault for fault in faults if fault.changes(healthy, fault.sizes[0]) and fault.name not in live
         }
@@ -170,12 +174,7 @@ class ChangingMachine:
 
     def at(self, step: int) -> Machine:
         """Return the machine that computes a step; see `ConfigurationHistory.machine_at`."""
-        return next(machine for since, machine in reversed(self._machines) if since <= step)
-
-    @cached_property
-    def revisions(self) -> tuple[tuple[int, Machine], ...]:
-        """The machines with their parameters, each with the step from which it is in force."""
-        return tuple(self._machines)
+        return next(machine for since, machine in reversed(self.revisions) if since <= step)
 
 
 def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
@@ -192,7 +191,7 @@ def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
 
 def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float) -> Parameters:
     """Return the parameters after the share ``done`` of a change."""
-    live = dict(live_numbers(parameters))
+    live = live_numbers(parameters)
     motor = getattr(parameters, "motor", None)
     if isinstance(motor, InductionMotorParameters):
         live[TORQUE_CURVE] = motor.torque_curve
@@ -220,16 +219,6 @@ def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: s
     return f"unknown key '{key}'" + (meant or f"; expected one of {', '.join(changing)}")
 
 
-def live_numbers(parameters: Parameters, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield each live key, which may change during a run, and its value."""
-    for name, field in type(parameters).model_fields.items():
-        value, extra = getattr(parameters, name), field.json_schema_extra
-        if isinstance(value, Parameters):
-            yield from live_numbers(value, f"{prefix}{name}.")
-        elif isinstance(value, dict):
-            for own, element in value.items():
-                if isinstance(element, Parameters):
-                    there = live_numbers(element, f"{prefix}{name}.{own}.")
-                    yield from ((key, number) for key, number in there if number is not None)
-        elif isinstance(extra, dict) and extra.get("live"):
-            yield prefix + name, value
+def live_numbers(parameters: Parameters) -> dict[str, Any]:
+    """Return the value of each live key, which may change during a run."""
+    return {key.name: key.value for key in keys(parameters) if key.live and key.value is not None}

@@ -69,7 +69,7 @@ def _parsed(text: str) -> Any:
     return yaml.safe_load(text)
 
 
-def with_catalogue_motor(tree: Mapping[str, Any], file: Path, source: str) -> dict[str, Any]:
+def with_catalogue_motor(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
     """Return the tree with the data of the motor named in ``motor.catalogue_name`` added.
 
     Raises
@@ -80,7 +80,8 @@ def with_catalogue_motor(tree: Mapping[str, Any], file: Path, source: str) -> di
     motor = tree.get("motor")
     if not isinstance(motor, dict) or not isinstance(motor.get(NAME_KEY), str):
         return dict(tree)
-    name, table = motor[NAME_KEY], motor_table(file)
+    name, file = motor[NAME_KEY], configuration_file(MOTOR_TABLE)
+    table = motor_table(file)
     if name not in table:
         raise ConfigurationError(
             f"{source}: key 'motor.{NAME_KEY}', value '{name}': expected one of {', '.join(table)} ({file.name})"
@@ -313,10 +314,8 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
     meant = values.pop(MACHINE_KEY, entry.name)
     if meant != entry.name:
         raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {meant!r}: expected {entry.name!r}")
-    if isinstance(values.get("motor"), dict) and NAME_KEY in values["motor"]:
-        values = with_catalogue_motor(values, configuration_file(MOTOR_TABLE), source)
     try:
-        return entry.parameters.model_validate(values)
+        return entry.parameters.model_validate(with_catalogue_motor(values, source))
     except ValidationError as error:
         raise refusal(source, error, entry.parameters, lines) from error
 

@@ -13,7 +13,7 @@ from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import written_file
-from mech_twin.parameters.errors import SECTION
+from mech_twin.parameters.errors import parameter_nodes
 from mech_twin.parameters.load import (
     MACHINE_KEY,
     NAME_KEY,
@@ -140,13 +140,8 @@ def _places(text: str) -> tuple[dict[str, TextPlace], dict[str, TextPlace]]:
     """Return the position of each value by its dotted key, and the start of each group by its key."""
     values: dict[str, TextPlace] = {}
     groups: dict[str, TextPlace] = {}
-    document = yaml.compose(text, Loader=yaml.SafeLoader)
-    for _, section in document.value if isinstance(document, yaml.MappingNode) else ():
-        for key, group in section.value if isinstance(section, yaml.MappingNode) else ():
-            if key.value == SECTION and isinstance(group, yaml.MappingNode):
-                _find(group, "", values, groups)
-    if not groups and isinstance(document, yaml.MappingNode):  # a page without the head of a parameter file
-        _find(document, "", values, groups)
+    for node in parameter_nodes(text):
+        _find(node, "", values, groups)
     return values, groups
 
 

@@ -258,7 +258,7 @@ def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: 
 
 def live_keys(parameters: Parameters) -> list[str]:
     """Return the dotted keys of live parameters, which may change while the machine runs."""
-    return [key for key, _ in live_numbers(parameters)]
+    return list(live_numbers(parameters))
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ def test_roll_out_goes_on_from_any_frame(name, overrides):
 
 def drawn_change(name, parameters, draw):
     """Return another value of a random live key that the configuration allows."""
-    numbers = dict(live_numbers(parameters))
+    numbers = live_numbers(parameters)
     for _ in range(200):
         key = draw.choice(list(numbers))
         value = numbers[key]
