@@ -4,11 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from mech_twin.measurements.measurement_map import Source
 from mech_twin.samples import Event
@@ -24,15 +23,18 @@ from mech_twin.studies.monitoring.report import Alarm, Explanation
 from mech_twin.studies.resimulation import Value
 
 
-@dataclass(frozen=True, kw_only=True)
-class PrintedDocument:
-    """A document, or a part of one: exactly these keys are allowed."""
+class PrintedDocument(BaseModel):
+    """A document of a verb, or a part of one: exactly these keys are allowed."""
 
-    __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+    verb: ClassVar[str]
+
+    def __init_subclass__(cls, verb: str = "", **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        cls.verb = verb
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunReport(PrintedDocument):
+class RunReport(PrintedDocument, verb="run"):
     """Document of `run`: results of the nodes, messages sent and messages recorded."""
 
     machine: str
@@ -44,7 +46,6 @@ class RunReport(PrintedDocument):
     messages_recorded: Mapping[str, int]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RecomputedSample(PrintedDocument):
     """The first sample that differs between a recording and its recomputation."""
 
@@ -56,8 +57,7 @@ class RecomputedSample(PrintedDocument):
     computed: Value
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecomputedReport(PrintedDocument):
+class RecomputedReport(PrintedDocument, verb="replay"):
     """Document of `replay --analyse` or ``--resimulate``; ``identical`` is None if it is not certain."""
 
     bag: Path
@@ -76,8 +76,7 @@ class RecomputedReport(PrintedDocument):
     first_difference: RecomputedSample | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeasuredForcesReport(PrintedDocument):
+class MeasuredForcesReport(PrintedDocument, verb="replay"):
     """Document of `replay --analyse --map`: largest forces of a measured motion, channels compared with the model."""
 
     measurement: Path
@@ -88,7 +87,6 @@ class MeasuredForcesReport(PrintedDocument):
     compared: tuple[Compared, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RecordingTopic(PrintedDocument):
     """A topic of a recording: type, messages, and loss counters by name."""
 
@@ -97,7 +95,6 @@ class RecordingTopic(PrintedDocument):
     counters: Mapping[str, int]
 
 
-@dataclass(frozen=True, kw_only=True)
 class RecordingFile(PrintedDocument):
     """A file of a recording."""
 
@@ -108,8 +105,7 @@ class RecordingFile(PrintedDocument):
     messages: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordingReport(PrintedDocument):
+class RecordingReport(PrintedDocument, verb="info"):
     """Document of `info`: contents of a recording."""
 
     bag: Path
@@ -124,7 +120,6 @@ class RecordingReport(PrintedDocument):
     problems: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class ExaminedChannel(PrintedDocument):
     """A channel of a measurement by its map, and the quality of its samples, in its own unit."""
 
@@ -148,8 +143,7 @@ class ExaminedChannel(PrintedDocument):
     flaws: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExaminedReport(PrintedDocument):
+class ExaminedReport(PrintedDocument, verb="info"):
     """Document of `info --map`: quality of each channel, and contradictions to the map."""
 
     measurement: Path
@@ -158,7 +152,6 @@ class ExaminedReport(PrintedDocument):
     problems: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class ExaminedRun(PrintedDocument):
     """The quality of each channel in one of several runs."""
 
@@ -166,15 +159,13 @@ class ExaminedRun(PrintedDocument):
     channels: tuple[ExaminedChannel, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MapReport(ExaminedReport):
+class MapReport(ExaminedReport, verb="map"):
     """Document of `map`: text of the proposed map, and quality of each channel in each run."""
 
     map: str
     runs: tuple[ExaminedRun, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class CheckedJoint(PrintedDocument):
     """State of a page's joint at the start."""
 
@@ -185,7 +176,6 @@ class CheckedJoint(PrintedDocument):
     unit: str
 
 
-@dataclass(frozen=True, kw_only=True)
 class CheckedContact(PrintedDocument):
     """State of a page's contact at the start."""
 
@@ -195,8 +185,7 @@ class CheckedContact(PrintedDocument):
     unit: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class CheckReport(PrintedDocument):
+class CheckReport(PrintedDocument, verb="check"):
     """Document of `check`, and of `info` for a page: derived numbers, joints, contacts and masses of a page."""
 
     page: str
@@ -207,8 +196,7 @@ class CheckReport(PrintedDocument):
     remarks: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FmuReport(PrintedDocument):
+class FmuReport(PrintedDocument, verb="export fmu"):
     """Document of `export fmu`: the written unit, and its variables for an importer."""
 
     machine: str
@@ -220,7 +208,6 @@ class FmuReport(PrintedDocument):
     parameters: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class BouncingRun(PrintedDocument):
     """Restitution from one run."""
 
@@ -232,8 +219,7 @@ class BouncingRun(PrintedDocument):
     flaws: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class BouncesReport(PrintedDocument):
+class BouncesReport(PrintedDocument, verb="identify"):
     """Document of `identify` from bounces."""
 
     machine: str
@@ -243,7 +229,6 @@ class BouncesReport(PrintedDocument):
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class FittedChannel(PrintedDocument):
     """Fit of a channel over the fitted runs (percent)."""
 
@@ -251,7 +236,6 @@ class FittedChannel(PrintedDocument):
     fit_percent: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class HeldOutRun(PrintedDocument):
     """The held-out run and its scores."""
 
@@ -259,8 +243,7 @@ class HeldOutRun(PrintedDocument):
     scores: tuple[HeldOut, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LengthsReport(PrintedDocument):
+class LengthsReport(PrintedDocument, verb="identify"):
     """Document of `identify` for lengths, from the measured motion of the crank."""
 
     machine: str
@@ -272,8 +255,7 @@ class LengthsReport(PrintedDocument):
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlanReport(PrintedDocument):
+class PlanReport(PrintedDocument, verb="identify"):
     """Document of `identify --plan`: keys that given sensors would identify, and what would help."""
 
     machine: str
@@ -282,7 +264,6 @@ class PlanReport(PrintedDocument):
     helps: tuple[Help, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class BaselineFeature(PrintedDocument):
     """Statistics of a feature in the healthy cycles."""
 
@@ -292,7 +273,6 @@ class BaselineFeature(PrintedDocument):
     sigma: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class BaselineCycles(PrintedDocument):
     """The healthy cycles: number, order of the autoregression, mean duration."""
 
@@ -301,7 +281,6 @@ class BaselineCycles(PrintedDocument):
     period_s: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class SetupReport(PrintedDocument):
     """The setup of a monitor."""
 
@@ -314,7 +293,6 @@ class SetupReport(PrintedDocument):
     thresholds: Mapping[str, float]
 
 
-@dataclass(frozen=True, kw_only=True)
 class MonitoredRun(PrintedDocument):
     """Result of a monitor for one run."""
 
@@ -328,23 +306,20 @@ class MonitoredRun(PrintedDocument):
     explained: tuple[Explanation, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class MonitorReport(SetupReport):
+class MonitorReport(SetupReport, verb="monitor"):
     """Document of `monitor`: results of each run."""
 
     runs: tuple[MonitoredRun, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SensorSetReport(SetupReport):
+class SensorSetReport(SetupReport, verb="monitor"):
     """Document of `monitor --design`: detectable faults, and share of row fault that column fault cannot explain."""
 
     faults: tuple[FaultDesign, ...]
     isolability: Mapping[str, Mapping[str, float]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ShadowReport(PrintedDocument):
+class ShadowReport(PrintedDocument, verb="shadow"):
     """Document of `shadow`: last values, numbers of messages sent, and recordings of faults."""
 
     machine: str

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import is_dataclass
 from functools import partial
 from itertools import repeat
 from math import inf, nan
@@ -33,24 +33,8 @@ from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, configuration_read
+from mech_twin.results import printed_documents
 from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
-from mech_twin.results.printed_documents import (
-    BouncesReport,
-    CheckReport,
-    ExaminedReport,
-    FmuReport,
-    LengthsReport,
-    MapReport,
-    MeasuredForcesReport,
-    MonitorReport,
-    PlanReport,
-    PrintedDocument,
-    RecomputedReport,
-    RecordingReport,
-    RunReport,
-    SensorSetReport,
-    ShadowReport,
-)
 from mech_twin.samples import Event
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
@@ -63,7 +47,6 @@ if TYPE_CHECKING:
 
 
 Read = TypeVar("Read")
-STRICT = "__pydantic_config__"  # attribute of a type that itself rejects unknown keys
 
 
 def read_as(kind: type[Read], document: Any) -> Read:
@@ -87,14 +70,17 @@ def _filled(kind: Any, value: Any, absent: float = nan) -> Any:
     if isinstance(value, list) and inside:
         kinds = inside if len(inside) == len(value) and ... not in inside else repeat(inside[0])
         return [_filled(each, one) for each, one in zip(kinds, value, strict=False)]
-    if isinstance(value, Mapping) and inside:
-        return {key: _filled(inside[-1], one) for key, one in value.items()}
-    if not isinstance(value, Mapping) or not (is_dataclass(kind) or hasattr(kind, "_fields")):
+    if not isinstance(value, Mapping):
         return value
-    hints, defaults = get_type_hints(kind), getattr(kind, "_field_defaults", {})
-    rest = {key: one for key, one in value.items() if key not in hints and hasattr(kind, STRICT)}
-    own = {key: _filled(hints[key], one, defaults.get(key, nan)) for key, one in value.items() if key in hints}
-    return own | rest
+    if inside:
+        return {key: _filled(inside[-1], one) for key, one in value.items()}
+    hints, defaults = {}, getattr(kind, "_field_defaults", {})
+    if hasattr(kind, "model_fields"):  # rejects unknown keys itself
+        hints = {name: field.annotation for name, field in kind.model_fields.items()}
+    elif is_dataclass(kind) or hasattr(kind, "_fields"):
+        hints = get_type_hints(kind)
+        value = {key: one for key, one in value.items() if key in hints}
+    return {key: _filled(hints.get(key), one, defaults.get(key, nan)) for key, one in value.items()}
 
 
 Document = Mapping[str, Any]
@@ -108,10 +94,12 @@ class KnownDocument(NamedTuple):
     read: Callable[[Document], Any]
 
 
-def printed(verb: str, model: type[PrintedDocument]) -> KnownDocument:
-    """Return a kind of document that has its own class, identified by its required keys."""
-    keys = (field.name for field in fields(model) if field.default is MISSING)
-    return KnownDocument(verb, frozenset(keys), partial(read_as, model))
+def _printed() -> Iterator[KnownDocument]:
+    """Yield the kinds of document that have a class of their own, identified by its required keys."""
+    for model in vars(printed_documents).values():
+        if verb := getattr(model, "verb", ""):
+            keys = frozenset(name for name, field in model.model_fields.items() if field.is_required())
+            yield KnownDocument(verb, keys, partial(read_as, model))
 
 
 def from_document(text: str, source: str) -> Any:
@@ -277,18 +265,5 @@ KINDS = (
     KnownDocument("list", frozenset({"machines"}), _names),
     KnownDocument("recover", frozenset({"bag", "out", "damages", "messages_of_lost_topics"}), _salvaged),
     KnownDocument("fleet", frozenset({"machine", "limit", "common", "machines"}), _fleet),
-    printed("run", RunReport),
-    printed("replay", RecomputedReport),
-    printed("replay", MeasuredForcesReport),
-    printed("info", RecordingReport),
-    printed("info", ExaminedReport),
-    printed("check", CheckReport),
-    printed("map", MapReport),
-    printed("identify", BouncesReport),
-    printed("identify", LengthsReport),
-    printed("identify", PlanReport),
-    printed("monitor", MonitorReport),
-    printed("monitor", SensorSetReport),
-    printed("shadow", ShadowReport),
-    printed("export fmu", FmuReport),
+    *_printed(),
 )
