@@ -1,37 +1,58 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``mech-twin identify``: keys of a configuration from measured runs, with intervals, verdicts and a held-out score."""
+"""``mech-twin identify``: keys from runs by a fit; lengths from positions and restitution from bounces without one."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from mech_twin.cli.console import bar, print_json, print_table, say
+import numpy as np
+
+from mech_twin.cli.console import bar, print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.identify_measured import identify_bounces, identify_lengths, say_open, show_keys, split_runs
 from mech_twin.cli.measured import NoNameError, checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import MeasurementError
+from mech_twin.files.output_file import check_output_file
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
+from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.units import is_event, joint_column
+from mech_twin.parameters.load import description_text
 from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
-from mech_twin.results.opened_runs import given_map
+from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import GuidedLinkage
+from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
+from mech_twin.studies.identification.geometry_fit import GeometryData, GeometryModel, geometry_data, lengths
+from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
 from mech_twin.studies.identification.identification import Identification, identified
-from mech_twin.studies.identification.keyed_configuration import AUTO, assumed_keys, machine_keys, number_in
+from mech_twin.studies.identification.keyed_configuration import (
+    AUTO,
+    KeyedConfiguration,
+    assumed_keys,
+    machine_keys,
+    number_in,
+)
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
 from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 
 DEFAULT_SHARE = 0.2
 MOST_SHOWN = 12  # of what would help
+FEWEST_RUNS_TO_HOLD_OUT = 3
+BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
 
 def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:
@@ -39,9 +60,6 @@ def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple
     bounded, rising = [text for text in texts if "=" in text], ("LOW below HIGH", lambda ends: ends[0] < ends[1])
     bounds = assigned("--free", bounded, "KEY=LOW:HIGH, with numbers", lambda text: two_numbers(text, ":"), rising)
     return tuple(dict.fromkeys(text.partition("=")[0].strip() for text in texts)), bounds
-
-
-BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
 
 def identify_machine(request: IdentifyVerb) -> None:
@@ -57,19 +75,15 @@ def identify_machine(request: IdentifyVerb) -> None:
     if _bouncing(request):
         identify_bounces(request)
         return
-    machine = request.built
-    turn = model_turn(machine)
-    if _motion(request, turn, guided=isinstance(machine.linkage, GuidedLinkage)) == "measured":
+    turn = model_turn(request.built)
+    if _motion(request, turn) == "measured":
         identify_lengths(request)
         return
     if request.out is not None:
         check_out(request.out, force=request.force)
-    base = request.parameters
-    question = _question(request, base)
-    fitted, held_out = split_runs(request.runs, request.held_out_run)
-    share = request.held_out_share if request.held_out_share is not None else 0.0 if held_out else DEFAULT_SHARE
-    held = [] if held_out is None or request.held_out_share is not None else [held_out]
-    fitted = fitted if held or held_out is None else [*fitted, held_out]
+    question = _question(request)
+    fitted, held = split_runs(request)
+    share = request.held_out_share if request.held_out_share is not None else 0.0 if held else DEFAULT_SHARE
     runs = [_run(path, request, turn) for path in fitted]
     with bar("identifying", "SpinnerColumn", "{task.description}") as update:
 
@@ -100,7 +114,7 @@ def _plan(request: IdentifyVerb) -> None:
         raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
     if request.runs:
         raise CommandError(f"--plan: expected no run, got {request.runs[0]}; it asks what a run would tell")
-    question = _question(request, request.parameters)
+    question = _question(request)
     sensors = given_map(request.sensors, request.built)
     opened = None if request.map_file is None else given_map(request.map_file, request.built)
     names = [channel.quantity for channel in sensors.channels]
@@ -132,11 +146,12 @@ def _bouncing(request: IdentifyVerb) -> bool:
     return False
 
 
-def _motion(request: IdentifyVerb, turn: ModelTurn | None, *, guided: bool) -> str:
+def _motion(request: IdentifyVerb, turn: ModelTurn | None) -> str:
     """Return what moves the model: the measured crank, where it leads all that is measured and that is no effort."""
     if request.motion != "auto":
         return request.motion
     names = [channel.quantity for channel in request.given_map.channels]
+    guided = isinstance(request.built.linkage, GuidedLinkage)
     if turn is None or not guided or not set(names) & set(TURNING):
         return "simulated"
     led = {name.rpartition(".")[0] for name in {*turn.led, *TURNING} if joint_column(name) is not None}
@@ -147,8 +162,8 @@ def _motion(request: IdentifyVerb, turn: ModelTurn | None, *, guided: bool) -> s
     return "measured" if moving else "simulated"
 
 
-def _question(request: IdentifyVerb, base: Parameters) -> IdentificationQuestion:
-    keys, bounds = bounded_keys(request.free)
+def _question(request: IdentifyVerb) -> IdentificationQuestion:
+    (keys, bounds), base = bounded_keys(request.free), request.parameters
     if AUTO in keys:
         keys = tuple(dict.fromkeys((*(key for key in keys if key != AUTO), *machine_keys(request.machine, base))))
     keys = keys or assumed_keys(request.machine, base, request.config)
@@ -202,3 +217,182 @@ def _show_combinations(combinations: Sequence[Combination]) -> None:
     heads = ("combination", "estimate", "95 % from", "to", "holds for")
     rows = [(each.formula, each.estimate, each.low_95, each.high_95, each.condition) for each in combinations]
     print_table("identifiable in combination", heads, rows)
+
+
+def split_runs(request: IdentifyVerb) -> tuple[list[Path], list[Path]]:
+    """Return the runs that are fitted, and the one held out: as asked, else the last of three or more."""
+    runs, held_out = request.runs, request.held_out_run
+    if request.held_out_share is not None:
+        return runs, []
+    if held_out is None:
+        return (runs[:-1], runs[-1:]) if len(runs) >= FEWEST_RUNS_TO_HOLD_OUT else (runs, [])
+    if held_out not in runs or len(runs) < 2:
+        raise CommandError(f"--hold-out {held_out}: expected one of at least two runs")
+    return [run for run in runs if run != held_out], [held_out]
+
+
+def show_keys(title: str, keys: Sequence[Any]) -> None:
+    """Print the keys with their intervals and verdicts."""
+    heads = ("key", "before", "estimate", "95 % from", "to", "verdict")
+    print_table(title, heads, map(attrgetter("key", "before", "estimate", "low_95", "high_95", "verdict"), keys))
+
+
+def say_open(keys: Sequence[Any]) -> None:
+    """Say why keys are not identified."""
+    say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED))
+
+
+def identify_lengths(request: IdentifyVerb) -> None:
+    """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
+    began = time.monotonic()
+    if request.out is not None:
+        check_output_file(request.out, force=request.force)
+    unused: dict[str, object] = {"--fix": request.fixed, "--prior": request.priors, "--scheduler": request.scheduler}
+    unused[f"--hold-out {request.hold_out}"] = request.held_out_share is not None
+    for option, given in unused.items():
+        if given:
+            raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
+    given, base = request.given_map, request.parameters
+    columns = _led_columns(request, given)
+    keys = tuple(key for key in request.free if key != AUTO)
+    if AUTO in request.free or not request.free:
+        keys = tuple(dict.fromkeys((*keys, *lengths(request.machine, base, columns))))
+        say(f"free, since the measured positions depend on them: {', '.join(keys) or 'no key'}")
+    if not keys:
+        raise CommandError(f"{request.machine}: no length moves {', '.join(columns)}; expected --free KEY")
+    model = GeometryModel(request.machine, base, keys, columns)
+    model.values()  # a key that is wrong is named before the runs are read
+    fitted, held = split_runs(request)
+    held_out = next(iter(held), None)
+    runs = [_data(path, given, model) for path in fitted]
+    chosen = [text.partition("=")[0].strip() for text in request.settings]
+    report, model = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model), chosen)
+    _show_lengths(request, report, held_out, time.monotonic() - began)
+    if not report.better:
+        found = any(key.verdict == IDENTIFIED for key in report.keys)
+        say(f"{f'{held_out}: fits no better than before' if found else 'no key is identified'}; nothing is written")
+        raise SystemExit(FOUND)
+    values = [key.estimate if key.verdict == IDENTIFIED else key.before for key in report.keys]
+    _write_found(request, model.parameters(values), report.keys, fitted)
+
+
+def _led_columns(request: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...]:
+    """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
+    turn = model_turn(request.built)
+    if turn is None:
+        raise CommandError(f"{request.machine}: expected a machine whose joints follow from a crank")
+    names = [channel.quantity for channel in given.channels]
+    used = tuple(name for name in names if name in turn.led and name.endswith(".position") and name not in TURNING)
+    left = [name for name in dict.fromkeys(names) if name not in used and name not in TURNING]
+    say(*(f"{name}: left out, it is no position that the crank leads" for name in left))
+    if not used:
+        raise CommandError(f"{request.map_file}: expected a position that the crank leads, beside the crank's")
+    return used
+
+
+def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryData:
+    with opened_run(path) as reader:
+        return geometry_data(read_run(reader, given), model.columns)
+
+
+def _show_lengths(request: IdentifyVerb, report: GeometryReport, held_out: Path | None, seconds: float) -> None:
+    if request.as_json:
+        channels = [{"is": name, "fit_percent": fit} for name, fit in report.fit_percent.items()]
+        scored = None if held_out is None else {"run": held_out, "scores": report.held_out}
+        head = {"machine": request.machine, "parameters": report.keys, "channels": channels, "lags_s": report.lags_s}
+        print_json({**head, "assembly": report.assembly, "held_out": scored, "seconds": seconds})
+        return
+    show_keys(f"{request.machine}: lengths from measured positions", report.keys)
+    say(_assembly_words(report.assembly))
+    say_open(report.keys)
+    scores = [(s.channel, s.fit_percent, s.before_percent, s.constant_percent) for s in report.held_out]
+    if scores:
+        print_table(f"fit of {held_out}, held out, percent", ("channel", "estimated", "before", "constant"), scores)
+
+
+def _assembly_words(found: FittedAssembly) -> str:
+    """Return which assembly and which sense of the crank fit best, and by how much."""
+    taken = " and ".join(f"{key}: {value}" for key, value in found.configured.items()) or "as configured"
+    words = [f"assembly {taken}"]
+    words += [f"the other one leaves a residual {found.margin:.3g} times as large"] * bool(np.isfinite(found.margin))
+    sense = "as in the map" if found.sense > 0 else "against the map (sign: -1 for the crank)"
+    return "; ".join([*words, f"crank turns {sense}, the other sense {found.sense_margin:.3g} times"])
+
+
+def _write_found(request: IdentifyVerb, parameters: Parameters, keys: Sequence[Any], runs: Iterable[Any]) -> None:
+    """Write the configuration if asked, above it what was found of each key in which runs, or why it is kept."""
+    if request.out is None:
+        return
+    found = ", ".join(map(str, runs))
+    notes = [
+        f"# {key.key}: identified {key.estimate:.6g} +- {key.high_95 - key.estimate:.2g} (95 %) from {found}\n"
+        if key.verdict == IDENTIFIED
+        else f"# {key.key}: kept, {key.verdict}: {key.reason}\n"
+        for key in keys
+    ]
+    write_text(request.out, "".join(notes) + description_text(request.machine, parameters), force=request.force)
+
+
+def identify_bounces(request: IdentifyVerb) -> None:
+    """Find the restitution from the bounces that the runs show; write the configuration with it."""
+    began = time.monotonic()
+    if request.out is not None:
+        check_output_file(request.out, force=request.force)
+    keyed = KeyedConfiguration(request.machine, request.parameters, (BOUNCE_KEY,))
+    (before,) = keyed.values().tolist()
+    runs = []
+    for path in request.runs:
+        try:
+            runs.append(bounces(path, *_columns(path)))
+        except MeasurementError as error:
+            say(f"{error}; left out")
+    if not runs:
+        raise CommandError(f"{request.machine}: none of the runs shows bounces; expected positions, or --map FILE")
+    found = restitution(runs)
+    low, high = found.value - found.half_width, found.value + found.half_width
+    narrow = found.half_width <= WIDEST * found.value
+    reason = "flights between bounces shorten by it" if narrow else "the runs leave it open by more than half of itself"
+    verdict = IDENTIFIED if narrow else NOT_EXCITED
+    key = KeyVerdict(BOUNCE_KEY, before, found.value, found.standard_error, low, high, verdict, reason)
+    _show_bounces(request, key, runs, found.used, time.monotonic() - began)
+    if narrow:
+        _write_found(request, keyed.parameters([found.value]), [key], (path.name for path in found.used))
+
+
+def _columns(path: Path) -> tuple[Array, dict[str, Array]]:
+    """Return the times of a run, and its columns at all of them."""
+    found: dict[str, list[tuple[Array, Array]]] = {}
+    with opened_run(path) as reader:
+        sources = [each.source for each in reader.offered()]
+        for place, stamps, shown, _ in reader.blocks(sources, reader.proposed_time()):
+            found.setdefault(sources[place].label, []).append((stamps, shown))
+    labels = [source.label for source in sources if source.label in found]
+    whole = {label: [np.concatenate(each) for each in zip(*found[label], strict=True)] for label in labels}
+    if not whole:
+        raise MeasurementError(path, "has no column beside its time")
+    clock = max((stamps for stamps, _ in whole.values()), key=len)
+    order = np.argsort(clock, kind="stable")
+    return clock[order], {
+        name: shown[order]
+        for name, (stamps, shown) in whole.items()
+        if len(stamps) == len(clock) and np.isfinite(shown).all()
+    }
+
+
+def _show_bounces(
+    request: IdentifyVerb, key: KeyVerdict, runs: list[Bounces], used: tuple[Path, ...], seconds: float
+) -> None:
+    rows = [
+        {
+            "run": run.path, "column": run.column, "restitution": run.found.value,
+            "standard_deviation": run.found.standard_deviation, "bounces": len(run.times_s), "flaws": run.flaws,
+        }
+        for run in runs
+    ]  # fmt: skip
+    if request.as_json:
+        head = {"machine": request.machine, "parameters": [key], "used": used}
+        print_json({**head, "runs": rows, "seconds": seconds})
+        return
+    heads = ("run", "column", BOUNCE_KEY, "s.d.", "bounces", "missed or false")
+    print_table("bounces", heads, [tuple(row.values()) for row in rows])
+    show_keys(f"{request.machine}: from {len(used)} of {len(request.runs)} runs", [key])
