@@ -28,7 +28,6 @@ from mech_twin.cli.monitor_baseline import (
     setup_of_runs,
     write_setup,
 )
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
@@ -77,7 +76,7 @@ def monitor_machine(request: MonitorVerb) -> None:
         raise CommandError("monitor: expected at least one run, or --design --sensors FILE")
     if request.sensors is not None:
         raise CommandError(f"--sensors {request.sensors}: goes with --design; a run has --map")
-    runs = [_featured(request, path) for path in request.runs]
+    runs = [featured_run(request, path) for path in request.runs]
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
         write_setup(request.save_baseline, setup, force=request.force, told="written to")
@@ -97,10 +96,6 @@ def monitor_machine(request: MonitorVerb) -> None:
         _renew(request, kept_file, setup, runs)
 
 
-def _featured(request: MonitorVerb, path: Path) -> FeaturedRun:
-    return featured_run(path, request.machine, request.parameters, request.map_file, request.skip_s)
-
-
 def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun]) -> None:
     """Write the baseline anew, of its own runs and these, where there is a yes."""
     earlier = earlier_runs(file, setup, [run.path for run in runs])
@@ -109,7 +104,7 @@ def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence
     if not request.yes and not (sys.stdin.isatty() and typer.confirm(question, err=True)):
         say(f"{file}: not renewed")
         return
-    read = [(_featured(request, run.path), run.cycles) for run in earlier]
+    read = [(featured_run(request, run.path), run.cycles) for run in earlier]
     known = [run._replace(vectors=run.vectors[:cycles]) for run, cycles in read]
     renewed = setup_of_runs([*known, *runs], request.parameters, setup.arl0_h, 0)
     write_setup(file, renewed, force=True)
@@ -153,7 +148,7 @@ def _setup(request: MonitorVerb, first: FeaturedRun) -> tuple[MonitorSetup, Feat
                 "expected that, or a run as --baseline"
             )
         return kept_setup, first
-    days, rest = [_featured(request, path) for path in request.baseline], first
+    days, rest = [featured_run(request, path) for path in request.baseline], first
     if not days:
         kept, cycles = int(HEALTHY_SHARE * len(first.vectors)), first.vectors
         say(f"{first.path}: no --baseline given, the first {kept} of {len(cycles)} cycles are taken as healthy")
@@ -266,33 +261,17 @@ BASELINE = "baseline.json"
 HEADS = ("rank", "machine", "verdict", "finding", "size", "unit", "began in", "at, s", "apart by", "feature", "cycles")
 
 
-class _Question(NamedTuple):
-    """What each machine is asked; it goes to other processes."""
-
-    machine: str
-    parameters: Parameters
-    map_file: Path | None
-    skip_s: float | None
-    arl0_h: float
-    healthy: int
-    save: bool
-    sister: MonitorSetup | None = None
-
-
 def rank_fleet(request: FleetVerb) -> None:
     """Judge each machine of a folder; exit with 1 where one is suspect, with 2 where one could not be judged."""
     begun_s = time.monotonic()
     folders = sorted(each for each in _listed(request.folder) if each.is_dir())
     if not folders:
         raise CommandError(f"{request.folder}: no folder in it; expected one for each machine, its recordings in it")
-    parameters = request.parameters
-    kept, arl0_h = request.save_baselines, _arl0_h(request)
-    question = _Question(request.machine, parameters, request.map_file, request.skip_s, arl0_h, request.healthy, kept)
     members, others, sister = list[FleetMember](), folders, None
     while others and sister is None:  # the first that can be judged: what its roll-outs tell serves the others
-        (first, sister), others = _judged(question, others[0]), others[1:]
+        (first, sister), others = _judged(request, None, others[0]), others[1:]
         members.append(first)
-    task = partial(judged_folder, question._replace(sister=sister))
+    task = partial(judged_folder, request, sister)
     results = spread(task, others, request.cores or available_cores(), request.scheduler)
     with progress(results, len(others), "fleet") as found:
         members += found
@@ -304,37 +283,36 @@ def rank_fleet(request: FleetVerb) -> None:
         raise CommandError(f"{request.folder}: {len(fleet.refused)} of {len(folders)} machines could not be judged")
 
 
-def judged_folder(question: _Question, folder: Path) -> FleetMember:
+def judged_folder(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> FleetMember:
     """Return what the baseline of a machine says of its recordings, or why it cannot."""
-    return _judged(question, folder)[0]
+    return _judged(request, sister, folder)[0]
 
 
-def _judged(question: _Question, folder: Path) -> tuple[FleetMember, MonitorSetup | None]:
+def _judged(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tuple[FleetMember, MonitorSetup | None]:
     try:
-        setup, runs = _setup_of(question, folder, _runs(question, folder))
+        setup, runs = _setup_of(request, sister, folder)
         return judged_member(folder.name, setup, {run.path.name: run.vectors for run in runs}), setup
     except (CommandError, MeasurementError, StudyError) as error:
         return FleetMember(folder.name, refused=str(error)), None
 
 
-def _runs(question: _Question, folder: Path) -> list[FeaturedRun]:
+def _runs(request: FleetVerb, folder: Path) -> list[FeaturedRun]:
     paths = sorted(each for each in _listed(folder) if each.name != BASELINE and not each.name.startswith("."))
-    least = 1 if (folder / BASELINE).exists() else question.healthy + 1
+    least = 1 if (folder / BASELINE).exists() else request.healthy + 1
     if len(paths) < least:
-        expected = f"{BASELINE} and a recording, or {question.healthy} healthy recordings and one more"
+        expected = f"{BASELINE} and a recording, or {request.healthy} healthy recordings and one more"
         raise CommandError(f"{folder}: {len(paths)} recordings; expected {expected}")
-    request = question.machine, question.parameters, question.map_file, question.skip_s
-    return [featured_run(path, *request) for path in paths]
+    return [featured_run(request, path) for path in paths]
 
 
-def _setup_of(question: _Question, folder: Path, runs: list[FeaturedRun]) -> tuple[MonitorSetup, list[FeaturedRun]]:
+def _setup_of(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tuple[MonitorSetup, list[FeaturedRun]]:
     """Return the setup of a machine, and the recordings that are to be judged."""
-    kept = folder / BASELINE
+    kept, runs = folder / BASELINE, _runs(request, folder)
     if kept.exists():
-        return read_setup(kept, question.machine, question.parameters, runs[0].given), runs
-    healthy, later = runs[: question.healthy], runs[question.healthy :]
-    setup = setup_of_runs(healthy, question.parameters, question.arl0_h, 0, question.sister)
-    if question.save:
+        return read_setup(kept, request.machine, request.parameters, runs[0].given), runs
+    healthy, later = runs[: request.healthy], runs[request.healthy :]
+    setup = setup_of_runs(healthy, request.parameters, _arl0_h(request), 0, sister)
+    if request.save_baselines:
         write_setup(kept, setup, force=False)
     return setup, later
 
@@ -364,11 +342,9 @@ def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
         ]
         write_text(request.page, page(f"{request.machine}: fleet {request.folder.name}", parts), force=request.force)
     if request.as_json:
-        head = {
-            "machine": request.machine,
-            **{name: getattr(fleet, name) for name in ("limit", "confirming", "common")},
-        }
-        print_json({**head, "machines": [_record(sister) for sister in fleet.sisters], "refused": dict(refused)})
+        head = {"machine": request.machine, "limit": fleet.limit, "confirming": fleet.confirming}
+        machines = [_record(sister) for sister in fleet.sisters]
+        print_json({**head, "common": fleet.common, "machines": machines, "refused": dict(refused)})
         return
     if request.everything or shown:
         print_table(f"{request.machine}: {told}", HEADS, rows if request.everything else rows[:shown])

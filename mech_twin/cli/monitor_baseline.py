@@ -16,6 +16,7 @@ from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.capabilities.cycle import TURN
 from mech_twin.cli.console import say, write_text
 from mech_twin.cli.failure import CommandError
+from mech_twin.cli.measurement_verbs import FleetVerb, MonitorVerb
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
 from mech_twin.files.input_file import opened_input
@@ -144,18 +145,15 @@ def setup_of_runs(
     return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
 
 
-def featured_run(
-    path: Path, machine: str, parameters: Parameters, map_file: Path | None = None, skip_s: float | None = None
-) -> FeaturedRun:
+def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> FeaturedRun:
     """Return the features of a run, its map proposed from the twin's own names where none is given."""
     with opened_run(path) as reader:
-        built = catalogue_entry(machine).build(parameters)
-        given = given_map(map_file, built) if map_file is not None else _own_map(built, reader)
+        built = catalogue_entry(request.machine).build(request.parameters)
+        given = _own_map(built, reader) if request.map_file is None else given_map(request.map_file, built)
         parts = read_parts(reader, given)
-    monitored = MonitoredMachine(machine, parameters, known_sensors(given, parts[0]))
-    declared = monitored.declared
+    monitored = MonitoredMachine(request.machine, request.parameters, known_sensors(given, parts[0]))
     feed = monitored.feed()
-    feed.run_up_s = declared.run_up_s if skip_s is None else skip_s
+    feed.run_up_s = monitored.declared.run_up_s if request.skip_s is None else request.skip_s
     feed, vectors = vectors_of_parts(feed, parts)
     if not vectors:
         raise CommandError(f"{path}: {_no_cycle(feed, parts)}")
