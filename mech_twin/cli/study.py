@@ -25,12 +25,15 @@ from mech_twin.cli.run_summary import in_common_digits
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.report_page import page, picture, section, versions
+from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.shorter_steps import common_digits as digits_told
+from mech_twin.studies.sweep_table import Point
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
@@ -85,8 +88,7 @@ def shows_limits(texts: Sequence[str], machine: str, capability: str) -> bool:
     """Show a study's limits with their usual values where ``help`` is asked for; return whether it was."""
     if HELP not in texts:
         return False
-    with study_errors():
-        question = asked_of(machine, capability, f"nothing to {capability}")
+    question = asked_of(machine, capability, f"nothing to {capability}")
     usual = {name: "as configured" if math.isnan(value) else value for name, value in question.limits.items()}
     print_numbers(f"{machine}: limits and their usual values", usual)
     return True
@@ -126,15 +128,6 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 
 @contextmanager
-def study_errors() -> Iterator[None]:
-    """Turn a configuration that a study refuses, or a file that cannot be written, into a failed command."""
-    try:
-        yield
-    except OSError as error:
-        raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
-
-
-@contextmanager
 def told(title: str) -> Iterator[None]:
     """Show how far an answer says it is; where no terminal listens, how long it will take, once."""
     with counted(title) as bar, listening(bar or estimating(title)):
@@ -145,6 +138,11 @@ def notes_of(**request: object) -> list[str]:
     """Return what a written file says of itself: the command, and what was asked; what is None is left out."""
     command = f"  {shlex.join(['mech-twin', *sys.argv[1:]])}"
     return [command, *(f"{name}: {_listed(value)}" for name, value in request.items() if value is not None)]
+
+
+def write_found(request: Study, parameters: Parameters, **found: object) -> None:
+    """Write the configuration that was found; its head tells the command, and what was asked and found."""
+    write_configuration(request.machine, parameters, request.output, request.config, notes_of(**found))
 
 
 def _listed(value: object) -> str:
@@ -183,10 +181,7 @@ def _told(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 def sweep_parts(done: Sweep, names: Sequence[str]) -> list[str]:
     """Return what a report says of a sweep, with these numbers of each point."""
     axes = [(key, len(set(values)), min(values), max(values)) for key, values in done.asked.axes]
-    rows = [
-        (*done.asked.changes(point.index).values(), *(point.numbers.get(name) for name in names), point.refused)
-        for point in done.points[:MOST_ROWS]
-    ]
+    rows = [cells_of(done, point, names, None) for point in done.points[:MOST_ROWS]]
     left = len(done.points) - len(rows)
     return [
         section("Varied", ("key", "values", "from", "to"), axes),
@@ -194,6 +189,12 @@ def sweep_parts(done: Sweep, names: Sequence[str]) -> list[str]:
         section("Points", (*done.asked.keys, *names, "refused"), rows),
         f"<p>{left} more points stand in {done.table.name}.</p>" if left > 0 else "",
     ]
+
+
+def cells_of(done: Sweep, point: Point, names: Sequence[str], absent: str | None) -> tuple[Any, ...]:
+    """Return the values of a point, these numbers of it, and why it was refused."""
+    numbers = (point.numbers.get(name, absent) for name in names)
+    return (*done.asked.changes(point.index).values(), *numbers, point.refused)
 
 
 def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:

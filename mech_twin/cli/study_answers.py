@@ -10,38 +10,20 @@ from itertools import groupby
 from typing import Any
 
 from mech_twin.capabilities.design import Design
+from mech_twin.cli import study
 from mech_twin.cli.console import counted, print_csv, print_json, print_numbers, print_table, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.failure import INTERRUPTED, CommandError
 from mech_twin.cli.run_summary import how_told, in_common_digits, shorter_record
-from mech_twin.cli.study import (
-    MOST_ROWS,
-    axes_of,
-    bounds_of,
-    constraint_rows,
-    limits_of,
-    notes_of,
-    options_of,
-    ranges_of,
-    records,
-    search_parts,
-    shows_limits,
-    sizing_parts,
-    study_errors,
-    sweep_parts,
-    told,
-    write_report,
-)
 from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import check_output_file
 from mech_twin.files.report_page import picture, section
-from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import designs, regimes, search, search_runs, size, sweep, synthesise
 from mech_twin.studies.declared_studies import asked_of, searches_by_runs
 from mech_twin.studies.design_scan import asked_objectives, design_question
 from mech_twin.studies.parameter_sweep import Sweep
-from mech_twin.studies.sweep_table import Point, varies
+from mech_twin.studies.sweep_table import varies
 
 POINTS = 9  # of a Pareto front
 NO_QUESTION = "no design question; its runs are searched with --objective NAME and --bound KEY=LOW:HIGH"
@@ -52,15 +34,15 @@ SHOWN_ROWS = 20
 def answer_size(request: SizeVerb) -> None:
     """Size, write the configuration, and say which constraint binds."""
     machine = request.machine
-    if shows_limits(request.limit, machine, "sizing"):
+    if study.shows_limits(request.limit, machine, "sizing"):
         return
     out, parameters = request.output, request.parameters
-    with study_errors(), told(f"sizing {machine}"):
-        limits = limits_of(request.limit)
+    with study.told(f"sizing {machine}"):
+        limits = study.limits_of(request.limit)
         answer = size(machine, parameters, limits=limits, objective=request.objective, tolerance=request.tolerance)
-        notes = notes_of(objective=answer.objective, tolerance=answer.tolerance, binding=answer.binding)
-        write_configuration(machine, answer.parameters, out, request.config, notes)
-    write_report(request, "sizing", {}, lambda: sizing_parts(answer))
+        found = {name: getattr(answer, name) for name in ("objective", "tolerance", "binding")}
+        study.write_found(request, answer.parameters, **found)
+    study.write_report(request, "sizing", {}, lambda: study.sizing_parts(answer))
     shorter = answer.in_shorter_steps
     if request.as_json:
         shown = ("name", "value", "limit", "side", "holds", "binds")
@@ -71,7 +53,7 @@ def answer_size(request: SizeVerb) -> None:
         print_json({**head, **document, **tail})
         return
     print_numbers(f"{machine}: sizes", {**answer.sizes, **in_common_digits(answer.metrics, shorter)})
-    print_table("constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer))
+    print_table("constraints", ("constraint", "margin", "unit", "state"), study.constraint_rows(answer))
     if answer.trade_off:
         chosen = {**answer.metrics, **{key.replace(".", "_"): value for key, value in answer.sizes.items()}}
         marked = next((i for i, row in enumerate(answer.trade_off) if _is_chosen(row, chosen)), None)
@@ -102,23 +84,22 @@ def answer_search(request: SearchVerb) -> None:
     """Search, write the configuration of the first design found, and show all."""
     by_runs = searches_by_runs(request.machine)
     _check_search(request, by_runs=by_runs)
-    if not by_runs and shows_limits(request.limit, request.machine, "design"):
+    if not by_runs and study.shows_limits(request.limit, request.machine, "design"):
         return
     out, several = request.output, len(request.objective) > 1
     if request.report is not None and several:
         require_extra("plots")
-    with study_errors(), told(f"searching {'runs' if by_runs else 'designs'} of {request.machine}"):
+    with study.told(f"searching {'runs' if by_runs else 'designs'} of {request.machine}"):
         found = _searched(request, by_runs=by_runs)
         first, shorter = found[0], found[0].in_shorter_steps
         of_runs = {"limits": request.limit, "duration_s": request.duration_s or 0.0} if by_runs else {}
         objectives = request.objective[0] if by_runs else tuple(first.objectives)
-        notes = notes_of(objective=objectives, **of_runs, seed=request.seed)
-        write_configuration(request.machine, first.parameters, out, request.config, notes)
-    options = options_of(request, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
+        study.write_found(request, first.parameters, objective=objectives, **of_runs, seed=request.seed)
+    options = study.options_of(request, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
     if not by_runs:
         options["objective"] = asked_objectives(design_question(request.machine), tuple(request.objective))
     title = "Pareto front" if len(options["objective"]) > 1 else "best design"
-    write_report(request, title, options, lambda: search_parts(found, options["objective"]))
+    study.write_report(request, title, options, lambda: study.search_parts(found, options["objective"]))
     rows = [{**design.variables, **in_common_digits(design.objectives, design.in_shorter_steps)} for design in found]
     if request.as_json:
         front = [
@@ -162,35 +143,37 @@ def _check_search(request: SearchVerb, *, by_runs: bool) -> None:
 
 def _searched(request: SearchVerb, *, by_runs: bool) -> list[Design]:
     of_both: dict[str, Any] = {"parameters": request.parameters, "seed": request.seed}
-    bounds = bounds_of(request.bound)
+    bounds = study.bounds_of(request.bound)
     if by_runs:
-        of_both |= {"limits": ranges_of(request.limit), "duration_s": request.duration_s or 0.0, "cores": request.cores}
-        return [search_runs(request.machine, request.objective[0], bounds, **of_both)]
-    limits, points = limits_of(request.limit), request.points or POINTS
-    return search(request.machine, tuple(request.objective), bounds=bounds, limits=limits, points=points, **of_both)
+        of_both |= {"duration_s": request.duration_s or 0.0, "cores": request.cores}
+        limits = study.ranges_of(request.limit)
+        return [search_runs(request.machine, request.objective[0], bounds, limits=limits, **of_both)]
+    of_both |= {"limits": study.limits_of(request.limit), "points": request.points or POINTS}
+    return search(request.machine, tuple(request.objective), bounds=bounds, **of_both)
 
 
 def answer_designs(request: DesignsVerb) -> None:
     """Scan the space, and say how fast and what the best are."""
-    if shows_limits(request.limit, request.machine, "design"):
+    if study.shows_limits(request.limit, request.machine, "design"):
         return
     out, parameters = request.out, request.parameters
-    with study_errors(), counted("designs") as progress:
+    with counted("designs") as progress:
         begun = time.monotonic()
         found = designs(
-            request.machine, request.count, parameters=parameters, bounds=bounds_of(request.bound),
-            limits=limits_of(request.limit), progress=progress, **options_of(request, "seed", "cores", "scheduler"),
+            request.machine, request.count, parameters=parameters, bounds=study.bounds_of(request.bound),
+            limits=study.limits_of(request.limit), progress=progress,
+            **study.options_of(request, "seed", "cores", "scheduler"),
         )  # fmt: skip
         taken = time.monotonic() - begun
         if out is not None:
-            notes = notes_of(machine=request.machine, seed=request.seed, designs=request.count)
+            notes = study.notes_of(machine=request.machine, seed=request.seed, designs=request.count)
             found.write(out, {"written by": "\n".join(notes)})
     best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
     numbers = {"designs": found.designs, "feasible": len(found.feasible), "feasible_share": found.share}
     counts = [(name.replace("_", " "), number) for name, number in numbers.items()]
     parts = [section("Designs", ("quantity", "value"), counts)]
-    parts.append(records("Best designs", [{"best": name, **row} for name, row in best.items()]))
-    write_report(request, "designs", options_of(request, "count", "bound", "limit", "seed"), lambda: parts)
+    parts.append(study.records("Best designs", [{"best": name, **row} for name, row in best.items()]))
+    study.write_report(request, "designs", study.options_of(request, "count", "bound", "limit", "seed"), lambda: parts)
     if request.as_json:
         print_json({"machine": request.machine, **numbers, "best": best, "table": out})
         return
@@ -202,16 +185,16 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
     machine, speed = request.machine, request.impact_speed_m_per_s
     out = request.output
-    with study_errors(), told(f"synthesising a cycle of {machine}"):
-        options, periods = options_of(request, *ROBUST), request.periods
+    with study.told(f"synthesising a cycle of {machine}"):
+        options, periods = study.options_of(request, *ROBUST), request.periods
         found = synthesise(machine, speed, parameters=request.parameters, options=options, periods=periods)
-        notes = notes_of(impact_speed_m_per_s=speed, seed=request.seed, cycle=found.chosen)
-        write_configuration(machine, found.cycle(found.chosen).parameters, out, request.config, notes)
+        asked = {"impact_speed_m_per_s": speed, "seed": request.seed, "cycle": found.chosen}
+        study.write_found(request, found.cycle(found.chosen).parameters, **asked)
     titles = dict.fromkeys(title for cycle in found.cycles for title in cycle.lines)
     rows = [(title, *(cycle.lines.get(title, "-") for cycle in found.cycles)) for title in titles]
     heads = ("", *(cycle.name for cycle in found.cycles))
     parts = [section("Cycles", heads, rows), f"<p>Chosen: {found.chosen}.</p>"]
-    write_report(request, "one-impact cycle", found.asked, lambda: parts)
+    study.write_report(request, "one-impact cycle", found.asked, lambda: parts)
     if request.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
         print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": out})
@@ -229,28 +212,31 @@ def answer_sweep(request: SweepVerb) -> None:
         check_output_file(table.with_suffix(".png"), force=request.force)
         require_extra("plots")
     parameters = request.parameters
-    with study_errors(), counted("sweeping") as progress:
+    with counted("sweeping") as progress:
         try:
             done = sweep(
-                request.machine, axes_of(request.over), table, parameters=parameters, outputs=tuple(request.number),
-                duration_s=request.duration_s, picture=not request.no_picture, progress=progress,
-                **options_of(request, "cores", "scheduler"),
+                request.machine, study.axes_of(request.over), table, parameters=parameters,
+                outputs=tuple(request.number), duration_s=request.duration_s, picture=not request.no_picture,
+                progress=progress, **study.options_of(request, "cores", "scheduler"),
             )  # fmt: skip
+        except OSError as error:  # of the file of points that it goes on from
+            raise CommandError(f"{error.filename}: cannot be written: {error.strerror}") from error
         except KeyboardInterrupt:
             say(f"interrupted; finished points are kept beside {table}: the same command goes on from there")
-            raise SystemExit(130) from None
+            raise SystemExit(INTERRUPTED) from None
     names = done.outputs
     columns = {name: [point.numbers[name] for point in done.points if name in point.numbers] for name in names}
     varying = [name for name, column in columns.items() if varies(column)]  # rounding apart
     title = f"sweep of {', '.join(done.asked.keys)}"
-    write_report(request, title, {}, lambda: sweep_parts(done, varying))
+    study.write_report(request, title, {}, lambda: study.sweep_parts(done, varying))
     if request.as_json:
         rows = [{**done.asked.changes(point.index), **point.numbers, "refused": point.refused} for point in done.points]
         head = {"machine": request.machine, "config": configuration_tree(parameters), "points": len(rows)}
         head |= {"resumed": done.resumed, "refused": sum(bool(point.refused) for point in done.points)}
         print_json({**head, "table": done.table, "picture": done.picture, "rows": rows})
     elif request.as_csv:
-        print_csv((*done.asked.keys, *names, "refused"), [_cells(done, point, names, "") for point in done.points])
+        cells = [study.cells_of(done, point, names, "") for point in done.points]
+        print_csv((*done.asked.keys, *names, "refused"), cells)
     else:
         _show_sweep(request, done, varying)
 
@@ -260,7 +246,7 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
     names = done.outputs
     shown_names, shown = (names, done.points) if request.everything else (varying, done.points[:SHOWN_ROWS])
     title = f"{request.machine}: {len(done.points)} points, {len(names)} numbers"
-    rows = [_cells(done, point, shown_names, "refused")[:-1] for point in shown]
+    rows = [study.cells_of(done, point, shown_names, "refused")[:-1] for point in shown]
     print_table(title, (*done.asked.keys, *shown_names), rows, wide=request.everything, more="--all")
     left, fixed = len(done.points) - len(shown), len(names) - len(shown_names)
     omitted = [f"{left} more points"] * (left > 0) + [f"{fixed} numbers that do not vary"] * (fixed > 0)
@@ -274,18 +260,13 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
     say(f"wrote {done.table}" + (f" and {done.picture}" if done.picture else ""))
 
 
-def _cells(done: Sweep, point: Point, names: Sequence[str], absent: str) -> tuple[Any, ...]:
-    numbers = (point.numbers.get(name, absent) for name in names)
-    return (*done.asked.changes(point.index).values(), *numbers, point.refused)
-
-
 def answer_regimes(request: RegimesVerb) -> None:
     """Show the regime at each value, equal ones that follow each other in one row; write the bifurcation picture."""
-    machine, out, axes = request.machine, request.output, axes_of(request.over)
+    machine, out, axes = request.machine, request.output, study.axes_of(request.over)
     if len(axes) != 1:
         raise CommandError("--over: a regime map has one key")
     ((key, values),) = axes.items()
-    with study_errors(), counted("regimes") as progress:
+    with counted("regimes") as progress:
         settling = request.settling
         found = regimes(
             machine, values, key, parameters=request.parameters, settling_periods=settling, progress=progress
@@ -294,9 +275,9 @@ def answer_regimes(request: RegimesVerb) -> None:
 
     def parts() -> list[str]:
         drawn = picture(f"{machine}: regimes", out) if out.suffix == ".png" else ""
-        return [drawn, section("Regimes", found.columns, found.rows[:MOST_ROWS])]
+        return [drawn, section("Regimes", found.columns, found.rows[: study.MOST_ROWS])]
 
-    write_report(request, f"regimes over {key}", options_of(request, "over", "settling"), parts)
+    study.write_report(request, f"regimes over {key}", study.options_of(request, "over", "settling"), parts)
     if request.as_json:
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
         return
