@@ -217,55 +217,40 @@ def know_machine(scene: BenchScene | RerunScene, machine: Machine) -> None:
         scene.watch(machine)
 
 
-def show_frame(scene: BenchScene | RerunScene, machine: Machine, frame: Frame, *, draw: bool) -> None:
-    """Show a frame and its events, and draw it where that is due."""
-    scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
-    for event in frame_events(frame):
-        scene.event(event)
-    if draw:
-        scene.drawing(drawn(machine, frame))
-
-
 def drawn(machine: Machine, frame: Frame) -> Drawing:
     """Return the drawing of a machine at a frame."""
     return Drawing(frame.linkage.step, frame.linkage.time_s, machine.draw(frame.linkage, frame.body))
 
 
-class OverlaySide:
-    """One of the two runs, as it is computed or read."""
+class SeenRun:
+    """A run that a scene shows as it is computed or read."""
 
-    def __init__(self, link: BenchLink) -> None:
-        self.scene = BenchScene(link, RECORDED)
+    def __init__(self, scene: BenchScene | RerunScene) -> None:
+        self.scene = scene
         self._undrawn: Frame | None = None
         self.machine: Machine | None = None
 
     def see(self, machine: Machine, frame: Frame) -> None:
-        """Show a frame."""
+        """Show a frame and its events, and draw it where that is due."""
         if self.machine is None:
             self.machine = machine
             know_machine(self.scene, machine)
-        draw = self.scene.drawing_due(frame.linkage.time_s)
-        self._undrawn = None if draw else frame
-        show_frame(self.scene, machine, frame, draw=draw)
+        draw, self._undrawn = self.scene.drawing_due(frame.linkage.time_s), frame
+        self.scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+        for event in frame_events(frame):
+            self.scene.event(event)
+        if draw:
+            self.end()
 
     def end(self) -> None:
-        """Draw the last frame."""
+        """Draw the last frame, unless it is drawn."""
         if self.machine is not None and self._undrawn is not None:
             self.scene.drawing(drawn(self.machine, self._undrawn))
+            self._undrawn = None
 
 
 class Overlay:
-    """A bench with two runs on it.
-
-    Parameters
-    ----------
-    stack : ExitStack
-        To which the bench and both runs are left.
-    port : int
-        Of the page; 0: any free one.
-    names : sequence of str
-        What the two are called.
-    """
+    """A bench with two runs on it, by their names; bench and runs are left to the stack."""
 
     def __init__(self, stack: ExitStack, port: int, names: Sequence[str]) -> None:
         self._view = opened_bench(port, stack, history_bytes=SHOWN_BYTES)
@@ -274,7 +259,8 @@ class Overlay:
         place = self._view.destination or ""
         self._view.tell("status", {"text": f"reading {' and '.join(names)}"})
         self._tell_machine("comparison")
-        self.first, self.second = OverlaySide(BenchLink(place, PATIENCE_S)), OverlaySide(OverlayLink(place, PATIENCE_S))
+        links = (BenchLink(place, PATIENCE_S), OverlayLink(place, PATIENCE_S))
+        self.first, self.second = (SeenRun(BenchScene(link, RECORDED)) for link in links)
         for side in (self.second, self.first):
             stack.callback(side.scene.close)
 

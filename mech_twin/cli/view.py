@@ -13,10 +13,10 @@ from mech_twin.cli.compare import (
     PATIENCE_S,
     SHOWN_BYTES,
     USUAL_DURATION_S,
+    SeenRun,
     configured_machine,
     drawn,
     know_machine,
-    show_frame,
 )
 from mech_twin.cli.console import progress, say
 from mech_twin.cli.failure import CommandError
@@ -110,15 +110,14 @@ def _of_machine(machine: Machine, show: Show) -> _Shown:
 
 
 def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: float, stop: StopSignal) -> None:
-    metrics = RunMetrics(lambda: machine)
-    know_machine(scene, machine)
+    seen, metrics = SeenRun(scene), RunMetrics(lambda: machine)
     with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, "showing") as run:
         for frame in run:
             if stop.asked:
                 return
-            is_last = metrics.frames == steps_for(machine, duration_s)
-            show_frame(scene, machine, frame, draw=is_last or scene.drawing_due(frame.linkage.time_s))
+            seen.see(machine, frame)
             metrics.observe(frame)
+    seen.end()
     scene.metrics(metrics.numbers())
 
 
