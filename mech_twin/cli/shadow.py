@@ -38,7 +38,6 @@ from mech_twin.studies.advice_search import AdviceWish, advice_model
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
     from mech_twin.nodes.shadow.monitor_node import AlertOutlet
-    from mech_twin.studies.monitoring.monitor import MonitorSetup
 
 
 def shadow_machine(request: ShadowVerb) -> None:
@@ -47,12 +46,15 @@ def shadow_machine(request: ShadowVerb) -> None:
     if request.black_box is not None:
         check_output_directory(request.black_box, force=True)
     deviations = key_deviations(parameters, request.uncertain) if request.uncertain else None
-    given, reference = _given(request)
+    given = None if request.given_map is None else given_map(request.given_map, request.built)
+    reference = None
+    if request.monitor is not None:
+        reference = read_setup(request.monitor, request.machine, parameters, _sensors(request, given))
     for option in ("black_box", "mqtt", "prometheus"):
         if (value := getattr(request, option)) is not None and reference is None:
             flag = f"--{option.replace('_', '-')}"
             raise CommandError(f"{flag} {value}: expected --monitor FILE too, which finds the faults")
-    wish = None if request.advise is None else checked_wish(request.advise, request, given)
+    wish = None if request.advise is None else _wish(request.advise, request, _sensors(request, given))
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()
     machine, own = kind_of(request.machine), own_name(request.machine, parameters)
@@ -112,54 +114,21 @@ def _outlets(request: ShadowVerb) -> list[AlertOutlet]:
     return [*pages, *([] if request.mqtt is None else [MqttOutlet(request.mqtt)])]
 
 
-def validated_wish(path: Path) -> AdviceWish:
-    """Return what an advisor is for, of a YAML file.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming file, key, value and what was expected.
-    """
+def _wish(path: Path, request: ShadowVerb, sensors: MeasurementMap) -> AdviceWish:
+    """Return what an advisor is for, of a YAML file, checked against machine and channels."""
+    columns, tree = [channel.quantity for channel in sensors.channels], document_tree(path)
     try:
-        return AdviceWish.model_validate(document_tree(path))
+        wish = AdviceWish.model_validate(tree)
+        advice_model(catalogue_entry(kind_of(request.machine)), request.parameters, wish, columns)
     except ValidationError as error:
         raise refusal(str(path), error) from error
-
-
-def checked_wish(path: Path, request: ShadowVerb, given: MeasurementMap | None) -> AdviceWish:
-    """Return what an advisor is for, checked against machine and channels before anything is opened.
-
-    Raises
-    ------
-    ConfigurationError
-        Naming file, key, value and what was expected.
-    """
-    from mech_twin.nodes.shadow.inputs import own_map
-
-    wish = validated_wish(path)
-    columns = [channel.quantity for channel in (given or own_map(request.built)).channels]
-    try:
-        advice_model(catalogue_entry(kind_of(request.machine)), request.parameters, wish, columns)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from error
     return wish
 
 
 def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:
-    """Return the standard deviation of each key, in its unit.
-
-    Parameters
-    ----------
-    parameters : Parameters
-        What the machine is.
-    told : sequence of str
-        ``KEY=2%`` of the key's value, or ``KEY=0.1`` in its unit.
-
-    Raises
-    ------
-    CommandError
-        A word is no such assignment, or the key is no number of the machine.
-    """
+    """Return the standard deviation of each key, in its unit, of ``KEY=2%`` of its value or ``KEY=0.1`` in its unit."""
 
     def sized(size: str) -> tuple[float, bool]:
         return float(size.removesuffix("%")), size.endswith("%")
@@ -185,13 +154,8 @@ def _number_of(parameters: Parameters, word: str) -> float:
     return float(found)
 
 
-def _given(request: ShadowVerb) -> tuple[MeasurementMap | None, MonitorSetup | None]:
-    """Return the map, and the monitor's reference made for this configuration and these sensors."""
-    given = None
-    if request.given_map is not None:
-        given = given_map(request.given_map, request.built)
-    if request.monitor is None:
-        return given, None
+def _sensors(request: ShadowVerb, given: MeasurementMap | None) -> MeasurementMap:
+    """Return the map that was given, else that of the twin's own topics."""
     from mech_twin.nodes.shadow.inputs import own_map
 
-    return given, read_setup(request.monitor, request.machine, request.parameters, given or own_map(request.built))
+    return given or own_map(request.built)
