@@ -52,13 +52,13 @@ def print_table(
     title: str,
     columns: Sequence[str],
     rows: Iterable[Sequence[Any]],
-    width: int | None = None,
     *,
+    piped: int | None = None,
     wide: bool = False,
     marked: int | None = None,
     more: str = "",
 ) -> None:
-    """Write a table, as wide as the terminal unless a width is given.
+    """Write a table, as wide as the terminal.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def print_table(
         What stands above it.
     columns, rows : sequence
         Heads, and cells; numbers are shown with six digits, words that are a verdict in its colour.
-    width : int, optional
-        Width to fold cells at; that of the terminal if absent.
+    piped : int, optional
+        Width where no terminal says how wide it is.
     wide : bool
         Every column in one line, however long.
     marked : int, optional
@@ -79,10 +79,10 @@ def print_table(
     from rich.table import Table
     from rich.text import Text
 
-    given = UNFOLDED if wide else width
-    console = Console(width=given or (None if sys.stdout.isatty() else PIPED), highlight=False)
+    width = UNFOLDED if wide else None if sys.stdout.isatty() else piped or PIPED
+    console = Console(width=width, highlight=False)
     cells = [[_shown(cell) for cell in row] for row in rows]
-    count = _fitting(columns, cells, console.width) if more and not given else len(columns)
+    count = _fitting(columns, cells, console.width) if more and not wide else len(columns)
     table = Table(title=Text(printable(title)), title_justify="left", header_style="bold", box=None, pad_edge=False)
     for i, column in enumerate(columns[:count]):
         table.add_column(
@@ -253,15 +253,7 @@ GROWTH = 2.0  # of the time until the next line
 
 
 class CompileProgress(logging.Handler):
-    """Handler of the compiler's logger.
-
-    Parameters
-    ----------
-    write : callable
-        Takes a line with its end.
-    clock : callable, optional
-        Time in seconds.
-    """
+    """Handler of the compiler's logger; ``write`` takes a line with its end, ``clock`` gives the time in seconds."""
 
     def __init__(self, write: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(logging.INFO)

@@ -26,7 +26,7 @@ from mech_twin.process.stop_signal import StopSignal
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.view.bench.link import BEGUN_BY, BenchLink
 
-WEB_VIEWS = ("web",)
+WEB_VIEW = "web"
 NO_VIEW = "none"
 LOOK_S = 0.1
 RUN_ORDERS = ("start", "stop", "reset", "pause", "step", "speed", "change")
@@ -63,17 +63,11 @@ def compile_status(link: BenchLink, most: int) -> Callable[[str, int], None]:
 
 
 def check_view(view: str, port: int, *, force: bool) -> None:
-    """Check the option before anything begins.
-
-    Raises
-    ------
-    CommandError
-        It is no view, has no page for the port, or its file exists and may not be overwritten.
-    """
-    if view not in (*WEB_VIEWS, NO_VIEW) and not view.endswith(".rrd"):
+    """Raise where it is no view, has no page for the port, or its file exists and may not be overwritten."""
+    if view not in (WEB_VIEW, NO_VIEW) and not view.endswith(".rrd"):
         raise CommandError(f"--view {view}: expected web, none or a file NAME.rrd")
-    if port and view not in WEB_VIEWS:
-        raise CommandError(f"--view-port {port}: expected --view {WEB_VIEWS[0]} beside it")
+    if port and view != WEB_VIEW:
+        raise CommandError(f"--view-port {port}: expected --view {WEB_VIEW} beside it")
     if view.endswith(".rrd"):
         check_output_file(Path(view), force=force)
 
@@ -84,7 +78,7 @@ def opened_view(
     """Return where the view goes, its bench started and left to the stack; it counts to so many kernels at most."""
     if view == NO_VIEW:
         return OpenedView(None)
-    if view not in WEB_VIEWS:
+    if view != WEB_VIEW:
         require_modules("rerun", "pyarrow")
         return OpenedView(view)
     found = opened_bench(port, stack, open_to_other_hosts=open_to_other_hosts)

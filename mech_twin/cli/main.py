@@ -127,15 +127,7 @@ UNEXPECTED = "Got unexpected extra argument"
 
 @contextmanager
 def own_words(context: Any, typed: Sequence[str]) -> Iterator[None]:
-    """Turn an error of the command line library into one line of ours.
-
-    Parameters
-    ----------
-    context : Context
-        Of the command that reads the words.
-    typed : sequence of str
-        The words after the command's name.
-    """
+    """Turn an error of the command line library, in the words typed after a command's name, into one line of ours."""
     from typer.exceptions import TyperException
 
     try:
@@ -145,13 +137,7 @@ def own_words(context: Any, typed: Sequence[str]) -> Iterator[None]:
 
 
 def refuse_options_as_values(parameters: Sequence[Any], typed: Sequence[str]) -> None:
-    """Raise where an option is followed by an option instead of its value.
-
-    Raises
-    ------
-    CommandError
-        Naming both, and what was expected between them.
-    """
+    """Raise a CommandError where an option is followed by an option instead of its value."""
     options = _options(parameters)
     for word, following in pairwise(typed):
         option = options.get(word)

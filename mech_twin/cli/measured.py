@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import compress
@@ -68,13 +67,7 @@ def propose_map(request: MapVerb) -> None:
 
 
 def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
-    """Return the map of runs that have the same channels: names, units and signs from the first.
-
-    Raises
-    ------
-    CommandError
-        None of the channels has a name of the machine, or a further run has not those that the first is mapped by.
-    """
+    """Return the map of runs that have the same channels: names, units and signs from the first."""
     columns = machine_columns(built)
     with opened_run(measurements[0]) as reader:
         offered, time = reader.offered(), reader.proposed_time()
@@ -185,7 +178,7 @@ def show_quality(path: Path, given: MeasurementMap, qualities: Sequence[Quality]
         worth = map(rounded, (1e6 * q.drift, q.quantum, 100.0 * q.saturated))
         ends = map(rounded, (q.noise, q.low, q.high))
         rows.append((channel.source.label, channel.unit or "SI", q.samples, *timing, *worth, q.nan, *ends))
-    print_table(f"{path}: data quality", QUALITY_HEADS, rows, None if sys.stdout.isatty() else WIDE)
+    print_table(f"{path}: data quality", QUALITY_HEADS, rows, piped=WIDE)
     for channel, quality in zip(given.channels, qualities, strict=True):
         say(*(f"{channel.source.label}: {flaw}" for flaw in quality.flaws()))
 
@@ -222,13 +215,7 @@ class Read(NamedTuple):
 
 
 def read_measured(measurement: Path, map_file: Path, config: Path | None) -> Read:
-    """Return a measured run by its map; what contradicts the machine is said on standard error.
-
-    Raises
-    ------
-    CommandError
-        The machine has no crank that could be followed.
-    """
+    """Return a measured run by its map; what contradicts the machine is said on standard error."""
     given = configured_map(map_file, config)
     machine = built_machine(given.machine, config)
     turn = model_turn(machine)

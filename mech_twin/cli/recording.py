@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +25,6 @@ from mech_twin.studies.resimulation import ConfigurationHistory, Verdict, analys
 
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode
-    from mech_twin.nodes.replay.source import ReplaySource
     from mech_twin.recording.bag_contents import BagInfo, RecordingReader
     from mech_twin.recording.bag_samples import BagSamples
 
@@ -39,7 +37,6 @@ GROUPS = {  # by what a topic's path begins with, below the machine's namespace;
     "steps of the roles": ("step/",),
     "commands, clock and state": ("",),
 }
-WIDE = 400
 
 
 def show_info(request: InfoVerb) -> None:
@@ -125,7 +122,7 @@ def _bytes(size: int) -> str:
 def _print_topics(topics: dict[str, Any], wide: bool) -> None:
     if wide:
         rows = [_counted(name, topic) for name, topic in topics.items()]
-        print_table("topics", ("topic", "type", "messages", *COUNTERS), rows, width=WIDE)
+        print_table("topics", ("topic", "type", "messages", *COUNTERS), rows, wide=True)
         return
     counted = any(topic["counters"] for topic in topics.values())
     columns = ("topic", "messages", *(LOSSES if counted else ()))
@@ -220,27 +217,20 @@ def replay_bag(request: ReplayVerb) -> None:
         if not source.topics:
             raise CommandError(f"{request.bag}: no topic can be replayed: {'; '.join(source.unknown.values())}")
         options = ReplayOptions(request.rate, request.loop, request.clock, request.listeners)
-        with _progress(source) as notice:
+        first_s, last_s = source.seconds(source.first_ns), source.seconds(source.last_ns)
+        place = "{task.completed:.2f} of {task.total:.2f} s"
+        with bar("replaying", "{task.description}", "BarColumn", place, total=last_s - first_s) as update:
+
+            def notice(node: ReplayNode) -> None:
+                if update is not None:
+                    word = "paused" if node.paused else f"replaying at {node.rate:.3g}"
+                    update(completed=node.position_s - first_s, description=word)
+
             outcome = replayed(source, options, notice, request.namespace)
     say(f"published {sum(outcome.published.values())} messages on {len(outcome.published)} topics")
     malformed, refused = outcome.malformed.items(), outcome.refused.items()
     say(*(f"{name}: {number} messages skipped: not decodable as the topic's type" for name, number in malformed))
     say(*(f"{name}: {number} messages not published" for name, number in refused))
-
-
-@contextmanager
-def _progress(source: ReplaySource) -> Iterator[Callable[[ReplayNode], None]]:
-    """Provide the callback that shows the position, if standard error is a terminal."""
-    first, last = source.seconds(source.first_ns), source.seconds(source.last_ns)
-    shown = "{task.completed:.2f} of {task.total:.2f} s"
-    with bar("replaying", "{task.description}", "BarColumn", shown, total=last - first) as update:
-
-        def notice(node: ReplayNode) -> None:
-            if update is not None:
-                word = "paused" if node.paused else f"replaying at {node.rate:.3g}"
-                update(completed=node.position_s - first, description=word)
-
-        yield notice
 
 
 LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes

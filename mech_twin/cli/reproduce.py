@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
@@ -47,8 +46,7 @@ def reproduce_machines(request: ReproduceVerb) -> None:
         print_csv(WIDE_COLUMNS, map(_cells, rows))
     else:
         if request.wide:
-            width = None if sys.stdout.isatty() else WIDE
-            print_table("published and computed", WIDE_COLUMNS, map(_cells, rows), width)
+            print_table("published and computed", WIDE_COLUMNS, map(_cells, rows), piped=WIDE)
         else:
             show_rows(rows)
         counts = Counter(row.verdict for row in rows)  # in the order in which they first appear
@@ -82,7 +80,7 @@ def show_rows(rows: Sequence[PublishedRow]) -> None:
             (", ".join([row.quantity, *words]), _number(row.published, 5), _number(row.computed, 5), *_judged(row))
             for row, words in zip(group, own, strict=True)
         ]
-        print_table(f"{source}: {item}", heads, table, None if sys.stdout.isatty() else NARROW)
+        print_table(f"{source}: {item}", heads, table, piped=NARROW)
         notes = [f"all with {', '.join(shared)}"] if shared else []
         notes += dict.fromkeys(row.reason for row in group if row.verdict != "reproduced" and row.reason)
         say_result(*(fill(note, NARROW, initial_indent="  ", subsequent_indent="    ") for note in notes), "")

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError, messages_in, report_losses
-from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEWS, check_view, hold_view, opened_view, told_machine
+from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEW, check_view, hold_view, opened_view, told_machine
 from mech_twin.cli.machines import own_name
 from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
@@ -45,7 +45,7 @@ def run_machine(request: RunVerb) -> None:
     settle_domain(request.open_to_other_hosts)  # before anything large is loaded: where memory runs out is not chosen
     run_namespace(PAGE.name if is_page(request.machine) else request.machine, request.namespace)
     check_view(request.view, request.view_port, force=request.force)
-    if request.hold and request.view not in WEB_VIEWS:
+    if request.hold and request.view != WEB_VIEW:
         raise CommandError(f"--hold: expected --view web, which it keeps open; found --view {request.view}")
     require_modules("rclpy")  # before a view is opened
     parameters = request.parameters
@@ -104,13 +104,7 @@ def _run(
 
 
 def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions:
-    """Return how the nodes are run: what an option says, else what the group ``run`` of the configuration says.
-
-    Raises
-    ------
-    ConfigurationError
-        If the group does not validate.
-    """
+    """Return how the nodes are run: what an option says, else what the group ``run`` of the configuration says."""
     from mech_twin.nodes.exchange.base_node import RunOptions
 
     configured = {"pace": "realtime"} | run_group(request.machine, request.config, assignments(request.settings))
@@ -146,8 +140,6 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
 
 def _namespace_of(target: str) -> str:
     """Return the namespace of a machine's nodes, from its name, its page or the namespace itself."""
-    from mech_twin.nodes.run.domain import run_namespace
-
     if is_page(target):
         return own_name(target, machine_parameters(target))
     try:

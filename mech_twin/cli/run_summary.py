@@ -39,18 +39,13 @@ def show_numbers(
     everything: bool,
 ) -> None:
     """Write the numbers of a run in groups: the headlines, or all; in the digits they have in shorter steps too."""
-    groups = {
-        group: values if everything else headlines(values, group) for group, values in grouped(numbers, design).items()
-    }
-    shown = {
-        group: values
-        if group == CHECKS
-        else {name: common_digits(name, value, shorter) for name, value in values.items()}
-        for group, values in groups.items()
-    }
-    show_groups(title, shown)
-    left = len(numbers) - sum(map(len, groups.values()))
-    if left:
+    groups = {}
+    for group, values in grouped(numbers, design).items():
+        chosen = values if everything else headlines(values, group)
+        beside = NO_NUMBERS if group == CHECKS else shorter
+        groups[group] = {name: common_digits(name, value, beside) for name, value in chosen.items()}
+    show_groups(title, groups)
+    if left := len(numbers) - sum(map(len, groups.values())):
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
 
 

@@ -51,16 +51,14 @@ def simulate_machine(request: SimulateVerb) -> None:
     changed = (changing.command, changing.at) if request.change else ()
     run = frames(machine, request.duration_s, *changed)
     with ExitStack() as outputs:
-        opened = opened_outputs(outputs, request, machine, changing)
-        opened += [] if books is None else [books.observe]
-        opened += [] if beside is None else [beside.follow]
+        takers = [simulation.observe, *opened_outputs(outputs, request, machine, changing)]
+        takers += [simulation.trajectory.append] if request.samples else []
+        takers += [] if books is None else [books.observe]
+        takers += [] if beside is None else [beside.follow]
         counted = outputs.enter_context(progress(run, steps_for(machine, request.duration_s) + 1, name))
         for frame in counted:
-            simulation.observe(frame)
-            if request.samples:
-                simulation.trajectory.append(frame)
-            for output in opened:
-                output(frame)
+            for take in takers:
+                take(frame)
     if books is not None and request.energy is not None:
         draw_energy(request, books, request.energy)
     document = simulation.document()

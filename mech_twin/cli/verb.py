@@ -231,13 +231,7 @@ def in_library(name: str, field: FieldInfo) -> Any:
 
 
 def check_rules(verb: type[Verb], given: frozenset[str]) -> None:
-    """Raise where options were given of which one would be left out.
-
-    Raises
-    ------
-    CommandError
-        Naming both options and the reason.
-    """
+    """Raise a CommandError, which names both and the reason, for options of which one would be left out."""
 
     def flag(name: str) -> str:
         return flags_of(name, verb.model_fields[name])[0]
