@@ -12,11 +12,8 @@ from command_line import mech_twin
 from typer.main import get_command
 
 from mech_twin import api
-from mech_twin.capabilities.progress import tell
-from mech_twin.cli.console import estimate
 from mech_twin.cli.main import QUESTIONS, VERBS, app, with_options_repeated
 from mech_twin.cli.option_values import seconds
-from mech_twin.cli.study import told
 from mech_twin.cli.verb import Apart
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE
@@ -363,28 +360,6 @@ def test_several_assignments_may_follow_one_option() -> None:
     typed = "analyse --set a=1 b=2 press --limit x=1 y=-2 --json"
     meant = "analyse --set a=1 --set b=2 press --limit x=1 --limit y=-2 --json"
     assert with_options_repeated(typed.split()) == meant.split()
-
-
-@pytest.mark.parametrize(
-    ("elapsed_s", "words"),
-    [
-        (0.1, "about 99.9 s left"),
-        (1.0, "about 16.6 min left"),
-        (60.0, "about 16.6 h left"),
-        (1e4, "about 116 days left"),
-    ],
-)
-def test_a_long_computation_is_estimated_from_its_beginning(elapsed_s: float, words: str) -> None:
-    assert words in estimate(1, 1000, elapsed_s)
-
-
-def test_the_first_step_which_loads_and_compiles_is_not_taken_for_the_speed(monkeypatch, capsys):
-    clock = iter((100.0, 103.0))
-    monkeypatch.setattr("mech_twin.cli.console.time.monotonic", lambda: next(clock))
-    with told("sizing"):
-        tell(1, 26)
-        tell(2, 26)
-    assert "2 of about 26 steps, about 72 s left" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["simulate", "identify", "sweep", "size", "search"])

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from mech_twin.capabilities.progress import tell
-from mech_twin.cli.console import progress
+from mech_twin.cli.console import estimate, progress
 from mech_twin.cli.study import told
 
 STEPS, COMPILING_S, STEP_S = 500, 60.0, 0.2
@@ -39,6 +39,7 @@ def test_the_time_left_of_an_answer_leaves_out_its_first_step(
             clock[0] = COMPILING_S + STEP_S * done
             tell(done, STEPS)
     (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("searching: 12 of about 500 steps, about ")
     assert left_s(line) == pytest.approx(STEPS * STEP_S, rel=0.1)
 
 
@@ -54,3 +55,16 @@ def test_the_time_left_of_a_run_leaves_out_its_first_step(
         assert sum(1 for _ in items) == STEPS
     (line,) = capsys.readouterr().err.splitlines()
     assert left_s(line) == pytest.approx(LONG * STEP_S, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("elapsed_s", "words"),
+    [
+        (0.1, "about 99.9 s left"),
+        (1.0, "about 16.6 min left"),
+        (60.0, "about 16.6 h left"),
+        (1e4, "about 116 days left"),
+    ],
+)
+def test_a_long_computation_is_estimated_from_its_beginning(elapsed_s: float, words: str) -> None:
+    assert words in estimate(1, 1000, elapsed_s)

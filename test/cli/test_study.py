@@ -9,7 +9,7 @@ from command_line import mech_twin
 
 from mech_twin.capabilities.progress import listening, tell
 from mech_twin.cli.failure import CommandError
-from mech_twin.cli.study import axes_of, limits_of, told
+from mech_twin.cli.study import axes_of, limits_of
 from mech_twin.parameters.load import machine
 
 pytestmark = pytest.mark.slow
@@ -113,18 +113,6 @@ def test_the_press_that_is_printed_is_the_one_that_is_written_with_its_speed_and
     assert report["flywheel_inertia_kg_m2"] == pytest.approx(design["flywheel_inertia_kg_m2"], rel=1e-9)
     assert min(design["margins"].values()) >= 0.0
     assert report["gamma_margin_deg"] == pytest.approx(design["margins"]["gamma_max_deg"], abs=1e-9)
-
-
-def test_a_long_answer_says_once_how_long_it_takes_where_no_terminal_listens(monkeypatch, capsys) -> None:
-    times = iter([0.0, 5.0, 9.0])
-    monkeypatch.setattr("mech_twin.cli.console.time.monotonic", lambda: next(times))
-    with told("sizing"):
-        tell(1, 40)  # loads and compiles: it tells nothing of the others
-        tell(10, 40)
-        tell(20, 40)
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 1
-    assert said[0].startswith("sizing: 10 of about 40 steps, about 16.7 s left")
 
 
 def test_what_is_told_reaches_whoever_listens_and_nobody_else() -> None:
