@@ -5,9 +5,8 @@ Bounces are the turning points at the stop, all at one level; the other turning 
 durations of successive flights have the ratio of the restitution, so neither the scale of the image
 nor the force has to be known.
 
-Events give first estimates (restitution, period); missed and false ones are detected.  A mass that bounces under a
-constant force has flights of duration 2 v/a.  Each impact reduces the speed v by the restitution e, so T(k+1) = e T(k).
-A missed impact joins two flights; a false one divides a flight.
+A mass that bounces under a constant force has flights of duration 2 v/a.  Each impact reduces the speed v by the
+restitution e, so T(k+1) = e T(k).  A missed impact joins two flights; a false one divides a flight.
 """
 
 from __future__ import annotations
@@ -25,16 +24,12 @@ from scipy.signal import find_peaks
 
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.quality import NORMAL_MEDIAN
 
-OUTLIER = 5.0  # robust standard deviations
-LEAST_SPREAD = 1e-9  # of the value: a smaller spread is rounding error
 ON_SERIES = 0.2  # of a flight: tolerance for an impact to belong to a series
 MOST_SEEDED = 40  # first impacts, whose pairs of flights are tried
 LARGEST_RATIO = 1.2  # of a flight to the previous one: above 1 because of noise
 NO_LOSS = 1e-9
 ROUNDS = 5
-LOST_PERIOD = 0.25  # of a period: an event with a larger deviation is false
 LEAST_FLIGHT = 0.03  # of the range of positions: lower flights are below the resolution
 FEWEST_BOUNCES = 3
 FEWEST_CLEAN = 2  # runs without a missed or false bounce; with this many, the others are left out
@@ -46,7 +41,7 @@ class Estimate(NamedTuple):
     Attributes
     ----------
     value, standard_deviation : float
-        The number, and its standard deviation (from speeds: robust, of a single impact).
+        The number, and its standard deviation.
     used : int
         Number of events used.
     missed, false : tuple of int
@@ -58,22 +53,6 @@ class Estimate(NamedTuple):
     used: int
     missed: tuple[int, ...] = ()
     false: tuple[int, ...] = ()
-
-
-def restitution_from_speeds(pre_m_per_s: Array, post_m_per_s: Array) -> Estimate:
-    """Return the restitution, speed after over speed before; outlying impacts are returned as ``false``.
-
-    Raises
-    ------
-    ValueError
-        No impact has a speed before it other than 0.
-    """
-    moving = np.flatnonzero(pre_m_per_s != 0.0)
-    if not len(moving):
-        raise ValueError("expected impacts with a speed before, got none")
-    shares = np.abs(post_m_per_s[moving] / pre_m_per_s[moving])
-    agreeing, value, deviation = _agreeing(shares)
-    return Estimate(value, deviation, int(agreeing.sum()), (), tuple(moving[~agreeing].tolist()))
 
 
 def restitution_from_flights(impact_times_s: Array) -> Estimate:
@@ -179,47 +158,6 @@ def _fitted(series: _Series, times: Array, numbers: Array) -> tuple[_Series, flo
     variance = 2.0 * found.cost / max(len(times) - 3, 1)
     covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
     return _Series(*(float(value) for value in found.x)), float(np.sqrt(covariance[2, 2]))
-
-
-def period_from_times(times_s: Array) -> Estimate:
-    """Return the period of events that occur once a cycle, by regression of their times on the cycle numbers.
-
-    Raises
-    ------
-    ValueError
-        Fewer than three events, or times that do not ascend.
-    """
-    intervals = np.diff(times_s)
-    if len(intervals) < 2 or not (intervals > 0.0).all():
-        raise ValueError("expected at least three events at rising times")
-    period, kept, cycle = float(np.median(intervals)), [0], [0]
-    false, missed = [], []
-    for place in range(1, len(times_s)):
-        passed = float(times_s[place] - times_s[kept[-1]]) / period
-        cycles = round(passed)
-        if cycles < 1 or abs(passed - cycles) > LOST_PERIOD:
-            false.append(place)
-            continue
-        if cycles > 1:
-            missed.append(place)
-        kept.append(place)
-        cycle.append(cycle[-1] + cycles)
-    if len(kept) < 3:
-        raise ValueError("expected events that come once a cycle, found no common period")
-    slope, offset = np.polyfit(cycle, times_s[kept], 1).tolist()
-    off = times_s[kept] - (slope * np.array(cycle) + offset)
-    spread = float(np.sqrt(np.sum(off**2) / max(len(kept) - 2, 1)))
-    return Estimate(float(slope), spread, len(kept), tuple(missed), tuple(false))
-
-
-def _agreeing(values: Array) -> tuple[npt.NDArray[np.bool_], float, float]:
-    """Return a mask of the values within `OUTLIER` robust deviations of the median, and their median and deviation."""
-    middle = float(np.median(values))
-    spread = float(np.median(np.abs(values - middle))) / NORMAL_MEDIAN
-    agreeing = np.abs(values - middle) <= OUTLIER * max(spread, LEAST_SPREAD * abs(middle))
-    kept = values[agreeing]
-    middle = float(np.median(kept))
-    return agreeing, middle, float(np.median(np.abs(kept - middle))) / NORMAL_MEDIAN
 
 
 @dataclass(frozen=True)
