@@ -34,8 +34,7 @@ except ModuleNotFoundError as error:
 import mech_twin
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
-from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.fit_runs import ColumnCurves, FitChannel, FitRun, needed_columns
 from mech_twin.studies.identification.identification import identified
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.unknowns import IdentificationQuestion

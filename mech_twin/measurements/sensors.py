@@ -21,7 +21,9 @@ import numpy as np
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.engine.rollout import RollOut
 from mech_twin.engine.trajectory import frame_events, frame_numbers
+from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.units import EVENT, is_angle, is_event
 from mech_twin.samples import Event, Frame
@@ -34,6 +36,17 @@ EVENT_FIELDS = {
     "post_velocity": "post_velocity_m_per_s",
     "impulse": "impulse_ns",
 }
+
+
+def event_values(run: RollOut, kind: str, field: str) -> Array:
+    """Return a value of all events of one kind in a roll-out, in order of time; nan without a gauge reading.
+
+    ``field`` is one of `EVENT_FIELDS`, or a gauge reading.
+    """
+    if field in GAUGE_UNITS:
+        return run.gauge_numbers(kind, field)
+    events = run.event_numbers
+    return np.asarray(getattr(events, EVENT_FIELDS[field])[events.kind == kind])
 
 
 class Reading(NamedTuple):

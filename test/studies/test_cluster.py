@@ -19,11 +19,10 @@ from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
-from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
-from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.fit_runs import ColumnCurves, FitChannel, FitRun, needed_columns
 from mech_twin.studies.identification.intervals import linearised
 from mech_twin.studies.identification.least_squares_fit import stage_fit
-from mech_twin.studies.identification.refits import FitSetting, fits_spread, key_profiles, profiles_spread
+from mech_twin.studies.identification.refits import fits_spread, key_profiles, problem_of, profiles_spread
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
 from mech_twin.studies.named_rollouts import rollout
@@ -163,17 +162,17 @@ def test_the_cluster_follows_the_same_profiles_and_ends_the_same_starts_as_one_c
     address, _ = cluster
     # the working force has hardly an effect: its interval is wider than itself, so it is followed
     keys = ("crank_m", "rod_m", "working_force_n")
-    question = IdentificationQuestion("vibration_crank", machine_parameters("vibration_crank"), keys, cores=1)
-    setting = FitSetting(question, keys, (measured_crank(),))
-    problem = setting.problem()
+    base, runs = machine_parameters("vibration_crank"), (measured_crank(),)
+    question = IdentificationQuestion("vibration_crank", base, keys, cores=1, scheduler=address)
+    problem = problem_of(question, runs)
     fitted = stage_fit(problem, problem.unknowns.start, 1.0)
     line = linearised(fitted)
-    here, there = key_profiles(fitted, line), profiles_spread(setting, fitted, line, address)
+    here, there = key_profiles(fitted, line), profiles_spread(question, fitted, line)
     ends = [[(each.place, each.lower, each.upper) for each in profiles] for profiles in (here, there)]
     assert not np.all(np.isnan(ends[0]))
     assert np.array_equal(*ends, equal_nan=True)
     start = problem.unknowns.start * 1.02
-    (far,) = fits_spread(setting, [start], 0.5, scheduler=address)
+    (far,) = fits_spread(question, runs, [start], 0.5)
     assert np.array_equal(far.x, stage_fit(problem, start, 0.5).x)
 
 

@@ -1,27 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measured run prepared for a fit: channels in SI units, events, and the command that was given."""
+"""A measured run prepared for a fit, and what a simulation predicts for it at the sensors' own instants.
+
+Between coupling steps a position is interpolated by cubic Hermite polynomials, everything else linearly; in a step with
+an event both linearly.  A column that jumps at events must not be compared close to one: `ColumnCurves.beside_event`
+marks these times.  Events of the model are matched with measured ones: mutually nearest, within a share of their usual
+spacing.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import comb
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+from mech_twin.engine.rollout import RollOut
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, fixed
 from mech_twin.measurements.quality import NORMAL_MEDIAN
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
-from mech_twin.measurements.units import EVENT, is_angle, is_event
-from mech_twin.studies.identification.channel_prediction import POSITION, jumps
+from mech_twin.measurements.sensors import event_values
+from mech_twin.measurements.units import EVENT, TURN, is_angle, is_event
 
 COMMANDS = ("motor.command", "linkage.command")
 DIFFERENCES = (2, 3, 4, 5, 6)  # orders of the differences that estimate the noise of a channel
 FEWEST_DIFFERENCES = 8
 MOST_FITTED = 40_000  # samples of a channel in a run: more are evenly decimated
+POSITION, VELOCITY = ".position", ".velocity"
+SHARE = 0.3  # of the usual spacing of events: farther apart, they are different events
+SERIES = 0.1  # of the usual spacing: events that follow sooner belong to a series, and only its first is compared
 LATEST_START_S = 600.0  # a run with a later first stamp cannot begin at the machine's start
 
 
@@ -67,7 +79,7 @@ class FitChannel:
     @property
     def jumps(self) -> bool:
         """Whether its value can jump at an event of the machine."""
-        return not self.of_events and jumps(self.name)
+        return not self.of_events and not self.name.endswith(POSITION)
 
     @property
     def turns(self) -> bool:
@@ -111,6 +123,15 @@ class FitRun:
     def last_s(self) -> float:
         """Time of the last sample."""
         return max(float(channel.times_s[-1]) for channel in self.channels)
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample that is used."""
+        return min(self.last_s, self.until_s)
+
+    def first_share(self, share: float) -> FitRun:
+        """Return the run with only a first share of its used samples."""
+        return replace(self, until_s=self.first_s + share * (self.end_s - self.first_s))
 
     def within(self, from_s: float, until_s: float) -> FitRun:
         """Return the run with only the samples of a time interval used."""
@@ -206,3 +227,116 @@ def _changes(times_s: Array, values: Array, shift_s: float) -> Sequence[tuple[fl
     """Return the times (s) at which the command changes, and its new values, limited to 0 to 1."""
     changed = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     return [(float(times_s[i]) - shift_s, float(np.clip(values[i], 0.0, 1.0))) for i in changed]
+
+
+def first_of_series(times_s: Array) -> npt.NDArray[np.bool_]:
+    """Return which events begin a series, shape (n,): of chatter, only the first impact counts."""
+    if len(times_s) < 3:
+        return np.ones(len(times_s), dtype=np.bool_)
+    return np.diff(times_s, prepend=-np.inf) > SERIES * usual_spacing(times_s)
+
+
+def usual_spacing(times_s: Array) -> float:
+    """Return the median spacing of events (s), without the bounces within a series."""
+    spacing = np.diff(np.unique(times_s))
+    long = spacing[spacing > SERIES * spacing.max()] if len(spacing) else spacing
+    return float(np.median(long)) if len(long) else np.inf
+
+
+def matched(measured_s: Array, model_s: Array) -> npt.NDArray[np.int64]:
+    """Return the index of the model event matched with each measured one, -1 without a match, shape (measured,).
+
+    Matches are mutually nearest, which keeps the order, and at most `SHARE` of the spacing apart.
+    """
+    if not len(measured_s) or not len(model_s):
+        return np.full(len(measured_s), -1, dtype=np.int64)
+    there = _nearest(measured_s, model_s)
+    back = _nearest(model_s, measured_s)
+    near = np.abs(model_s[there] - measured_s) <= SHARE * min(usual_spacing(measured_s), usual_spacing(model_s))
+    return np.where((back[there] == np.arange(len(measured_s))) & near, there, -1)
+
+
+def _nearest(times_s: Array, among_s: Array) -> npt.NDArray[np.int64]:
+    """Return the index of the nearest of ascending times, shape (times,)."""
+    after = np.clip(np.searchsorted(among_s, times_s), 1, max(len(among_s) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(among_s) - 1)
+    nearer = np.abs(among_s[before] - times_s) <= np.abs(among_s[after] - times_s)
+    return np.where(nearer, before, after).astype(np.int64)
+
+
+class ColumnCurves:
+    """The columns of a simulation as functions of time; angles are unwrapped.
+
+    Parameters
+    ----------
+    rollout : RollOut
+        Simulation with all columns that will be evaluated (`needed_columns`); its coupling step is ``step_s``.
+    """
+
+    def __init__(self, rollout: RollOut) -> None:
+        self.rollout = rollout
+        self.times_s = rollout["time_s"]
+        self.step_s = float(self.times_s[1] - self.times_s[0]) if len(self.times_s) > 1 else 1.0
+        self._first_s = float(self.times_s[0])
+        self._unwrapped: dict[str, Array] = {}
+        self._of_events: dict[tuple[str, str], Array] = {}
+
+    @cached_property
+    def _eventful(self) -> npt.NDArray[np.bool_]:
+        """Whether each coupling step contains an event, shape (samples - 1,)."""
+        found = np.zeros(len(self.times_s) - 1, dtype=np.bool_)
+        first = round(self._first_s / self.step_s)
+        steps = self.rollout.event_numbers.step - first - 1
+        found[steps[(steps >= 0) & (steps < len(found))]] = True
+        return found
+
+    def at(self, column: str, times_s: Array) -> Array:
+        """Return a column at these times, shape (n,); outside the simulated time, its first or last value."""
+        values = self._values(column)
+        if len(values) < 2:
+            return np.full(len(times_s), values[0])
+        place = np.clip((times_s - self._first_s) / self.step_s, 0.0, len(values) - 1.0)
+        step = np.minimum(place.astype(np.int64), len(values) - 2)
+        share = place - step
+        rise = values[step + 1] - values[step]
+        straight = values[step] + share * rise
+        if not column.endswith(POSITION):
+            return np.asarray(straight)
+        speed = self.rollout[column[: -len(POSITION)] + VELOCITY]
+        bend = (self.step_s * speed[step] - rise) * (1.0 - share) - (self.step_s * speed[step + 1] - rise) * share
+        return np.asarray(straight + np.where(self._eventful[step], 0.0, share * (1.0 - share) * bend))
+
+    def slope(self, column: str, times_s: Array) -> Array:
+        """Return the derivative of a column at these times, a central difference over one coupling step, shape (n,)."""
+        half = 0.5 * self.step_s
+        return (self.at(column, times_s + half) - self.at(column, times_s - half)) / self.step_s
+
+    def beside_event(self, times_s: Array, guard_s: float) -> npt.NDArray[np.bool_]:
+        """Return whether an event lies within ``guard_s`` of each time, shape (n,)."""
+        events = self.rollout.event_numbers.time_s
+        if not len(events):
+            return np.zeros(len(times_s), dtype=np.bool_)
+        after = np.searchsorted(events, times_s)
+        to_next = events[np.minimum(after, len(events) - 1)] - times_s
+        since = times_s - events[np.maximum(after - 1, 0)]
+        return np.asarray(np.minimum(np.abs(to_next), np.abs(since)) <= guard_s)
+
+    def of_events(self, kind: str, field: str) -> Array:
+        """Return a value of all events of one kind, see `event_values`."""
+        if (kind, field) not in self._of_events:
+            self._of_events[kind, field] = event_values(self.rollout, kind, field)
+        return self._of_events[kind, field]
+
+    def _values(self, column: str) -> Array:
+        if column not in self._unwrapped:
+            values = self.rollout[column]
+            angle = column.endswith(POSITION) and is_angle(column)
+            self._unwrapped[column] = np.unwrap(values, period=TURN) if angle else values
+        return self._unwrapped[column]
+
+
+def needed_columns(columns: list[str]) -> list[str]:
+    """Return the columns that the simulation must record: these, and the speed for each position."""
+    speeds = [name[: -len(POSITION)] + VELOCITY for name in columns if name.endswith(POSITION)]
+    return list(dict.fromkeys([*columns, *speeds]))

@@ -31,16 +31,17 @@ from mech_twin.measurements.crank_motion import smoothed
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.measurements.units import TURN
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.roles import CrankState, GuidedLinkage
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
     declared_field,
+    leaves,
     machine_keys,
     unit_at,
 )
 
-TURN = 2.0 * np.pi
 LENGTHENED = 1e-3  # relative change of a key: enough to move the mechanism
 ANGLES = 180  # in a turn, at which the mechanism is solved; interpolated by a periodic cubic spline
 STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and number of fits started from the best
@@ -109,7 +110,7 @@ def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tupl
     """
     yield {}, model
     entry, base = catalogue_entry(model.name), type(model.base)
-    for key, value in _words(model.tree):
+    for key, value in leaves(model.tree, str):
         declared = declared_field(base, key)
         for other in get_args(declared.annotation) if declared is not None and key not in fixed else ():
             if other == value or not isinstance(other, str):
@@ -122,14 +123,6 @@ def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tupl
                 continue
             if differs:
                 yield {key: other}, mirrored
-
-
-def _words(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _words(value, f"{prefix}{name}.")
-        elif isinstance(value, str):
-            yield prefix + name, value
 
 
 def _moves(model: GeometryModel, values: Array, other: GeometryModel | None = None) -> bool:

@@ -16,8 +16,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import fixed
 from mech_twin.measurements.units import unit_of
-from mech_twin.studies.identification.channel_prediction import first_of_series, matched
-from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun, first_of_series, matched
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, stage_fit, with_begins
 from mech_twin.studies.identification.residuals import FitProblem
@@ -142,7 +141,7 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
                 continue
             any_times = True
             begin = problem.begin(x, i)
-            first, last = max(run.from_s, run.first_s), min(run.until_s, run.last_s)
+            first, last = max(run.from_s, run.first_s), run.end_s
             own = channel.values[first_of_series(channel.times_s)]
             own = own[(own >= first) & (own <= last)]
             model = curves[i].of_events(channel.kind, "time") - begin

@@ -26,9 +26,8 @@ from mech_twin.studies.identification.key_knowledge import (
     verdicts_of,
     with_others_as_configured,
 )
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, quiet, refined
-from mech_twin.studies.identification.refits import FitSetting, fits_spread, problem_of
+from mech_twin.studies.identification.refits import fits_spread, problem_of
 from mech_twin.studies.identification.staged_search import Search, searched
 from mech_twin.studies.identification.unknowns import BEGIN, KEY, IdentificationQuestion
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, KeyVerdict
@@ -128,14 +127,14 @@ def identified(
         raise StudyError("expected at least one free key")
     same_channels([*runs, *held_runs])
     fitted_runs, later = (list(runs), []) if held_runs or share <= 0.0 else _split(runs, share)
-    everything = problem_of(question, KeyedConfiguration(question.machine, question.base, question.keys), fitted_runs)
+    everything = problem_of(question, fitted_runs)
     progress("which keys the channels see")
     places = list(range(len(question.keys)))
     chosen = sensitivity_at(everything, everything.unknowns.start).estimated(places)
-    fitted, search = _best_fit(question, [question.keys[i] for i in chosen], fitted_runs, progress)
+    fitted, search = _best_fit(question.of([question.keys[i] for i in chosen]), fitted_runs, progress)
     if len(chosen) < len(places) and refutation(fitted) is not None:
         # the effect of a key at the start of the search may differ from that elsewhere
-        with_all = _best_fit(question, question.keys, fitted_runs, progress)
+        with_all = _best_fit(question, fitted_runs, progress)
         if noise_misfit(with_all[0]) < noise_misfit(fitted):
             (fitted, search), chosen = with_all, places
     around = predictable(question, around_fit(question, fitted), progress)
@@ -200,14 +199,10 @@ def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[Fit
     return first, rest
 
 
-def _best_fit(
-    question: IdentificationQuestion, keys: Sequence[str], runs: Sequence[FitRun], progress: Progress
-) -> tuple[Fitted, Search]:
-    """Return the best fit of some of the keys, and a summary of its search."""
-    problem = problem_of(question, KeyedConfiguration(question.machine, question.base, tuple(keys)), runs)
-    fits = None
-    if question.scheduler is not None:
-        fits = partial(fits_spread, FitSetting(question, tuple(keys), tuple(runs)), scheduler=question.scheduler)
+def _best_fit(question: IdentificationQuestion, runs: Sequence[FitRun], progress: Progress) -> tuple[Fitted, Search]:
+    """Return the best fit, and a summary of its search."""
+    problem = problem_of(question, runs)
+    fits = None if question.scheduler is None else partial(fits_spread, question, runs)
     return searched(problem, problem.unknowns.start.copy(), question.seed, progress, fits)
 
 
@@ -218,8 +213,7 @@ def _fit_of_fewer(
 
     The keys that are no longer estimated are fixed as configured.
     """
-    names = tuple(question.keys[i] for i in chosen)
-    problem = problem_of(question, KeyedConfiguration(question.machine, question.base, names), around.whole.runs)
+    problem = problem_of(question.of([question.keys[i] for i in chosen]), around.whole.runs)
     values = with_others_as_configured(question, around, chosen)
     start = carried_over(around.fitted, problem.unknowns)
     start[problem.unknowns.places(KEY)] = values / problem.unknowns.scales[: len(chosen)]
@@ -229,8 +223,7 @@ def _fit_of_fewer(
 def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict], fitted: Fitted) -> Parameters:
     """Return the resulting configuration: keys without a usable estimate keep their values."""
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
-    keyed = KeyedConfiguration(question.machine, question.base, tuple(values))
-    return keyed.parameters(list(values.values())) if values else question.base
+    return question.of(values).keyed.parameters(list(values.values())) if values else question.base
 
 
 def _scores(

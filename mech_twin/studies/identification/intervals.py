@@ -32,7 +32,6 @@ from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.burg import burg_orders
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, robust_weights
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
 
@@ -175,7 +174,7 @@ def linearised(fitted: Fitted) -> Linearised:
     rows = problem.residuals(fitted.x, comparison)
     jacobian, other = problem.two_jacobians(fitted.x, comparison)
     weights = robust_weights(rows)
-    spans = [(run.first_s, max(min(run.last_s, run.until_s), run.first_s + 1e-9)) for run in problem.runs]
+    spans = [(run.first_s, max(run.end_s, run.first_s + 1e-9)) for run in problem.runs]
     total = sum(last - first for first, last in spans)
     counts = [max(FEWEST_BLOCKS, round(BLOCKS * (last - first) / total)) for first, last in spans]
     before = np.concatenate([[0], np.cumsum(counts)])
@@ -324,6 +323,6 @@ def _jackknife(found: Linearised, labels: npt.NDArray[np.int64], most_leverage: 
 
 def intervals_before(asked: IdentificationQuestion) -> dict[str, tuple[float, float]]:
     """Return the prior knowledge of each free key: the 95 % interval of its prior, else its search bounds."""
-    bounds = KeyedConfiguration(asked.machine, asked.base, asked.keys).bounds(asked.bounds)
+    bounds = asked.keyed.bounds(asked.bounds)
     priors = {key: (mean - NORMAL * sd, mean + NORMAL * sd) for key, (mean, sd) in asked.priors.items()}
     return {**{key: (float(low), float(high)) for key, low, high in zip(asked.keys, *bounds, strict=True)}, **priors}

@@ -19,7 +19,7 @@ from mech_twin.studies.identification.intervals import (
     moved_by_fixed,
     uncertainty,
 )
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, unit_at
+from mech_twin.studies.identification.keyed_configuration import unit_at
 from mech_twin.studies.identification.least_squares_fit import (
     Fitted,
     Progress,
@@ -30,7 +30,6 @@ from mech_twin.studies.identification.least_squares_fit import (
     spreads,
 )
 from mech_twin.studies.identification.refits import (
-    FitSetting,
     KeyProfile,
     Refits,
     family,
@@ -104,8 +103,7 @@ def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
 def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
     """Return derivatives by all free keys at the end of a fit of some of them."""
     base = fitted.problem.model.keyed.parameters(fitted.key_values)
-    keyed = KeyedConfiguration(question.machine, base, question.keys)
-    whole = problem_of(question, keyed, fitted.problem.runs)
+    whole = problem_of(replace(question, base=base), fitted.problem.runs)
     x = carried_over(fitted, whole.unknowns)
     line = linearised(Fitted(whole, x, fitted.comparison, fitted.cost))
     places = whole.unknowns.places(KEY)
@@ -121,11 +119,8 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
     problem, here = around.fitted.problem, around
     for share in PREDICTABLE if around.bends else ():
         progress(f"first {100.0 * share:.0f} % of the runs alone")
-        runs = [
-            run.within(run.from_s, run.first_s + share * (min(run.last_s, run.until_s) - run.first_s))
-            for run in problem.runs
-        ]
-        here = around_fit(question, refined(problem.over(runs), around.fitted.x, progress))
+        part = problem.over([run.first_share(share) for run in problem.runs])
+        here = around_fit(question, refined(part, around.fitted.x, progress))
         if not here.bends:
             return here
     return around
@@ -135,9 +130,7 @@ def with_others_as_configured(question: IdentificationQuestion, around: AroundFi
     """Return the best-fitting values of the chosen keys with the other free keys as configured, shape (chosen,)."""
     whole = around.whole.unknowns
     fixed = [i for i in range(len(question.keys)) if i not in chosen]
-    before = (
-        KeyedConfiguration(question.machine, question.base, question.keys).values() / whole.scales[: len(question.keys)]
-    )
+    before = question.keyed.values() / whole.scales[: len(question.keys)]
     refits = around.refits()
     follows = ~np.isin(np.arange(len(around.x)), fixed)
     return whole.keys(refits.with_held(fixed, before[fixed], follows, [refits.fit]).x)[list(chosen)]
@@ -184,8 +177,7 @@ def _profiles(
     if question.scheduler is None:
         return key_profiles(fitted, own, progress)
     progress("profiles, on the cluster")
-    setting = FitSetting(question, fitted.problem.model.keyed.keys, fitted.problem.runs)
-    return profiles_spread(setting, fitted, own, question.scheduler)
+    return profiles_spread(question, fitted, own)
 
 
 def _left_over(fitted: Fitted, own: Linearised) -> Array:
@@ -250,7 +242,7 @@ def combined(
     """
     names, families, count = question.keys, [], len(question.keys)
     scales = refits.problem.unknowns.scales[:count]
-    bounds = KeyedConfiguration(question.machine, question.base, names).bounds(question.bounds) / scales
+    bounds = question.keyed.bounds(question.bounds) / scales
     follows = ~np.isin(np.arange(len(refits.x)), [i for i in range(count) if i not in chosen])
     for group in seen.groups():
         fixed, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
@@ -274,8 +266,8 @@ def verdicts_of(
     """Return the verdict on each free key, and the identifiable combinations."""
     count, seen = len(question.keys), around.seen
     scales = around.whole.unknowns.scales[:count]
-    keyed = KeyedConfiguration(question.machine, question.base, question.keys)
-    before, fitted = keyed.values(), around.fitted
+    keyed, fitted = question.keyed, around.fitted
+    before = keyed.values()
     estimates, errors = before.copy(), np.full(count, np.nan)
     halves, given = np.full((2, count), np.inf), np.full((2, count), np.inf)
     values = dict(zip(fitted.problem.model.keyed.keys, fitted.key_values.tolist(), strict=True))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import yaml
@@ -35,6 +35,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, configuration_file, validated
 from mech_twin.roles import Machine
 
+Leaf = TypeVar("Leaf")
 MOVED = 1e-3  # of a key, or of the unit where it is 0: enough to be seen, too little to be refused
 SEARCHED = 20.0  # factor of the search range about the configured value, where no bounds are given
 SHARE_OF_LIKE = 0.1  # of the largest key in the same unit: scale of a key that is 0
@@ -126,7 +127,7 @@ def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
 
 def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator[str]:
     """Yield the dotted keys of numbers that the machine derives if the configuration leaves them out."""
-    for leaf in _number_keys(tree):
+    for leaf, _ in leaves(tree, float):
         try:
             found = _configured(name, _without(tree, leaf), {})
         except ConfigurationError:
@@ -156,14 +157,6 @@ def number_in(tree: Mapping[str, Any], key: str) -> Any:
     return branch
 
 
-def _number_keys(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _number_keys(value, f"{prefix}{name}.")
-        elif isinstance(value, float):
-            yield prefix + name
-
-
 def _without(tree: Mapping[str, Any], key: str) -> dict[str, Any]:
     first, _, rest = key.partition(".")
     return {
@@ -179,9 +172,23 @@ def origins(path: Path) -> dict[str, str]:
     A key without a word of its own has that of its group.
     """
     text = path.read_text(encoding="utf-8")
-    lines = text.splitlines()
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    return dict(_origins(root, lines, "", "")) if isinstance(root, yaml.MappingNode) else {}
+    named = [_ORIGIN.search(line) for line in text.splitlines()]
+    found = ((key, [word.group(1) for line in lines if (word := named[line])]) for key, lines in scalar_lines(text))
+    return {key: words[-1] if words else "" for key, words in found}
+
+
+def scalar_lines(text: str) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield each dotted key with a scalar value in a parameter file, and the lines of its groups and its own."""
+
+    def below(node: yaml.Node | None, prefix: str, groups: tuple[int, ...]) -> Iterator[tuple[str, tuple[int, ...]]]:
+        for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
+            name, lines = str(key.value), (*groups, key.start_mark.line)
+            if isinstance(value, yaml.MappingNode):
+                yield from below(value, "" if name in ("/**", "ros__parameters") else f"{prefix}{name}.", lines)
+            elif isinstance(value, yaml.ScalarNode):
+                yield prefix + name, lines
+
+    yield from below(yaml.compose(text, Loader=yaml.SafeLoader), "", ())
 
 
 def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) -> tuple[str, ...]:
@@ -206,22 +213,10 @@ def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
 
 
 def _numbers(parameters: Parameters) -> Iterator[str]:
-    for key, value in numbers_of(configuration_tree(parameters)):
+    for key, value in leaves(configuration_tree(parameters), float):
         of_machine = key.split(".")[0] not in NOT_OF_THE_MACHINE and key not in START_STATES
         if of_machine and isfinite(value):
             yield key
-
-
-def _origins(node: yaml.MappingNode, lines: list[str], prefix: str, inherited: str) -> Iterator[tuple[str, str]]:
-    for key, value in node.value:
-        name = str(key.value)
-        found = _ORIGIN.search(lines[key.start_mark.line])
-        origin = found.group(1) if found else inherited
-        if isinstance(value, yaml.MappingNode):
-            inner = "" if name in ("/**", "ros__parameters") else f"{prefix}{name}."
-            yield from _origins(value, lines, inner, origin)
-        elif isinstance(value, yaml.ScalarNode):
-            yield prefix + name, origin
 
 
 @dataclass(frozen=True)
@@ -316,12 +311,12 @@ def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:
     return float(found)
 
 
-def numbers_of(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
-    """Yield every dotted key of a tree with a floating-point number, and the number."""
+def leaves(tree: Mapping[str, Any], kind: type[Leaf], prefix: str = "") -> Iterator[tuple[str, Leaf]]:
+    """Yield every dotted key of a tree with a value of this type, and the value."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
-            yield from numbers_of(value, f"{prefix}{name}.")
-        elif isinstance(value, float):
+            yield from leaves(value, kind, f"{prefix}{name}.")
+        elif isinstance(value, kind):
             yield prefix + name, value
 
 
@@ -364,5 +359,5 @@ def _scale(tree: Mapping[str, Any], base: Parameters, key: str) -> float:
     if value > 0.0:
         return value
     unit = unit_at(type(base), key)
-    like = [abs(each) for name, each in numbers_of(tree) if unit_at(type(base), name) == unit and np.isfinite(each)]
+    like = [abs(each) for name, each in leaves(tree, float) if unit_at(type(base), name) == unit and np.isfinite(each)]
     return SHARE_OF_LIKE * max(like, default=0.0) or 1.0

@@ -9,14 +9,13 @@ rounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.channel_prediction import ColumnCurves
-from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_runs import ColumnCurves, FitRun
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, ZERO
 
@@ -82,7 +81,7 @@ def refined(problem: FitProblem, x: Array, progress: Progress = quiet) -> Fitted
 
 def stage_shares(runs: Sequence[FitRun], step_s: float) -> list[float]:
     """Return the shares of the runs used in the stages, rising to 1; ``step_s`` is the coupling step."""
-    longest = max(min(run.last_s, run.until_s) - max(run.first_s, run.from_s) for run in runs)
+    longest = max(run.end_s - max(run.first_s, run.from_s) for run in runs)
     return [share for share in HORIZONS if share == 1.0 or share * longest >= FEWEST_STEPS * step_s]
 
 
@@ -94,14 +93,9 @@ def stage_part(problem: FitProblem, share: float, x: Array) -> FitProblem:
     if share == 1.0:
         return problem
     unknowns = problem.unknowns
-    near = {}
-    for i in unknowns.places(KEY):
-        key = unknowns.all[i]
-        near[key.name] = (float(x[i]) * key.scale, NEAR * key.scale)
-    runs = [
-        replace(run, until_s=run.first_s + share * (min(run.last_s, run.until_s) - run.first_s)) for run in problem.runs
-    ]
-    return problem.over(runs, near)
+    keys = [(unknowns.all[i], float(x[i])) for i in unknowns.places(KEY)]
+    near = {key.name: (value * key.scale, NEAR * key.scale) for key, value in keys}
+    return problem.over([run.first_share(share) for run in problem.runs], near)
 
 
 def rounds(problem: FitProblem, x: Array, progress: Progress, *, last: bool) -> Fitted:

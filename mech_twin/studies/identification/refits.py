@@ -6,7 +6,7 @@ doi:10.1093/bioinformatics/btp358).  It is computed for keys whose cost is not a
 so that derivatives do not give it.  A family moves fixed keys, whose effect others repeat, by up to half of their
 values; where the cost rises by more than derivatives predict, the runs reject the move.
 
-Another process rebuilds the fit problem from a `FitSetting`.
+Another process rebuilds the fit problem from question and runs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from scipy import optimize, stats
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.intervals import FIXED_OFF, Linearised, inverse_information
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import (
     LOSS_SCALE,
     Fitted,
@@ -308,53 +307,51 @@ def _cost(rows: Array) -> float:
     return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
 
 
-@dataclass(frozen=True)
-class FitSetting:
-    """A question, the fitted subset of its keys, and the runs: plain values that can be pickled."""
-
-    question: IdentificationQuestion
-    keys: tuple[str, ...]
-    runs: tuple[FitRun, ...]
-
-    def problem(self) -> FitProblem:
-        """Return the fit problem."""
-        keyed = KeyedConfiguration(self.question.machine, self.question.base, self.keys)
-        return problem_of(self.question, keyed, self.runs)
-
-
-def problem_of(question: IdentificationQuestion, keyed: KeyedConfiguration, runs: Sequence[FitRun]) -> FitProblem:
-    """Return the fit problem of runs with a subset of a question's keys."""
-    bounds = keyed.bounds(question.bounds)
-    unknowns = unknowns_of(keyed, bounds, runs, question.longest_begin_s)
+def problem_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> FitProblem:
+    """Return the fit problem of a question's keys on runs."""
+    keyed = question.keyed
+    unknowns = unknowns_of(keyed, keyed.bounds(question.bounds), runs, question.longest_begin_s)
     priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
     return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
 
 
-def fits_spread(setting: FitSetting, starts: Iterable[Array], share: float, *, scheduler: str) -> list[Fitted]:
-    """Return the fits of a stage from several starts, each computed by a worker of a cluster."""
-    one = partial(_stage, _alone(setting), share)
-    found = sorted(spread(one, list(enumerate(starts)), 1, scheduler), key=lambda each: each[0])
-    problem = setting.problem()
+def fits_spread(
+    question: IdentificationQuestion, runs: Sequence[FitRun], starts: Iterable[Array], share: float
+) -> list[Fitted]:
+    """Return the fits of a stage from several starts, each computed by a worker of the question's cluster."""
+    one = partial(_stage, _alone(question), runs, share)
+    found = sorted(spread(one, list(enumerate(starts)), 1, question.scheduler), key=lambda each: each[0])
+    problem = problem_of(question, runs)
     return [Fitted(stage_part(problem, share, x), x, comparison, cost) for _, x, comparison, cost in found]
 
 
-def _stage(setting: FitSetting, share: float, start: tuple[int, Array]) -> tuple[int, Array, Weighting, float]:
+def _stage(
+    question: IdentificationQuestion, runs: Sequence[FitRun], share: float, start: tuple[int, Array]
+) -> tuple[int, Array, Weighting, float]:
     place, x = start
-    fitted = stage_fit(setting.problem(), x, share)
+    fitted = stage_fit(problem_of(question, runs), x, share)
     return place, fitted.x, fitted.comparison, fitted.cost
 
 
-def profiles_spread(setting: FitSetting, fitted: Fitted, found: Linearised, scheduler: str) -> list[KeyProfile]:
-    """Return the profiles of the keys of a fit, each computed by a worker of a cluster."""
+def profiles_spread(question: IdentificationQuestion, fitted: Fitted, found: Linearised) -> list[KeyProfile]:
+    """Return the profiles of the keys of a fit, each computed by a worker of the question's cluster."""
     places = list(map(int, fitted.problem.unknowns.places(KEY)))
-    one = partial(_profile, _alone(setting), fitted.x, fitted.comparison, found)
-    return sorted(spread(one, places, 1, scheduler), key=lambda each: each.place) if places else []
+    asked = _alone(question.of(fitted.problem.model.keyed.keys))
+    one = partial(_profile, asked, fitted.problem.runs, fitted.x, fitted.comparison, found)
+    return sorted(spread(one, places, 1, question.scheduler), key=lambda each: each.place) if places else []
 
 
-def _profile(setting: FitSetting, x: Array, comparison: Weighting, found: Linearised, place: int) -> KeyProfile:
-    return key_profile(Fitted(setting.problem(), x, comparison, 0.0), found, place)
+def _profile(
+    question: IdentificationQuestion,
+    runs: Sequence[FitRun],
+    x: Array,
+    comparison: Weighting,
+    found: Linearised,
+    place: int,
+) -> KeyProfile:
+    return key_profile(Fitted(problem_of(question, runs), x, comparison, 0.0), found, place)
 
 
-def _alone(setting: FitSetting) -> FitSetting:
-    """Return a setting for a worker: one thread, and no scheduler of its own."""
-    return replace(setting, question=replace(setting.question, cores=1, scheduler=None))
+def _alone(question: IdentificationQuestion) -> IdentificationQuestion:
+    """Return a question for a worker: one thread, and no scheduler of its own."""
+    return replace(question, cores=1, scheduler=None)

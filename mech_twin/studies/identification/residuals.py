@@ -15,14 +15,15 @@ import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.units import TURN
-from mech_twin.studies.identification.channel_prediction import (
+from mech_twin.studies.identification.fit_runs import (
     SHARE,
     ColumnCurves,
+    FitChannel,
+    FitRun,
     first_of_series,
     matched,
     usual_spacing,
 )
-from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Curves, ModelRuns, Unknowns
 
 REFUSED = 1e3  # residual, in standard deviations, if the values are rejected or the simulation fails

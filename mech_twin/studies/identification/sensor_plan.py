@@ -215,15 +215,14 @@ class _Derived:
 
     def __init__(self, run: _PlannedRun, samples: FitRun) -> None:
         self.question, self._samples = run.question, samples
-        self.keyed = KeyedConfiguration(self.question.machine, self.question.base, self.question.keys)
+        self.keyed = self.question.keyed
         self.bounds = self.keyed.bounds(self.question.bounds)
         self._known: dict[float, tuple[FitProblem, Weighting, Array, Array, Array]] = {}
 
     def over(self, share: float) -> tuple[FitProblem, Weighting, Array, Array, Array]:
         """Return problem, weighting, derivatives of two step lengths, and the channel of each row (-1: a prior)."""
         if share not in self._known:
-            first, last = self._samples.first_s, self._samples.last_s
-            part = self._samples.within(-np.inf, first + share * (last - first))
+            part = self._samples.within(-np.inf, np.inf).first_share(share)
             problem = FitProblem(
                 ModelRuns(self.keyed, [part], 0.0, self.question.cores),
                 unknowns_of(self.keyed, self.bounds, [part]),

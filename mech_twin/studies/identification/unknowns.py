@@ -8,7 +8,7 @@ command of each measured run; the last ones are cached.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,7 @@ from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns
-from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_runs import ColumnCurves, FitRun, needed_columns
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, number_at
 from mech_twin.studies.named_rollouts import rollouts
 
@@ -96,7 +95,7 @@ class ModelRuns:
     def duration_s(self, run: FitRun) -> float:
         """Return the duration of the simulation that a measured run needs (s)."""
         begin = self._longest_begin_s if run.begin_s is None else run.begin_s
-        return max(min(run.last_s, run.until_s), 0.0) + begin
+        return max(run.end_s, 0.0) + begin
 
     def _rolled(self, run: FitRun, configured: Sequence[Parameters]) -> list[ColumnCurves | None]:
         if not configured:
@@ -163,6 +162,15 @@ class IdentificationQuestion:
     seed: int = 0
     cores: int | None = None
     scheduler: str | None = None
+
+    @property
+    def keyed(self) -> KeyedConfiguration:
+        """The configuration as a function of the keys."""
+        return KeyedConfiguration(self.machine, self.base, self.keys)
+
+    def of(self, keys: Iterable[str]) -> IdentificationQuestion:
+        """Return the same question about some of the keys, the others fixed as configured."""
+        return replace(self, keys=tuple(keys))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
-import yaml
 
 from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -33,6 +32,7 @@ from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.intervals import intervals_before
+from mech_twin.studies.identification.keyed_configuration import scalar_lines
 from mech_twin.studies.identification.sensor_plan import Help, sensor_helps
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
@@ -50,7 +50,7 @@ def configuration_text(found: Identification, runs: Sequence[str]) -> str:
     text = description_text(found.question.machine, found.parameters)
     notes = {key.key: _note(key, runs) for key in found.keys}
     lines = text.splitlines()
-    for key, line in _scalar_lines(text):
+    for key, (*_, line) in scalar_lines(text):
         if key in notes:
             lines[line] += f"  # {notes[key]}"
     return "\n".join(lines) + "\n"
@@ -63,24 +63,6 @@ def _note(key: KeyVerdict, runs: Sequence[str]) -> str:
     if key.verdict == COMBINATION and key.estimate != key.before:
         return f"in combination: {key.reason}"
     return f"kept: {key.verdict}, {key.reason}"
-
-
-def _scalar_lines(text: str) -> Iterator[tuple[str, int]]:
-    """Yield each dotted key with a scalar value in a parameter file, and the index of its line."""
-
-    def below(node: yaml.Node, prefix: str) -> Iterator[tuple[str, int]]:
-        if not isinstance(node, yaml.MappingNode):
-            return
-        for key, value in node.value:
-            name = str(key.value)
-            if isinstance(value, yaml.MappingNode):
-                yield from below(value, "" if name in ("/**", "ros__parameters") else f"{prefix}{name}.")
-            elif isinstance(value, yaml.ScalarNode):
-                yield prefix + name, value.start_mark.line
-
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    if root is not None:
-        yield from below(root, "")
 
 
 def document(

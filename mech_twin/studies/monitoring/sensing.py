@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.capabilities.cycle import TURN, Array, CycleFeatures
 from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
@@ -19,7 +18,7 @@ from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import Entry
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
-from mech_twin.measurements.sensors import EVENT_FIELDS
+from mech_twin.measurements.sensors import event_values
 from mech_twin.measurements.units import is_angle, is_event
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
@@ -152,11 +151,7 @@ def _seen_events(
     run: RollOut, channel: Channel, random: np.random.Generator | None, begin_s: float
 ) -> tuple[Array, Array]:
     _, kind, what = channel.quantity.split(".")
-    events = run.event_numbers
-    of_kind = events.kind == kind
-    gauged = what in GAUGE_UNITS
-    values = run.gauge_numbers(kind, what) if gauged else getattr(events, EVENT_FIELDS[what])[of_kind]
-    times_s = events.time_s[of_kind]
+    times_s, values = event_values(run, kind, "time"), event_values(run, kind, what)
     chosen = (times_s >= begin_s) & np.isfinite(values)
     return times_s[chosen], _shown(values[chosen], channel, random)
 

@@ -15,7 +15,7 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.sensors import SensorBench
 from mech_twin.measurements.units import machine_columns
 from mech_twin.samples import Frame
-from mech_twin.studies.identification.channel_prediction import ColumnCurves, needed_columns, predicted
+from mech_twin.studies.identification.fit_runs import ColumnCurves, needed_columns
 from mech_twin.studies.named_rollouts import rollout
 
 DURATION_S = 0.4
@@ -59,7 +59,7 @@ def test_a_channel_shows_the_roll_out_as_the_sensors_show_the_run(name: str) -> 
         assert len(own) > 200
         stamps = np.array([reading.time_s for reading in own])
         shown = np.array([reading.values[0] for reading in own])
-        off = np.abs(predicted(channel, curves, stamps) - shown)
+        off = np.abs(channel.shown(curves.at(channel.quantity, stamps - SHOWN["lag_s"])) - shown)
         if channel.quantity == "forces.drive_force_n":  # at a jump, rounding decides
             off = off[~curves.beside_event(stamps - SHOWN["lag_s"], 1e-9)]
         assert off.max() <= 1e-9 * np.abs(shown).max()
@@ -68,7 +68,7 @@ def test_a_channel_shows_the_roll_out_as_the_sensors_show_the_run(name: str) -> 
 def test_beside_an_event_is_within_the_guard_of_one_and_nowhere_else() -> None:
     curves = ColumnCurves(rollout("impact_mass", DURATION_S, columns=["linkage.mass.position"]))
     times = np.linspace(0.0, DURATION_S, 4001)
-    nearest = np.array([np.abs(curves.event_times_s - time).min() for time in times])
+    nearest = np.array([np.abs(curves.rollout.event_numbers.time_s - time).min() for time in times])
     found = curves.beside_event(times, 2e-3)
     assert (found == (nearest <= 2e-3)).all()
     assert found.any()

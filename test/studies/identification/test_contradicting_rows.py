@@ -13,7 +13,6 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.held_out import noise_misfit, refutation, score
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
 from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors
 from mech_twin.studies.identification.refits import problem_of
 from mech_twin.studies.identification.residuals import FitProblem, contradicting
@@ -54,11 +53,11 @@ def test_a_mass_thrown_against_its_stop_again_and_again_bends_within_a_step_late
     question = IdentificationQuestion(
         name, machine_parameters(name, None, own | {"phase1_duration_s": 0.0385}), keys, cores=1
     )
-    keyed, found = KeyedConfiguration(name, question.base, keys), []
+    found = []
     for duration_s in (0.1, 1.0):
         times = np.arange(1, round(400.0 * duration_s)) / 400.0
         channel = FitChannel(given.channels[0], times, np.zeros(len(times)), 2e-5)
-        problem = problem_of(question, keyed, [FitRun(Path("run.csv"), (channel,), (), 0.0)])
+        problem = problem_of(question, [FitRun(Path("run.csv"), (channel,), (), 0.0)])
         x = problem.unknowns.start
         found.append(problem.curvature(x, problem.comparison(x, np.array([2e-5]))))
     assert found[0] < 0.1 * BENDING
@@ -72,13 +71,12 @@ def fit_of_a_run(still: dict[str, float]) -> Fitted:
     channels = [{"source": {"column": each}, "is": each} for each in columns]
     given = MeasurementMap.model_validate({"machine": name, "time": {"column": "time_s"}, "channels": channels})
     question = IdentificationQuestion(name, machine_parameters(name), ("crank_m",), cores=1)
-    keyed = KeyedConfiguration(name, question.base, question.keys)
     times = np.arange(1, 200) / 200.0
 
     def problem(shown: list[Array]) -> FitProblem:
         pairs = zip(given.channels, shown, strict=True)
         fitted = tuple(FitChannel(channel, times, values, 0.0) for channel, values in pairs)
-        return problem_of(question, keyed, [FitRun(Path("run.csv"), fitted, (), 0.0)])
+        return problem_of(question, [FitRun(Path("run.csv"), fitted, (), 0.0)])
 
     zeros = [np.zeros(len(times)) for _ in columns]
     x = problem(zeros).unknowns.start
