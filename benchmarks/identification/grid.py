@@ -21,9 +21,8 @@ from evidence import write_rows
 from interval_coverage import question_of
 from synthetic_stand import STANDS, Stand
 
-from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.identification import Identification, identified
-from mech_twin.studies.identification.verdicts import KeyVerdict
+from mech_twin.studies.identification.verdicts import Combination, KeyVerdict
 
 HEADS = ("machine", "key", "true", "configured", "found", "95 % from", "to", "verdict", "holds")
 

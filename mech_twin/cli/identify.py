@@ -32,7 +32,6 @@ from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
-from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.geometry_fit import GeometryData, GeometryModel, geometry_data, lengths
 from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
@@ -46,7 +45,7 @@ from mech_twin.studies.identification.keyed_configuration import (
 )
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
-from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, KeyVerdict
+from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, Combination, KeyVerdict
 from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 
 DEFAULT_SHARE = 0.2

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import log
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,21 @@ def burg_orders(runs: Sequence[Array], largest: int) -> Iterator[BurgOrder]:
         for forward, backward in pairs:
             reflect(forward, backward, reflection)
         pairs = [(forward[1:], backward[:-1]) for forward, backward in pairs]
+
+
+def best_order(runs: Sequence[Array], largest: int, least_left: float = 0.0) -> BurgOrder:
+    """Return the order with the least Bayesian information criterion, summed over the series (SchwarzDimension1978).
+
+    Orders that leave less than ``least_left`` of the variance of a series are not considered.
+    """
+    count, least = sum(map(len, runs)), np.inf
+    for found in burg_orders(runs, largest):
+        if found.left.min() < least_left:
+            break
+        criterion = count * float(np.log(found.left).sum()) + found.coefficients.size * log(count)
+        if criterion < least:
+            best, least = found, criterion
+    return best
 
 
 @kernel

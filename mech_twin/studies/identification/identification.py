@@ -13,7 +13,6 @@ import numpy as np
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.held_out import ChannelFit, Score, channel_fits, noise_misfit, refutation, scored
 from mech_twin.studies.identification.key_knowledge import (
@@ -30,7 +29,7 @@ from mech_twin.studies.identification.least_squares_fit import Fitted, Progress,
 from mech_twin.studies.identification.refits import fits_spread, problem_of
 from mech_twin.studies.identification.staged_search import Search, searched
 from mech_twin.studies.identification.unknowns import BEGIN, KEY, IdentificationQuestion
-from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, KeyVerdict
+from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, Combination, KeyVerdict
 
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2

@@ -31,7 +31,7 @@ from scipy.linalg import matmul_toeplitz
 from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.burg import burg_orders
+from mech_twin.studies.burg import best_order
 from mech_twin.studies.identification.least_squares_fit import Fitted, robust_weights
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
 
@@ -77,19 +77,12 @@ class Autoregression:
 
 def autoregression(residuals: Array) -> Autoregression:
     """Return the autoregression of residuals in order of time, by Burg's recursion; order 0 for too few."""
-    best = Autoregression(np.zeros(0), np.ones(1))
-    count, power = len(residuals), float(residuals @ residuals)
-    if count < FEWEST or power == 0.0:
-        return best
-    least = 0.0
-    for found in burg_orders([residuals[:, None]], MOST_ORDER):
-        share, order = float(found.left[0]), len(found.coefficients)
-        if share < LEAST_LEFT:
-            break
-        criterion = count * np.log(share) + order * np.log(count)
-        if criterion < least:
-            best, least = Autoregression(found.coefficients[:, 0], found.correlations[:, 0]), criterion
-    return _corrected(best, count) if len(best.coefficients) == 1 else best
+    count = len(residuals)
+    if count < FEWEST or not residuals.any():
+        return Autoregression(np.zeros(0), np.ones(1))
+    best = best_order([residuals[:, None]], MOST_ORDER, LEAST_LEFT)
+    found = Autoregression(best.coefficients[:, 0], best.correlations[:, 0])
+    return _corrected(found, count) if len(found.coefficients) == 1 else found
 
 
 def _corrected(found: Autoregression, count: int) -> Autoregression:
@@ -101,16 +94,8 @@ def _corrected(found: Autoregression, count: int) -> Autoregression:
     return Autoregression(np.array([near]), np.array([1.0, near]))
 
 
-@dataclass(frozen=True)
-class RememberedNoise:
-    """Middle of the sandwich, shape (unknowns, unknowns), and the effective number of independent samples."""
-
-    middle: Array
-    samples: float
-
-
-def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> RememberedNoise:
-    """Return the sandwich's middle for autocorrelated residuals of each channel.
+def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np.int64]) -> tuple[Array, float]:
+    """Return the sandwich's middle for autocorrelated residuals of each channel, and the effective number of samples.
 
     Parameters
     ----------
@@ -131,7 +116,7 @@ def remembered_noise(jacobian: Array, residuals: Array, channels: npt.NDArray[np
         middle = middle + float(shown @ shown) / count * (own.T @ matmul_toeplitz(correlations, own))
         alike = 1.0 + 2.0 * float((1.0 - np.arange(1, count) / count) @ correlations[1:])
         samples += count / max(alike, 1.0)
-    return RememberedNoise(middle, samples)
+    return middle, samples
 
 
 @dataclass(frozen=True)
@@ -209,8 +194,6 @@ class Uncertainty:
         Shape (2, unknowns): from the estimate down and up to the ends of the 95 % interval, over the scales.
     covariance : ndarray
         Shape (unknowns, unknowns): that of least squares, widened to these errors.
-    origin : tuple of str
-        Which of the errors was the widest, by unknown.
     given_tied : ndarray
         Shape (2, unknowns): the same of a key whose fixed keys that it is tied to are as configured.
     """
@@ -218,7 +201,6 @@ class Uncertainty:
     errors: Array
     half_widths: Array
     covariance: Array
-    origin: tuple[str, ...]
     given_tied: Array
 
 
@@ -228,36 +210,32 @@ def uncertainty(found: Linearised) -> Uncertainty:
     freedom = max(len(found.residuals) - found.jacobian.shape[1], 1)
     variance = float(found.residuals @ found.residuals) / freedom
     plain = inverse * variance
-    candidates = [("least squares", np.sqrt(np.diag(plain)), float(stats.t.ppf(0.975, freedom)))]
-    candidates.append(_with_memory(found, inverse))
-    groups = [("blocks", found.blocks, MOST_LEVERAGE)]
+    own = np.sqrt(np.diag(plain))
+    candidates = [(own, float(stats.t.ppf(0.975, freedom))), _with_memory(found, inverse)]
+    groups = [(found.blocks, MOST_LEVERAGE)]
     if found.runs.max(initial=0) > 0:
-        groups.append(("runs", found.runs, 1.0 - RANK))  # a short run that disagrees with a long one counts in full
-    for name, labels, most_leverage in groups:
+        groups.append((found.runs, 1.0 - RANK))  # a short run that disagrees with a long one counts in full
+    for labels, most_leverage in groups:
         scores = _scores(found, labels)
         count = len(scores)
         share = float(stats.t.ppf(0.975, count - 1))
         middle = scores.T @ scores * count / (count - 1)
-        candidates.append((f"sandwich over {name}", np.sqrt(np.diag(inverse @ middle @ inverse)), share))
-        candidates.append((f"jackknife over {name}", _jackknife(found, labels, most_leverage), share))
-    widths = np.array([error * share for _, error, share in candidates])
-    widest = widths.argmax(axis=0)
-    errors = np.array([candidates[w][1][i] for i, w in enumerate(widest)])
+        candidates.append((np.sqrt(np.diag(inverse @ middle @ inverse)), share))
+        candidates.append((_jackknife(found, labels, most_leverage), share))
+    widths = np.array([error * share for error, share in candidates])
+    errors = np.array([candidates[widest][0][i] for i, widest in enumerate(widths.argmax(axis=0))])
     half_widths = widths.max(axis=0)
-    own = np.sqrt(np.diag(plain))
     grown = half_widths / NORMAL / np.where(own > 0.0, own, 1.0)
-    origin = tuple(candidates[w][0] for w in widest)
     both = np.array([half_widths, half_widths])
-    return Uncertainty(errors, both, plain * np.outer(grown, grown), origin, both)
+    return Uncertainty(errors, both, plain * np.outer(grown, grown), both)
 
 
-def _with_memory(found: Linearised, inverse: Array) -> tuple[str, Array, float]:
+def _with_memory(found: Linearised, inverse: Array) -> tuple[Array, float]:
     """Return the standard errors for correlated residuals, with Student's t of the effective number of samples."""
-    noise = remembered_noise(found.jacobian, found.residuals, found.channels)
-    freedom = max(noise.samples - found.jacobian.shape[1], 1.0)
-    middle = noise.middle * noise.samples / freedom
-    error = np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
-    return "noise with a memory", error, float(stats.t.ppf(0.975, freedom))
+    middle, samples = remembered_noise(found.jacobian, found.residuals, found.channels)
+    freedom = max(samples - found.jacobian.shape[1], 1.0)
+    error = np.sqrt(np.maximum(np.diag(inverse @ (middle * samples / freedom) @ inverse), 0.0))
+    return error, float(stats.t.ppf(0.975, freedom))
 
 
 def last_step(found: Linearised) -> Array:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.combinations import Combination, Family, combinations
 from mech_twin.studies.identification.held_out import refutation
 from mech_twin.studies.identification.intervals import (
     Linearised,
@@ -41,9 +40,12 @@ from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.staged_search import BENDING, Search
 from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, IdentificationQuestion, Unknowns
 from mech_twin.studies.identification.verdicts import (
+    Combination,
+    Family,
     KeyEvidence,
     KeyVerdict,
     Sensitivity,
+    combinations,
     key_verdicts,
     refuted,
     sensitivity,

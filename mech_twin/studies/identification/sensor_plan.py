@@ -20,7 +20,6 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.units import joint_column
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
 from mech_twin.studies.identification.key_knowledge import PREDICTABLE, combined
@@ -38,7 +37,14 @@ from mech_twin.studies.identification.unknowns import (
     ModelRuns,
     unknowns_of,
 )
-from mech_twin.studies.identification.verdicts import IDENTIFIED, KeyEvidence, KeyVerdict, key_verdicts, sensitivity
+from mech_twin.studies.identification.verdicts import (
+    IDENTIFIED,
+    Combination,
+    KeyEvidence,
+    KeyVerdict,
+    key_verdicts,
+    sensitivity,
+)
 
 ADDED_NOISE = 1e-3  # noise of a further sensor, in standard deviations of its signal
 ADDED_RATE_HZ = 500.0

@@ -28,7 +28,6 @@ from mech_twin.files.input_file import opened_input
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, written_file
 from mech_twin.parameters.load import configuration_read, description_text
 from mech_twin.process.dependencies import require_extra
-from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.intervals import intervals_before
@@ -36,7 +35,7 @@ from mech_twin.studies.identification.keyed_configuration import scalar_lines
 from mech_twin.studies.identification.sensor_plan import Help, sensor_helps
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
-from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, KeyVerdict
+from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, Combination, KeyVerdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -19,7 +19,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
-from math import log
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +30,7 @@ from mech_twin.capabilities.cycle import Array
 from mech_twin.errors import StudyError
 from mech_twin.kernels.kernel import kernel
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.studies.burg import burg_orders
+from mech_twin.studies.burg import best_order
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 
 APART = 1000  # numbers skipped between two runs, so that their cycles do not count as consecutive
@@ -235,7 +234,7 @@ def fitted_baseline(vectors: Sequence[FeatureVector]) -> tuple[Baseline, list[Ar
 def baseline_of_runs(names: tuple[str, ...], runs: Sequence[Array], period_s: float) -> tuple[Baseline, list[Array]]:
     """Return the baseline fitted to matrices of consecutive cycles, (n, d) each, and the innovations of each run."""
     mean = np.concatenate(runs).mean(axis=0)
-    coefficients = _autoregression([run - mean for run in runs])
+    coefficients = best_order([run - mean for run in runs], LARGEST_ORDER).coefficients
     found = Baseline(names, mean, coefficients, np.eye(len(names)), sum(map(len, runs)), period_s)
     innovations = [found.innovations(run) for run in runs]
     return replace(found, covariance=covariance_of(np.concatenate(innovations), mean)), innovations
@@ -247,13 +246,3 @@ def covariance_of(innovations: Array, mean: Array) -> Array:
     floor = np.maximum(SMALLEST_SPREAD * np.abs(mean), 1e-12) ** 2
     spread = np.maximum(np.diag(found), floor)
     return np.asarray(found + np.diag(spread - np.diag(found) + RIDGE * spread))
-
-
-def _autoregression(runs: Sequence[Array]) -> Array:
-    """Return the coefficients (p, d) of the order with the least information criterion, summed over features."""
-    cycles, best, coefficients = sum(map(len, runs)), np.inf, np.empty((0, runs[0].shape[1]))
-    for found in burg_orders(runs, LARGEST_ORDER):
-        score = cycles * float(np.log(found.left).sum()) + found.coefficients.size * log(cycles)
-        if score < best:
-            best, coefficients = score, found.coefficients
-    return coefficients

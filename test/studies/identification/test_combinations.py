@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.combinations import Combination, Family, combinations
 from mech_twin.studies.identification.intervals import Linearised, uncertainty
 from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.refits import Refits, family
 from mech_twin.studies.identification.unknowns import KEY, Unknown, Unknowns
+from mech_twin.studies.identification.verdicts import Combination, Family, combinations
 
 FIXED = np.array([1.0, 0.5, 0.75, 1.25, 1.5])
 TIMES = np.linspace(0.0, 3.0, 150)

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.combinations import Combination
 from mech_twin.studies.identification.staged_search import Search
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
     IDENTIFIED,
     MODEL_ERROR,
     NOT_CONVERGED,
+    Combination,
     KeyEvidence,
     Sensitivity,
     key_verdicts,
