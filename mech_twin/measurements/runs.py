@@ -17,7 +17,6 @@ from mech_twin.measurements.units import TURN, is_angle
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
 BACK_SHARE = 0.01  # largest share of stamps that go back
 RESTART_S, CONFIRMING = 1.0, 3  # this many stamps that go back this far are a restart of the machine
-WRAP = 0.5 * TURN
 NONE: Array = np.empty(0)
 ONE_TURN = TURN * (1.0 + 1e-6)
 

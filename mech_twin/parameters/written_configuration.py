@@ -85,8 +85,8 @@ def _reads_as(text: str, name: str, parameters: Parameters) -> bool:
 
 def _with_values(name: str, text: str, parameters: Parameters, source: str) -> str:
     """Return the text with the changed values, replaced from the end so that positions stay valid."""
-    before = dict(_flat(configuration_tree(validated(catalogue_entry(name), text_tree(text, source), source))))
-    wanted = dict(_flat(configuration_tree(parameters)))
+    before = dict(leaves(configuration_tree(validated(catalogue_entry(name), text_tree(text, source), source))))
+    wanted = dict(leaves(configuration_tree(parameters)))
     wanted |= {} if is_page(name) else {MACHINE_KEY: name}
     values, groups = _places(text)
     changed = {key: value for key, value in wanted.items() if before.get(key) != value and key != MACHINE_KEY}
@@ -128,10 +128,11 @@ def _by_group(new: Mapping[str, Any], groups: Mapping[str, TextPlace]) -> dict[s
     return found
 
 
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value of a configuration tree under its dotted key."""
     for key, value in tree.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
+            yield from leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
 

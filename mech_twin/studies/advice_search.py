@@ -17,15 +17,11 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import CycleFeatures
 from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.configuration_tree import (
-    ConfigurationError,
-    configuration_tree,
-    merged_tree,
-    tree_from_flat,
-)
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
+from mech_twin.parameters.live_change import live_numbers
 from mech_twin.studies.advice import AdviceRules, Recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_features, feed_channels
 from mech_twin.studies.observer.parameter_error import changed_parameters, uncertain_keys
@@ -117,8 +113,7 @@ class AdviceModel:
         if self.wish.output.key == COMMAND:
             command = value
         else:
-            tree = merged_tree(configuration_tree(settings), tree_from_flat({self.wish.output.key: value}))
-            settings = type(settings).model_validate(tree)
+            settings = varied(settings, {self.wish.output.key: value})
         feature = next(each for each in declared.features if each.name == self.wish.figure)
         columns = list(dict.fromkeys((declared.reference.column, *feature.needs)))
         run = roll_out(self.entry.build(settings), declared.run_up_s + MODEL_CYCLES_S, columns, command=command)
@@ -148,22 +143,10 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
     if not output.low <= output.value <= output.high or output.low == output.high:
         raise ConfigurationError(f"key 'output.value', value {output.value}: expected {output.low} to {output.high}")
     if output.key != COMMAND:
-        changed = changed_parameters(parameters, output.key, 0.0) if output.key in number_keys(parameters) else None
-        if changed is None:
+        live = [key for key, value in live_numbers(parameters).items() if isinstance(value, float)]
+        if output.key not in live or changed_parameters(parameters, output.key, 0.0) is None:
             raise ConfigurationError(f"key 'output.key', value {output.key!r}: expected {COMMAND} or a live parameter")
     return model
-
-
-def number_keys(parameters: Parameters, prefix: str = "") -> list[str]:
-    """Return the dotted keys of live parameters that are numbers."""
-    found = []
-    for name, field in type(parameters).model_fields.items():
-        value, extra = getattr(parameters, name), field.json_schema_extra
-        if isinstance(value, Parameters):
-            found += number_keys(value, f"{prefix}{name}.")
-        elif isinstance(value, float) and isinstance(extra, dict) and extra.get("live"):
-            found.append(prefix + name)
-    return found
 
 
 def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_s: float) -> Recommendation | None:

@@ -39,12 +39,6 @@ class EnergyFlow(NamedTuple):
     held_j: Array | None
     turns: bool
 
-    @property
-    def miss_j(self) -> float:
-        """Change of stored energy minus the sum of the works at the cycle's end (J); nan if the former is unknown."""
-        given = sum(float(work[-1]) for work in self.works_j.values())
-        return float("nan") if self.held_j is None else float(self.held_j[-1]) - given
-
 
 class EnergyBooks:
     """Collects the energies of a run.

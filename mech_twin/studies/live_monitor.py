@@ -90,13 +90,12 @@ def changes_by_faults(
 
 def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings) -> dict[str, str]:
     """Return the values of a fault for a panel: state, statistics and thresholds, ARL0, delay, candidates."""
-    hours = setup.limits.arl0_cycles * setup.baseline.period_s / 3600.0
     values = {
         "state": life.state,
         "since s": f"{life.since_s:.3f}",
         "acknowledged": str(life.is_acknowledged),
         "shelved until s": f"{life.shelved_until_s:.3f}",
-        "arl0 h": f"{hours:.4g}",
+        "arl0 h": f"{setup.arl0_h:.4g}",
         "delay cycles": str(found.delay_cycles),
         "began s": f"{found.onset_s:.3f}",
         "candidates": "; ".join(

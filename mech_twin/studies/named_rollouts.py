@@ -248,17 +248,12 @@ def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: 
     ConfigurationError
         If the changed configuration is invalid.
     """
-    live = live_keys(parameters)
+    live = list(live_numbers(parameters))
     for key in keys:
         if key not in live:
             raise StudyError(f"{source}: key '{key}' cannot change during a run; expected one of {', '.join(live)}")
     tree = merged_tree(configuration_tree(parameters), tree_from_flat(keys, source))
     return validated(catalogue_entry(name), tree, source)
-
-
-def live_keys(parameters: Parameters) -> list[str]:
-    """Return the dotted keys of live parameters, which may change while the machine runs."""
-    return list(live_numbers(parameters))
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import PAGE, machine_parameters
+from mech_twin.parameters.written_configuration import leaves
 
 LABEL_LETTERS = 32  # in a line of an axis label
 ROUNDING = 1e-9  # of the largest number in a unit: smaller columns are rounding errors
@@ -97,15 +98,6 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
         _paired(*({name: x for name, x in each.items() if not name.startswith(RESIDUAL)} for each in summaries)),
         tolerance,
     )
-
-
-def leaves(tree: Mapping[str, Any], path: str = "") -> list[tuple[str, Any]]:
-    """Return every value of a configuration tree under its dotted key."""
-    found: list[tuple[str, Any]] = []
-    for key, value in tree.items():
-        here = f"{path}{key}"
-        found += leaves(value, f"{here}.") if isinstance(value, Mapping) else [(here, value)]
-    return found
 
 
 def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -27,7 +28,6 @@ class RunMetrics:
 
     def __init__(self, build: Callable[[], Machine]) -> None:
         self._build = build
-        self._machine: Machine | None = None
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -43,7 +43,7 @@ class RunMetrics:
         self.frames += 1
         self.last = frame
         if self._observer is None:
-            self._observer = self._built().observer()
+            self._observer = self.machine.observer()
         self._observer.observe(frame)
         events = frame_events(frame)
         self.events.extend(events)
@@ -52,7 +52,7 @@ class RunMetrics:
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics so far, including the closed-form ones of a cycle."""
-        return {**self._built().report(), **self.running_numbers()}
+        return {**self.machine.report(), **self.running_numbers()}
 
     def running_numbers(self) -> dict[str, float]:
         """Return only the metrics of the run."""
@@ -60,18 +60,13 @@ class RunMetrics:
 
     def regime(self, index: int) -> str:
         """Return the name of a regime of the linkage; empty if the machine has none."""
-        regimes = self._built().linkage.regimes
+        regimes = self.machine.linkage.regimes
         return regimes[index] if regimes else ""
 
-    @property
+    @cached_property
     def machine(self) -> Machine:
         """The machine, built at the first access."""
-        return self._built()
-
-    def _built(self) -> Machine:
-        if self._machine is None:
-            self._machine = self._build()
-        return self._machine
+        return self._build()
 
 
 class Simulation:

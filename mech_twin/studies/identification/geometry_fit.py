@@ -33,11 +33,11 @@ from mech_twin.measurements.model_turn import TURNING
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.measurements.units import TURN
 from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.parameters.written_configuration import leaves
 from mech_twin.roles import CrankState, GuidedLinkage
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
     declared_field,
-    leaves,
     machine_keys,
     unit_at,
 )
@@ -110,7 +110,7 @@ def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tupl
     """
     yield {}, model
     entry, base = catalogue_entry(model.name), type(model.base)
-    for key, value in leaves(model.tree, str):
+    for key, value in leaves(model.tree):
         declared = declared_field(base, key)
         for other in get_args(declared.annotation) if declared is not None and key not in fixed else ():
             if other == value or not isinstance(other, str):

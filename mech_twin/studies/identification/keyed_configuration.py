@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import yaml
@@ -33,9 +33,9 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_machine import compiled_machine
 from mech_twin.measurements.blocks import Array
 from mech_twin.parameters.load import catalogue_entry, configuration_file, validated
+from mech_twin.parameters.written_configuration import leaves
 from mech_twin.roles import Machine
 
-Leaf = TypeVar("Leaf")
 MOVED = 1e-3  # of a key, or of the unit where it is 0: enough to be seen, too little to be refused
 SEARCHED = 20.0  # factor of the search range about the configured value, where no bounds are given
 SHARE_OF_LIKE = 0.1  # of the largest key in the same unit: scale of a key that is 0
@@ -127,7 +127,7 @@ def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
 
 def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator[str]:
     """Yield the dotted keys of numbers that the machine derives if the configuration leaves them out."""
-    for leaf, _ in leaves(tree, float):
+    for leaf in numbers_of(tree):
         try:
             found = _configured(name, _without(tree, leaf), {})
         except ConfigurationError:
@@ -213,7 +213,7 @@ def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
 
 
 def _numbers(parameters: Parameters) -> Iterator[str]:
-    for key, value in leaves(configuration_tree(parameters), float):
+    for key, value in numbers_of(configuration_tree(parameters)).items():
         of_machine = key.split(".")[0] not in NOT_OF_THE_MACHINE and key not in START_STATES
         if of_machine and isfinite(value):
             yield key
@@ -311,13 +311,9 @@ def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:
     return float(found)
 
 
-def leaves(tree: Mapping[str, Any], kind: type[Leaf], prefix: str = "") -> Iterator[tuple[str, Leaf]]:
-    """Yield every dotted key of a tree with a value of this type, and the value."""
-    for name, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from leaves(value, kind, f"{prefix}{name}.")
-        elif isinstance(value, kind):
-            yield prefix + name, value
+def numbers_of(tree: Mapping[str, Any]) -> dict[str, float]:
+    """Return every floating-point number of a tree by its dotted key."""
+    return {key: value for key, value in leaves(tree) if isinstance(value, float)}
 
 
 def declared_bounds(model: type[BaseModel], key: str) -> tuple[float, float]:
@@ -359,5 +355,7 @@ def _scale(tree: Mapping[str, Any], base: Parameters, key: str) -> float:
     if value > 0.0:
         return value
     unit = unit_at(type(base), key)
-    like = [abs(each) for name, each in leaves(tree, float) if unit_at(type(base), name) == unit and np.isfinite(each)]
+    like = [
+        abs(each) for name, each in numbers_of(tree).items() if unit_at(type(base), name) == unit and np.isfinite(each)
+    ]
     return SHARE_OF_LIKE * max(like, default=0.0) or 1.0

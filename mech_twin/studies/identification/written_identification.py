@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -25,7 +24,7 @@ from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
-from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, written_file
+from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, plain, written_file
 from mech_twin.parameters.load import configuration_read, description_text
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
@@ -285,7 +284,8 @@ class SavedIdentification:
         if not is_file(out):
             out.mkdir(parents=True, exist_ok=True)
             machine = self.found.question.machine
-            texts = {out / f"{machine}.yaml": configuration, out / "identification.json": _json(self._with_helps)}
+            record = json.dumps(plain(self._with_helps), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+            texts = {out / f"{machine}.yaml": configuration, out / "identification.json": record}
             if find_spec("matplotlib") is not None:
                 from mech_twin.studies.identification.report_page import report_page
 
@@ -308,18 +308,3 @@ def check_out(out: Path, *, force: bool = False) -> None:
         check_output_file(out, force=force)
     else:
         check_output_directory(out, force=force)
-
-
-def _json(tree: Mapping[str, Any]) -> str:
-    return json.dumps(_finite(tree), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    """Return a value with null for each number that is not finite, which JSON cannot represent."""
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_finite(item) for item in value]
-    return value

@@ -198,7 +198,7 @@ def feature_runs(vectors: Sequence[FeatureVector], names: Sequence[str]) -> list
     runs: list[list[Array]] = [[]]
     number = None
     for vector in vectors:
-        row = vector.values[[vector.names.index(name) for name in names]]
+        row = vector.row(names)
         whole = bool(np.isfinite(row).all())
         if (number is not None and vector.number != number + 1) or not whole:
             runs.append([])
@@ -242,7 +242,10 @@ def baseline_of_runs(names: tuple[str, ...], runs: Sequence[Array], period_s: fl
 
 def covariance_of(innovations: Array, mean: Array) -> Array:
     """Return the covariance of innovations (n, d), regularised to be positive definite."""
-    found = innovations.T @ innovations / max(len(innovations) - 1, 1)
-    floor = np.maximum(SMALLEST_SPREAD * np.abs(mean), 1e-12) ** 2
-    spread = np.maximum(np.diag(found), floor)
-    return np.asarray(found + np.diag(spread - np.diag(found) + RIDGE * spread))
+    return regularised(innovations.T @ innovations / max(len(innovations) - 1, 1), mean)
+
+
+def regularised(covariance: Array, mean: Array) -> Array:
+    """Return a covariance (d, d) of features with this mean (d,), made positive definite."""
+    spread = np.maximum(np.diag(covariance), np.maximum(SMALLEST_SPREAD * np.abs(mean), 1e-12) ** 2)
+    return np.asarray(covariance + np.diag(spread - np.diag(covariance) + RIDGE * spread))

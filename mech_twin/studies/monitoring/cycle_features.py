@@ -120,6 +120,11 @@ class FeatureVector(NamedTuple):
     values: Array
     quality: Mapping[str, ChannelQuality] = MappingProxyType({})
 
+    def row(self, names: Sequence[str]) -> Array:
+        """Return these features, shape (names,); nan for one that the vector lacks."""
+        known = dict(zip(self.names, self.values.tolist(), strict=True))
+        return np.array([known.get(name, np.nan) for name in names])
+
 
 @dataclass
 class FeatureFeed:

@@ -148,11 +148,10 @@ def late_shift(setup: MonitorSetup, vectors: Sequence[FeatureVector]) -> dict[st
     """Return the mean change of each feature over the last cycles, without the operating point's effect if modelled."""
     baseline, surface = setup.baseline, setup.operating
     late = [vector if surface is None else surface.reduced(vector)[0] for vector in vectors[-LATE_CYCLES:]]
-    found = {}
+    rows, found = np.array([vector.row(baseline.names) for vector in late]), {}
     for i, name in enumerate(baseline.names):
-        values = [vector.values[vector.names.index(name)] for vector in late if name in vector.names]
-        known = [value for value in values if isfinite(value)]
-        if known:
+        known = rows[np.isfinite(rows[:, i]), i]
+        if len(known):
             found[name] = float((np.mean(known) - baseline.mean[i]) / baseline.sigma[i])
     return found
 

@@ -173,6 +173,7 @@ class Monitor:
         self._track = None if surface is None else OperatingTrack(surface)
         self._steady = 1.0 + np.abs(baseline.coefficients).sum(axis=0)
         self._off = np.zeros(len(baseline.names))
+        self._nothing = np.full(len(baseline.names), np.nan)  # innovations of a cycle that is not judged
 
     def observe(self, vector: FeatureVector) -> Findings:
         """Take the features of the next cycle; return the findings."""
@@ -188,18 +189,19 @@ class Monitor:
         point = None
         if surface is not None:
             vector, point = surface.reduced(vector)
-        row, missing = _row_of(vector, baseline.names)
+        row = vector.row(baseline.names)
+        missing = tuple(name for name, value in zip(baseline.names, row, strict=True) if not np.isfinite(value))
         if self._number is not None and vector.number != self._number + 1:
             self._history.clear()
         self._number = vector.number
         if missing:
             self._history.clear()
-            return self._unjudged(vector, row, missing)
+            return self._unjudged(vector, missing)
         if self._track is not None and point is not None:
             self._off = self._track.advance(point)
         self._history.append(np.clip(row, *self._believed))
         if len(self._history) <= baseline.order:
-            return self._unjudged(vector, np.full(len(row), np.nan), ())
+            return self._unjudged(vector)
         innovation = baseline.innovations(np.array(self._history))[-1]
         self._history.popleft()
         return self._judged(vector, innovation)
@@ -224,11 +226,11 @@ class Monitor:
         """
         self.lives[name] = shelved(self.lives[name], until_s)
 
-    def _unjudged(self, vector: FeatureVector, standard: Array, missing: tuple[str, ...]) -> Findings:
-        nothing = np.full(len(standard), np.nan)
-        alarm = self._episode is not None
-        found = Findings(vector.number, vector.end_s, self.setup.baseline.names, nothing, None, alarm)
-        return found._replace(faults=self._living(), missing=missing)
+    def _unjudged(self, vector: FeatureVector, missing: tuple[str, ...] = ()) -> Findings:
+        return Findings(
+            vector.number, vector.end_s, self.setup.baseline.names, self._nothing, None,
+            alarm=self._episode is not None, faults=self._living(), missing=missing,
+        )  # fmt: skip
 
     def _with_wrong_sensor(self, vector: FeatureVector, wrong: tuple[SensorFinding, ...]) -> Findings:
         """Report the sensor fault; reset the charts, since the samples do not describe the machine."""
@@ -245,9 +247,8 @@ class Monitor:
         sensors = {name for name in self.lives if name.startswith(SENSOR)}
         announce = self._live_on(first.name, vector.end_s, {first.name, *sensors})
         found = (Candidate(first.name, first.size, first.size, first.size, "1", 0.0),)
-        nothing = np.full(len(self.setup.baseline.names), np.nan)
         return Findings(
-            vector.number, vector.end_s, self.setup.baseline.names, nothing, None, verdict="named",
+            vector.number, vector.end_s, self.setup.baseline.names, self._nothing, None, verdict="named",
             onset_s=vector.begin_s, candidates=found, faults=self._living(), announce=announce,
         )  # fmt: skip
 
@@ -387,12 +388,3 @@ class Monitor:
 
     def _living(self) -> tuple[FaultLife, ...]:
         return tuple(life for life in self.lives.values() if life.state != "cleared")
-
-
-def _row_of(vector: FeatureVector, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]]:
-    """Return the features in the order of the baseline, and the names of those that are missing."""
-    known = dict(zip(vector.names, vector.values.tolist(), strict=True))
-    row = np.array([known.get(name, np.nan) for name in names])
-    if bool(np.isfinite(row).all()):
-        return row, ()
-    return row, tuple(name for name, value in zip(names, row, strict=True) if not np.isfinite(value))

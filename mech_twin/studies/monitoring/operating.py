@@ -177,8 +177,7 @@ class OperatingSurface:
 
     def reduced(self, vector: FeatureVector) -> tuple[FeatureVector, Array]:
         """Return the vector of the residuals y of a cycle, and its operating point (q,)."""
-        known = dict(zip(vector.names, vector.values.tolist(), strict=True))
-        y, u = self.rest(np.array([known.get(name, np.nan) for name in self.names]))
+        y, u = self.rest(vector.row(self.names))
         return vector._replace(names=self.left_names, values=y), u
 
     def reduced_signature(self, signature: Signature) -> Signature:

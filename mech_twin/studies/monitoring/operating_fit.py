@@ -16,7 +16,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.errors import MotionError
-from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD
+from mech_twin.studies.monitoring.baseline import feature_runs, regularised
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import USED_CYCLES
 from mech_twin.studies.monitoring.operating import (
@@ -107,17 +107,9 @@ def left_by_point(
     surface: OperatingSurface, vectors: Sequence[FeatureVector]
 ) -> tuple[OperatingSurface, list[FeatureVector]]:
     """Return the surface with the wander of a baseline, and the residual features y of each cycle."""
-    found, runs, number = list[FeatureVector](), list[list[Array]](), None
-    for vector in vectors:
-        left, point = surface.reduced(vector)
-        found.append(left)
-        if not np.isfinite(point).all():
-            continue
-        if number is None or vector.number != number + 1:
-            runs.append([])
-        runs[-1].append(point)
-        number = vector.number
-    return with_baseline(surface, [np.array(run) for run in runs]), found
+    reduced = [surface.reduced(vector) for vector in vectors]
+    points = [left._replace(names=surface.variables, values=point) for left, point in reduced]
+    return with_baseline(surface, feature_runs(points, surface.variables)), [left for left, _ in reduced]
 
 
 def parameters_at(
@@ -221,8 +213,7 @@ def _features_at(
 
 
 def _rows(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> Array:
-    places = [vectors[0].names.index(name) for name in names]
-    rows = np.array([vector.values[places] for vector in vectors])
+    rows = np.array([vector.row(names) for vector in vectors])
     return np.asarray(rows[np.isfinite(rows).all(axis=1)])
 
 
@@ -230,10 +221,8 @@ def _root_of_noise(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> 
     """Return L^-1, with L L' half the covariance of the differences between neighbouring cycles."""
     rows = _rows(vectors, names)
     steps = np.diff(rows, axis=0)
-    found = 0.5 * steps.T @ steps / max(len(steps) - 1, 1)
-    floor = np.maximum(SMALLEST_SPREAD * np.abs(rows.mean(axis=0)), 1e-12) ** 2
-    spread = np.maximum(np.diag(found), floor)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(found + np.diag(spread - np.diag(found) + RIDGE * spread))))
+    found = regularised(0.5 * steps.T @ steps / max(len(steps) - 1, 1), rows.mean(axis=0))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(found)))
 
 
 def _settling(

@@ -26,7 +26,7 @@ from mech_twin.studies.observer.estimate import (
     located,
 )
 from mech_twin.studies.observer.filter_state import FilterState, Prediction, SaltedFilter, observation, output_variance
-from mech_twin.studies.observer.model_run import AnchorNow, RegimeByAngle, model_run
+from mech_twin.studies.observer.model_run import AnchorNow, RegimeByAngle, model_run, without_turns
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
 from mech_twin.studies.observer.state_space import state_space, undetermined
 
@@ -173,10 +173,6 @@ class PhaseLockedObserver:
         """Age relative to the newest estimate up to which a sample is used (s)."""
         return 20.0 * self.run.bank.step_s
 
-    def time_of(self, event: Event) -> float:
-        """Return the machine's time of an event of the estimated motion."""
-        return self._origin_s + event.time_s
-
     def _with_sigma(self, channel: SensedChannel) -> SensedChannel:
         """Return a channel with known noise; if unknown, a small share of the column's range is assumed."""
         assumed = UNKNOWN_SIGMA * float(self.run.spread[self.columns[channel.column]])
@@ -221,14 +217,11 @@ class PhaseLockedObserver:
         row = self._anchor.restated(self.run.rows[step - 1].copy(), step - 1)
         with_keys = np.zeros((len(deviation), len(self.parameters.keys)))
         self._base = FilterState(step - 1, row, offsets, covariance, with_keys)
-        self._ahead = self._filter.predicted(self._base, self._target_at(step))
+        self._ahead = self._filter.predicted(self._base, self.target)
         self._keep_rates()
         self._believed.clear()
         self._passed = []
         self.state = ObserverState.LOCKED
-
-    def _target_at(self, step: int) -> float:
-        return self.target
 
     def _forget(self) -> None:
         self.state, self._base, self._ahead = ObserverState.SEARCHING, None, None
@@ -251,7 +244,7 @@ class PhaseLockedObserver:
         effect = self.parameters.effect_at(self._ahead.row)
         base = self._filter.committed(self._base, self._ahead, self._noise, effect)
         self._base = base._replace(row=self._anchor.restated(self._regimes.repaired(base.row), base.step))
-        self._ahead = self._filter.predicted(self._base, self._target_at(self._base.step + 1))
+        self._ahead = self._filter.predicted(self._base, self.target)
         self._keep_rates()
 
     def _keep_rates(self) -> None:
@@ -259,7 +252,7 @@ class PhaseLockedObserver:
         assert self._base is not None and self._ahead is not None
         rise = self._ahead.row - self._base.row
         rise[self.space.input_places] -= self._base.offsets
-        rise[self.run.angles] -= 2.0 * np.pi * np.round(rise[self.run.angles] / (2.0 * np.pi))
+        rise[self.run.angles] = without_turns(rise[self.run.angles])
         before, self._rates = self._rates, rise / self.run.bank.step_s
         self._kinks = np.abs(self._rates - before) if self._ahead.events else np.zeros_like(before)
 
@@ -284,8 +277,8 @@ class PhaseLockedObserver:
             (sigma**2 + by_parameters[places]).tolist(),
             [sample.time_s - at_s] * len(places),
         )
-        effect, target = self.parameters.effect_at(self._ahead.row), self._target_at(self._base.step + 1)
-        now = self._filter.corrected(self._base, self._ahead, seen, effect, self._rates, target)
+        effect = self.parameters.effect_at(self._ahead.row)
+        now = self._filter.corrected(self._base, self._ahead, seen, effect, self._rates, self.target)
         self._base, self._ahead = now.state, now.prediction
         self.counts["unbelievable"] += int(len(now.used) - np.count_nonzero(now.used))
         self._believed.append(bool(now.used.all()))

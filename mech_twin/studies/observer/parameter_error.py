@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
     configuration_tree,
@@ -137,11 +138,9 @@ def _changed(
 
 def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Parameters | None:
     """Return the parameters with a key raised, or lowered if that is rejected; None if both are."""
-    tree = configuration_tree(parameters)
     for sign in (1.0, -1.0):
-        changed = merged_tree(tree, tree_from_flat({key: key_value(parameters, key) + sign * deviation}))
         try:
-            return type(parameters).model_validate(changed)
+            return varied(parameters, {key: key_value(parameters, key) + sign * deviation})
         except ValueError:
             continue
     return None

@@ -9,7 +9,6 @@ Each message is its length (4 bytes, big-endian), a byte for its kind (picture o
 from __future__ import annotations
 
 import json
-import math
 import socket
 import struct
 import threading
@@ -17,6 +16,8 @@ import time
 from collections.abc import Mapping
 from types import TracebackType
 from typing import Any
+
+from mech_twin.files.output_file import plain
 
 HEAD = struct.Struct("!Ic")
 PICTURE, MESSAGE = b"p", b"m"
@@ -32,15 +33,7 @@ def encoded(content: Any, *, finite: bool) -> bytes:
     try:
         return json.dumps(content, separators=(",", ":"), allow_nan=not finite).encode()
     except ValueError:
-        return json.dumps(_with_null(content), separators=(",", ":")).encode()
-
-
-def _with_null(content: Any) -> Any:
-    if isinstance(content, Mapping):
-        return {key: _with_null(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_with_null(value) for value in content]
-    return None if isinstance(content, float) and not math.isfinite(content) else content
+        return json.dumps(plain(content), separators=(",", ":")).encode()
 
 
 class BenchLink:
