@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from types import TracebackType
 from typing import Literal
 
+from mech_twin.process.closing import Closing
 from mech_twin.process.interruption import UninterruptedLock
 from mech_twin.recording.bag_metadata import new_directory, running_distro
 from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
@@ -33,7 +33,7 @@ class WriterState(Enum):
     CLOSED = "closed"
 
 
-class BagWriter:
+class BagWriter(Closing):
     """A recording in progress.
 
     Chunks are closed by size and by age.  Each is written to the file at once, followed by the loss counters, so that a
@@ -260,16 +260,6 @@ class BagWriter:
                 self._write_losses()
             else:
                 self._state = WriterState.CLOSED
-
-    def __enter__(self) -> BagWriter:
-        """Return the writer itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Finish the bag."""
-        self.close()
 
     def _add(
         self, topic: str, entry: RecordedTopic, raw: bytes, log_time_ns: int, publish_time_ns: int, now: float

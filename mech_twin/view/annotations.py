@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
-from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, MotorSample, Named, Shape
+from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, MotorSample, Shape
 from mech_twin.view.extent import Bounds, round_above, with_prefix
 
 LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
@@ -87,7 +87,7 @@ class Annotations:
             return ()
         linkage, forces = min(self._recent, key=lambda step: abs(step[0].time_s - time_s))
         at = poses(self._tree, dict(zip(linkage.joints, linkage.position, strict=True)))
-        width_m = bounds.right_m - bounds.left_m
+        width_m = bounds.width_m
         return (
             *(() if forces is None else self._pins(forces, at, bounds, width_m)),
             *self._flash(time_s, at, width_m),
@@ -206,7 +206,7 @@ class Banner:
         self._energy = energy
         self.rated_power_w: float | None = None
         self.body_regimes: tuple[str, ...] = ()
-        self._slides = sliding_joints(tree)
+        self._slides: frozenset[str] = frozenset() if tree is None else tree.sliding_joints
         self._known = tree is not None
         self._command = math.nan
         self._linkage: LinkageSample | None = None
@@ -232,7 +232,7 @@ class Banner:
             self._begin_s = linkage.time_s if self._begin_s is None else self._begin_s
             self._note_broken(linkage)
         if forces is not None and POWER in forces.quantities.names:
-            self._power.append((forces.time_s, _named(forces.quantities, POWER)))
+            self._power.append((forces.time_s, forces.quantities.as_dict()[POWER]))
             _forget(self._power, forces.time_s)
         if body is not None and REST in self.body_regimes:
             self._body.append((body.time_s, body.pressing_force_n, self.body_regimes[body.regime] == REST))
@@ -262,7 +262,7 @@ class Banner:
         linkage = self._linkage
         if linkage is None:
             return "waiting for the first step"
-        if self._stalled(linkage):
+        if is_stalled(linkage):
             return "stalled"
         if self._command > 0.0:
             return "running"
@@ -276,16 +276,12 @@ class Banner:
     def alarm(self) -> str:
         """Return the alarm text; empty if there is none."""
         linkage = self._linkage
-        return self._broken or ("the machine is stalled" if linkage is not None and self._stalled(linkage) else "")
+        return self._broken or ("the machine is stalled" if linkage is not None and is_stalled(linkage) else "")
 
     def cards(self) -> list[Card]:
         """Return the headline numbers: speed, rate, last blow, pressing force, contact share, power."""
         linkage = self._linkage
         return [] if linkage is None else [*self._speed(linkage), *self._work(linkage)]
-
-    def _stalled(self, linkage: LinkageSample) -> bool:
-        memory = linkage.memory
-        return any(name in memory.names and _named(memory, name) > 0.0 for name in STALLED)
 
     def _speed(self, linkage: LinkageSample) -> list[Card]:
         joint, speed = linkage.joints[0], linkage.velocity[0]
@@ -334,15 +330,10 @@ class Banner:
                 self._broken = f"{joint} is not finite at {linkage.time_s:.3f} s"
 
 
-def sliding_joints(tree: FrameTree | None) -> frozenset[str]:
-    """Return the names of the prismatic joints, whose positions are in m."""
-    if tree is None:
-        return frozenset()
-    return tree.sliding_joints
-
-
-def _named(numbers: Named, name: str) -> float:
-    return numbers.values[numbers.names.index(name)]
+def is_stalled(linkage: LinkageSample) -> bool:
+    """Return whether a memory of the linkage marks it as stalled."""
+    memory = linkage.memory.as_dict()
+    return any(memory.get(name, 0.0) > 0.0 for name in STALLED)
 
 
 def _forget(values: deque[Any], now_s: float) -> None:

@@ -44,6 +44,8 @@ FIRST_COLOUR = {
     "residuals/forces": 3,
     "residuals/body": 6,
 }
+WINDOW = 5  # samples, whose extremes are kept
+BATCH_S = 0.1  # simulated time per batch
 WORST_WINDOWS = 5
 
 
@@ -83,28 +85,11 @@ class Track(Generic[Sample]):
         Destination of the curves.
     groups : callable
         Converts samples with equal names to groups of curves.
-    window : int
-        Samples per decimation window.
-    batch_s : float
-        Simulated time per batch.
-    window_s : float
-        Simulated time per decimation window, at least.
     """
 
-    def __init__(
-        self,
-        stream: rr.RecordingStream,
-        groups: Callable[[Sequence[Sample]], Groups],
-        *,
-        window: int,
-        batch_s: float,
-        window_s: float = 0.0,
-    ) -> None:
+    def __init__(self, stream: rr.RecordingStream, groups: Callable[[Sequence[Sample]], Groups]) -> None:
         self._stream = stream
         self._groups = groups
-        self._window = window
-        self._window_s = window_s
-        self._batch_s = batch_s
         self._pending: deque[Sample] = deque()
         self.curves: dict[str, tuple[str, ...]] = {}
         self.units: dict[str, str] = {}
@@ -115,17 +100,15 @@ class Track(Generic[Sample]):
         if self._pending and not same_names(self._pending[0], sample):
             sent = self.flush()
         self._pending.append(sample)
-        if sample.time_s - self._pending[0].time_s < self._batch_s:
+        if sample.time_s - self._pending[0].time_s < BATCH_S:
             return sent
-        window = self._rows_of_window()
-        return self._send(len(self._pending) - len(self._pending) % window) or sent
+        return self._send(len(self._pending) - len(self._pending) % WINDOW) or sent
 
     def flush(self) -> bool:
         """Send the remaining samples, including an incomplete window; return whether there were any."""
         return self._send(len(self._pending))
 
     def _send(self, count: int) -> bool:
-        window = self._rows_of_window()
         batch = [self._pending.popleft() for _ in range(count)]
         if not batch:
             return False
@@ -138,23 +121,14 @@ class Track(Generic[Sample]):
                 self.curves[group.path] = group.names
                 self.units[group.path] = group.unit
                 self._stream.log(group.path, series_lines(group.names, FIRST_COLOUR.get(group.path, 0)), static=True)
-            self._send_group(group, time_s, step, window)
+            self._send_group(group, time_s, step)
         return True
 
-    def _rows_of_window(self) -> int:
-        pending = self._pending
-        if len(pending) < 2 or not self._window_s:
-            return self._window
-        step_s = (pending[-1].time_s - pending[0].time_s) / (len(pending) - 1)
-        return max(self._window, round(self._window_s / step_s)) if step_s > 0.0 else self._window
-
-    def _send_group(
-        self, group: Group, time_s: npt.NDArray[np.float64], step: npt.NDArray[np.int64], window: int
-    ) -> None:
+    def _send_group(self, group: Group, time_s: npt.NDArray[np.float64], step: npt.NDArray[np.int64]) -> None:
         if group.worst:
-            rows, values = worst_values(group.values, WORST_WINDOWS * window)
+            rows, values = worst_values(group.values, WORST_WINDOWS * WINDOW)
         else:
-            rows = extreme_rows(group.values, window)
+            rows = extreme_rows(group.values, WINDOW)
             values = group.values[rows]
         send_rows(self._stream, group.path, values, time_s[rows], step[rows])
 

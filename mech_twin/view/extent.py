@@ -77,18 +77,19 @@ def written_beside(shape: Shape, width_m: float) -> Shape:
     return Shape(f"{shape.name}_text", "text", (top,), shape.colour, line_m, shape.text)
 
 
-def texts_of(shapes: Sequence[Shape], notes: Sequence[Shape], width_m: float) -> list[Shape]:
-    """Return the texts of a drawing that have no fixed position.
+def with_placed_texts(shapes: Sequence[Shape], notes: Sequence[Shape], bounds: Bounds | None) -> list[Shape]:
+    """Return a drawing and the notes over it, then their texts without a fixed position, placed within the bounds.
 
     Those of the notes - letters of the pins, values, scales - have their places first; names make room for them and for
     each other.
     """
-    every = (*shapes, *notes)
+    every, width_m = (*shapes, *notes), 1.0 if bounds is None else bounds.width_m
     letters = [shape for shape in every if shape.kind == "points" and shape.text]
     first = apart([shape for shape in notes if shape.kind == "text"], letters, width_m)
     names = [shape for shape in shapes if shape.kind == "text"]
     names += [written_beside(shape, width_m) for shape in every if shape.kind in ("line", "arrow") and shape.text]
-    return [*first, *apart(names, [*first, *letters], width_m)]
+    drawn = [shape for shape in every if shape.kind != "text"]
+    return [*drawn, *first, *apart(names, [*first, *letters], width_m)]
 
 
 def apart(texts: Sequence[Shape], fixed: Sequence[Shape], width_m: float) -> list[Shape]:
@@ -151,6 +152,11 @@ class Bounds(NamedTuple):
     right_m: float
     low_m: float
     high_m: float
+
+    @property
+    def width_m(self) -> float:
+        """Its width."""
+        return self.right_m - self.left_m
 
 
 class DrawnExtent:

@@ -23,7 +23,7 @@ from mech_twin.errors import RerunSceneError
 from mech_twin.files.output_file import FILE_MODE
 from mech_twin.samples import Shape
 from mech_twin.view.curves import FIRST_COLOUR, SIM_TIME, STEP, send_rows, series_lines, times
-from mech_twin.view.extent import Bounds, DrawnExtent, texts_of
+from mech_twin.view.extent import Bounds, DrawnExtent, with_placed_texts
 from mech_twin.view.layout import BANNER, EVENTS, MECHANISM, banner_view, events_view, mechanism_view, page, plot
 
 MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -61,10 +61,7 @@ class Mechanism(DrawnExtent):
         ValueError
             The kind of a shape is unknown.
         """
-        bounds = self.bounds()
-        width_m = 1.0 if bounds is None else bounds.right_m - bounds.left_m
-        every = [shape for shape in (*shapes, *notes) if shape.kind != "text"]
-        self.place([*texts_of(shapes, notes, width_m), *every])
+        self.place(with_placed_texts(shapes, notes, self.bounds()))
 
     def place(self, shapes: Sequence[Shape]) -> None:
         """Log shapes at the stream's time, each text at its own position.

@@ -8,18 +8,18 @@ recordings of machines outside the catalogue can be shown too.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import rerun as rr
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import metrics_table
+from mech_twin.process.closing import Closing
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.annotations import Annotations, Banner, lost_energy, sliding_joints
-from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
+from mech_twin.view.annotations import Annotations, Banner, lost_energy
+from mech_twin.view.curve_groups import Groups, body_groups, force_groups, linkage_groups, motor_groups
 from mech_twin.view.curves import PALETTE, Track, times
 from mech_twin.view.extent import Bounds, event_line, is_logged
 from mech_twin.view.layout import (
@@ -33,12 +33,13 @@ from mech_twin.view.layout import (
     blueprint,
 )
 from mech_twin.view.rerun_pictures import Mechanism, closed_stream, opened_stream, set_time
-from mech_twin.view.sending import AT_ONCE, Sending
 
 VIEW_RATE_HZ = 30.0
+CURVE_SPAN_S, PORTRAIT_SPAN_S = 1.0, 0.5  # simulated time shown
+FLUSH_LIMIT_S = 0.5  # longest wait for the file to be written at the end
 
 
-class RerunScene:
+class RerunScene(Closing):
     """The rerun recording of one run; a context manager.
 
     Parameters
@@ -47,12 +48,6 @@ class RerunScene:
         Name of the run in the viewer, usually the machine's.
     rrd_path : path
         File to write.
-    sending : Sending
-        Decimation and batch size; by default for a file.
-    curve_span_s, portrait_span_s : float
-        Simulated time span of the curves and of the phase portrait (s).
-    flush_limit_s : float
-        Longest wait of ``close`` for the file to be written (s).
 
     Raises
     ------
@@ -60,23 +55,14 @@ class RerunScene:
         The file cannot be created; one line.
     """
 
-    def __init__(
-        self,
-        application_id: str,
-        rrd_path: str | Path,
-        *,
-        sending: Sending = AT_ONCE,
-        curve_span_s: float = 1.0,
-        portrait_span_s: float = 0.5,
-        flush_limit_s: float = 0.5,
-    ) -> None:
-        self._curve_span_s = curve_span_s
-        self._portrait_span_s = portrait_span_s
-        self._flush_limit_s = flush_limit_s
+    def __init__(self, application_id: str, rrd_path: str | Path) -> None:
         self._stream = opened_stream(application_id, rrd_path)
-        self._sending = sending
         self._sliding: frozenset[str] = frozenset()
-        self._make_tracks()
+        self._motor = Track(self._stream, self._motor_groups)
+        self._linkage = Track(self._stream, self._linkage_groups)
+        self._forces = Track(self._stream, force_groups)
+        self._body = Track(self._stream, body_groups)
+        self._tracks: tuple[Track[Any], ...] = (self._motor, self._linkage, self._forces, self._body)
         self._banner = Banner(None)
         self._annotations: Annotations | None = None
         self._portraits: tuple[PhasePortrait, ...] = ()
@@ -105,7 +91,7 @@ class RerunScene:
         ``blow_energy`` returns the energy of an impact (J); by default the energy lost by the mechanism.
         """
         energy = lost_energy if blow_energy is None else blow_energy
-        self._sliding = sliding_joints(tree)
+        self._sliding = tree.sliding_joints
         self._banner = Banner(tree, energy)
         self._annotations = Annotations(tree, energy)
 
@@ -176,25 +162,17 @@ class RerunScene:
         if self._closed:
             return
         self._closed = True
-        for track in (self._motor, self._linkage, self._forces, self._body):
+        for track in self._tracks:
             track.flush()
         self._send_events()
         self._send_banner()
         self._lay_out()
-        closed_stream(self._stream, self._flush_limit_s)
-
-    def __enter__(self) -> RerunScene:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+        closed_stream(self._stream, FLUSH_LIMIT_S)
 
     def _trace_body(self, body: BodySample) -> bool:
         if tuple(portrait.joint for portrait in self._portraits) != body.joints:
             self._portraits = tuple(
-                PhasePortrait(f"{PHASE_PORTRAIT}/{joint}", joint, place, self._portrait_span_s)
+                PhasePortrait(f"{PHASE_PORTRAIT}/{joint}", joint, place, PORTRAIT_SPAN_S)
                 for place, joint in enumerate(body.joints)
             )
         for portrait in self._portraits:
@@ -206,22 +184,11 @@ class RerunScene:
             portrait.log(self._stream)
         return True
 
-    def _make_tracks(self) -> None:
-        made = partial(
-            Track,
-            self._stream,
-            window=self._sending.window,
-            window_s=self._sending.window_s,
-            batch_s=self._sending.batch_s,
-        )
-        self._motor: Track[MotorSample] = made(lambda samples: motor_groups(samples, self._sliding))
-        self._linkage: Track[LinkageSample] = made(lambda samples: linkage_groups(samples, self._sliding))
-        self._forces: Track[ForceSample] = made(force_groups)
-        self._body: Track[BodySample] = made(body_groups)
+    def _motor_groups(self, samples: Sequence[MotorSample]) -> Groups:
+        return motor_groups(samples, self._sliding)
 
-    def _curves(self) -> dict[str, tuple[str, ...]]:
-        tracks = (self._motor, self._linkage, self._forces, self._body)
-        return {path: names for track in tracks for path, names in track.curves.items()}
+    def _linkage_groups(self, samples: Sequence[LinkageSample]) -> Groups:
+        return linkage_groups(samples, self._sliding)
 
     def _send_banner(self) -> None:
         set_time(self._stream, self._time_s)
@@ -246,20 +213,19 @@ class RerunScene:
 
     def _lay_out(self) -> None:
         """Send the layout if there is something new to show, or the mechanism has left the visible range."""
-        tracks = (self._motor, self._linkage, self._forces, self._body)
         contents = SceneContents(
-            curves=self._curves(),
+            curves={path: names for track in self._tracks for path, names in track.curves.items()},
             portraits=tuple(portrait.joint for portrait in self._portraits),
             bounds=None if self._shown is None else self._shown.bounds,
             impacts=self._marks.kinds,
             events=self._has_events,
-            units={path: unit for track in tracks for path, unit in track.units.items()},
+            units={path: unit for track in self._tracks for path, unit in track.units.items()},
         )
         within = self._shown is not None and self._mechanism.within(self._shown.bounds)
         if within and contents == self._shown:
             return
         self._shown = contents._replace(bounds=self._mechanism.bounds())
-        self._stream.send_blueprint(blueprint(self._shown, self._curve_span_s))
+        self._stream.send_blueprint(blueprint(self._shown, CURVE_SPAN_S))
 
 
 def _picture(time_s: float) -> int:

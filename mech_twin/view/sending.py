@@ -85,7 +85,7 @@ def worst_values(values: Values, window: int) -> tuple[Rows, Values]:
 
 
 class Sending(NamedTuple):
-    """Decimation and batches of a scene.
+    """Decimation and rate of the pictures of a scene.
 
     Attributes
     ----------
@@ -93,8 +93,6 @@ class Sending(NamedTuple):
         Least number of samples per decimation window of the curves; each window keeps its extremes.
     window_s : float
         Least simulated time per decimation window (s).
-    batch_s : float
-        Least simulated time per batch of curve data (s).
     picture_s : float
         Least wall-clock time between two pictures (s).
     drawing_s : float
@@ -102,12 +100,10 @@ class Sending(NamedTuple):
     """
 
     window: int
-    batch_s: float
     window_s: float = 0.0
     picture_s: float = 0.0
     drawing_s: float = 0.0
 
 
-AT_ONCE = Sending(window=5, batch_s=0.1)  # for a file
-RECORDED = Sending(window=5, batch_s=1.0, drawing_s=0.01)  # for a recording, at the speed of reading
-LIVE = Sending(window=10, window_s=0.01, batch_s=0.03, picture_s=0.033)
+RECORDED = Sending(window=5, drawing_s=0.01)  # for a recording, at the speed of reading
+LIVE = Sending(window=10, window_s=0.01, picture_s=0.033)

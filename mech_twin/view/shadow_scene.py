@@ -19,11 +19,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 
 import rerun as rr
 import rerun.blueprint as rrb
 
+from mech_twin.process.closing import Closing
 from mech_twin.view.curves import send_rows, series_lines
 from mech_twin.view.extent import Bounds
 from mech_twin.view.layout import BANNER, banner_view, mechanism_view, page, plot
@@ -48,7 +48,7 @@ FLUSH_LIMIT_S = 0.5
 STACKED = 2  # channels with separate plots; further ones share tabs
 
 
-class ShadowScene:
+class ShadowScene(Closing):
     """The scene of a shadow; a context manager.
 
     Parameters
@@ -103,14 +103,6 @@ class ShadowScene:
             self._is_closed = True
             self._send_curves()
             closed_stream(self._stream, FLUSH_LIMIT_S)
-
-    def __enter__(self) -> ShadowScene:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _send_curves(self) -> None:
         for each in self._channels:

@@ -14,7 +14,7 @@ from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.samples import Event
-from mech_twin.view.annotations import FLASH_S, Annotations, Banner, lost_energy, sliding_joints
+from mech_twin.view.annotations import FLASH_S, Annotations, Banner, lost_energy
 from mech_twin.view.extent import Bounds, is_logged, with_prefix, written_beside
 
 BOUNDS = Bounds(-1.0, 1.0, -0.8, 0.8)
@@ -94,9 +94,9 @@ def test_the_line_above_says_state_and_speed_in_their_units():
 
 
 def test_joints_that_slide_are_known_by_name():
-    assert sliding_joints(built("impact_mass").mechanism) >= {"mass", "generator"}
-    assert sliding_joints(built("winding_drum").mechanism) >= {"yarn", "package_radius"}
-    assert not sliding_joints(built("mb10_breaker").mechanism)
+    assert built("impact_mass").mechanism.sliding_joints >= {"mass", "generator"}
+    assert built("winding_drum").mechanism.sliding_joints >= {"yarn", "package_radius"}
+    assert not built("mb10_breaker").mechanism.sliding_joints
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 from mech_twin.samples import Shape
 from mech_twin.view.annotations import Annotations, lost_energy
-from mech_twin.view.extent import LINE_PX, PANEL_PX, _box, apart, texts_of
+from mech_twin.view.extent import LINE_PX, PANEL_PX, _box, apart, with_placed_texts
 from mech_twin.view.rerun_pictures import Mechanism
 
 
@@ -49,10 +49,11 @@ def test_no_name_of_a_machine_covers_another_a_letter_or_a_value(name):
     for shapes in drawn:
         figure.widen(shapes)
     bounds = figure.bounds()
-    width_m = bounds.right_m - bounds.left_m
+    width_m = bounds.width_m
     for frame, shapes in zip(run, drawn, strict=True):
         notes.add(frame.linkage, frame.forces)
-        texts = texts_of(shapes, notes.shapes(frame.linkage.time_s, bounds), width_m)
+        shown = with_placed_texts(shapes, notes.shapes(frame.linkage.time_s, bounds), bounds)
+        texts = [shape for shape in shown if shape.kind == "text"]
         assert len(texts) > 2
         for one, other in combinations(texts, 2):
             covered = _box(one, width_m).overlap(_box(other, width_m))

@@ -8,9 +8,9 @@ from typing import Any
 
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, LinkageSample, MotorSample
+from mech_twin.view.annotations import is_stalled
 
 MOST_CHANGES = 400  # per lane and picture; the oldest are dropped
-STALLED = ("stalled", "stalled_1")
 SENSE = "_sense"  # suffix of a memory with the direction of friction
 SENSES = ("held", "forwards", "backwards")  # for 0, 1, -1
 TOOL = ("stands", "moves", "pushed", "blocked")  # values of the memory `tool_regime`
@@ -68,11 +68,7 @@ class Lanes:
         if body is not None and self._body:
             yield body.time_s, "body", _named(self._body, body.regime)
         if motor is not None:
-            stalled = linkage is not None and any(
-                value > 0.0
-                for name, value in zip(linkage.memory.names, linkage.memory.values, strict=True)
-                if name in STALLED
-            )
+            stalled = linkage is not None and is_stalled(linkage)
             yield motor.time_s, "supply", "stalled" if stalled else "on" if motor.command > 0.0 else "off"
 
     @staticmethod

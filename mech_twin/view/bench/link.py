@@ -9,15 +9,15 @@ Each message is its length (4 bytes, big-endian), a byte for its kind (picture o
 from __future__ import annotations
 
 import json
+import math
 import socket
 import struct
 import threading
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any
 
-from mech_twin.files.output_file import plain
+from mech_twin.process.closing import Closing
 
 HEAD = struct.Struct("!Ic")
 PICTURE, MESSAGE = b"p", b"m"
@@ -33,10 +33,18 @@ def encoded(content: Any, *, finite: bool) -> bytes:
     try:
         return json.dumps(content, separators=(",", ":"), allow_nan=not finite).encode()
     except ValueError:
-        return json.dumps(plain(content), separators=(",", ":")).encode()
+        return json.dumps(_with_null(content), separators=(",", ":")).encode()
 
 
-class BenchLink:
+def _with_null(content: Any) -> Any:
+    if isinstance(content, Mapping):
+        return {key: _with_null(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_with_null(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+class BenchLink(Closing):
     """A connection to a bench; messages it cannot accept are dropped without waiting, unless a wait is given.
 
     Parameters
@@ -74,14 +82,6 @@ class BenchLink:
             self._flush(1.0)
             self._socket.close()
             self.is_alive = False
-
-    def __enter__(self) -> BenchLink:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _send(self, kind: bytes, content: Mapping[str, Any], limit_s: float) -> bool:
         with self._lock:

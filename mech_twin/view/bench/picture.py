@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from mech_twin.declarations.captions import caption
 from mech_twin.samples import Shape
-from mech_twin.view.extent import Bounds
 
 # numbers with these words are shown first; the others follow in the machine's order
 FIRST_WORDS = (
@@ -69,11 +68,6 @@ def packed_layout(panels: Sequence[Panel], names: Mapping[str, tuple[str, ...]])
         for panel in panels
     ]
     return {"panels": shown}
-
-
-def packed_bounds(bounds: Bounds | None) -> list[float] | None:
-    """Return left, right, low, high (m)."""
-    return None if bounds is None else list(bounds)
 
 
 def metric_rows(numbers: Mapping[str, float]) -> list[list[str]]:

@@ -10,7 +10,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from types import TracebackType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,16 +17,16 @@ import numpy as np
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import caption
 from mech_twin.engine.trajectory import RunInvariants
+from mech_twin.process.closing import Closing
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
-from mech_twin.view.annotations import Annotations, Banner, lost_energy, sliding_joints
+from mech_twin.view.annotations import Annotations, Banner, lost_energy
 from mech_twin.view.bench.lanes import Lanes
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import (
     Curves,
     Panel,
     metric_rows,
-    packed_bounds,
     packed_curves,
     packed_layout,
     packed_shapes,
@@ -42,7 +41,7 @@ from mech_twin.view.curve_groups import (
     quantity_path,
     same_names,
 )
-from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, texts_of
+from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
 from mech_twin.view.sending import Sending, extreme_rows
 
 AnySample = TypeVar("AnySample", MotorSample, LinkageSample, ForceSample, BodySample)
@@ -164,7 +163,7 @@ class RoleCurves:
         return [curve for role in self._roles for curve in role.taken(sending)]
 
 
-class BenchScene:
+class BenchScene(Closing):
     """A run on the bench; a context manager.
 
     Parameters
@@ -204,7 +203,7 @@ class BenchScene:
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Add what needs the machine's frames; call before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
-        self._roles.sliding = sliding_joints(tree)
+        self._roles.sliding = tree.sliding_joints
         self._banner = Banner(tree, energy)
         self._show_of_machine()
         self._annotations = Annotations(tree, energy)
@@ -257,9 +256,7 @@ class BenchScene:
         if not self._extent.within(self._bounds):
             self._bounds = self._extent.bounds()
         notes = self._annotations.shapes(drawing.time_s, self._bounds) if self._annotations else ()
-        width_m = 1.0 if self._bounds is None else self._bounds.right_m - self._bounds.left_m
-        lines = [shape for shape in (*drawing.shapes, *notes) if shape.kind != "text"]
-        self._show(drawing.time_s, packed_shapes((*lines, *texts_of(drawing.shapes, notes, width_m))))
+        self._show(drawing.time_s, packed_shapes(with_placed_texts(drawing.shapes, notes, self._bounds)))
 
     def _show(self, time_s: float, shapes: dict[str, Any] | None) -> None:
         """Send a picture; without shapes the page keeps the last drawing."""
@@ -273,7 +270,7 @@ class BenchScene:
             "alarm": self._banner.alarm(),
             "command": self._banner.command,
             "cards": self._banner.cards(),
-            "bounds": packed_bounds(self._bounds),
+            "bounds": self._bounds,
             "shapes": shapes,
             "curves": packed_curves(curves),
             "events": list(self._events),
@@ -303,14 +300,6 @@ class BenchScene:
             self._show(self._time_s, None)
         self._tell_health(None)
         self._link.close()
-
-    def __enter__(self) -> BenchScene:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _show_of_machine(self) -> None:
         self._banner.rated_power_w, self._banner.body_regimes = self._rated_power_w, self._body_regimes

@@ -6,11 +6,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from types import TracebackType
 
+from mech_twin.process.closing import Closing
 from mech_twin.view.bench.link import BenchLink
-from mech_twin.view.bench.picture import Curves, Panel, packed_bounds, packed_curves, packed_layout, packed_shapes
-from mech_twin.view.extent import Bounds, DrawnExtent, texts_of
+from mech_twin.view.bench.picture import Curves, Panel, packed_curves, packed_layout, packed_shapes
+from mech_twin.view.extent import Bounds, DrawnExtent, with_placed_texts
 from mech_twin.view.shadow_picture import (
     BANDED,
     CURVES,
@@ -28,7 +28,7 @@ KEPT_SAMPLES = 4000  # per channel, while the bench accepts none
 WINDOW = 5
 
 
-class BenchShadowScene:
+class BenchShadowScene(Closing):
     """The scene of a shadow; a context manager.
 
     Parameters
@@ -77,8 +77,6 @@ class BenchShadowScene:
         self._extent.widen(shapes)
         if not self._extent.within(self._bounds):
             self._bounds = self._extent.bounds()
-        width_m = 1.0 if self._bounds is None else self._bounds.right_m - self._bounds.left_m
-        drawn = [shape for shape in shapes if shape.kind != "text"]
         active = [each.name for each in picture.faults if each.state != "pending" and each.shelved_until_s is None]
         self._link.show(
             {
@@ -88,8 +86,8 @@ class BenchShadowScene:
                 "alarm": f"fault: {', '.join(active)}" if active else "",
                 "command": None,
                 "cards": picture.cards,
-                "bounds": packed_bounds(self._bounds),
-                "shapes": packed_shapes((*drawn, *texts_of(picture.model, (), width_m))) if shapes else None,
+                "bounds": self._bounds,
+                "shapes": packed_shapes(with_placed_texts(shapes, (), self._bounds)) if shapes else None,
                 "curves": packed_curves(self._taken()),
                 "events": [],
             }
@@ -99,14 +97,6 @@ class BenchShadowScene:
     def close(self) -> None:
         """Close the connection to the bench."""
         self._link.close()
-
-    def __enter__(self) -> BenchShadowScene:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _tell_faults(self, picture: ShadowPicture) -> None:
         if picture.faults != self._faults:

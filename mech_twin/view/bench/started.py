@@ -12,10 +12,10 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from mech_twin.errors import ViewerError
+from mech_twin.process.closing import Closing
 from mech_twin.process.terminal_output import printable
 from mech_twin.view.bench.link import FEED, PREFIX
 
@@ -28,7 +28,7 @@ def _to_stderr(line: str) -> None:
     sys.stderr.write(printable(line) + "\n")
 
 
-class StartedBench:
+class StartedBench(Closing):
     """The running bench; a context manager.
 
     Its process ends with the thread that starts it, even by SIGKILL.
@@ -122,14 +122,6 @@ class StartedBench:
             if stream is not None and not stream.closed:
                 stream.close()
         shutil.rmtree(self._folder, ignore_errors=True)
-
-    def __enter__(self) -> StartedBench:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _answer_to(self, line: str) -> dict[str, str]:
         """Send the process its configuration; return its answer."""
