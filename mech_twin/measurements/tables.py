@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, Sour
 from mech_twin.measurements.measurement_map import TIME_COLUMN, MeasurementMap, Source, TimeSource
 from mech_twin.measurements.sensors import Reading
 from mech_twin.measurements.units import TIME_UNITS, is_unit, time_unit_in, unit_in
+from mech_twin.process.closing import Closing
 from mech_twin.process.dependencies import require_extra
 
 if TYPE_CHECKING:
@@ -299,7 +299,7 @@ ROWS_PER_BATCH = 1 << 16
 WRITTEN_SUFFIXES = (".parquet", ".csv", ".tsv")
 
 
-class TableWriter:
+class TableWriter(Closing):
     """A table in progress; rows are written in batches, in order of time.
 
     Parameters
@@ -334,13 +334,7 @@ class TableWriter:
             self._csv = csv.writer(self._stream, delimiter="\t" if path.suffix == ".tsv" else ",")
             self._csv.writerow(self._columns)
 
-    def __enter__(self) -> TableWriter:
-        """Return the writer itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Write the remaining rows and close the file."""
         self._flush()
         if self._parquet is not None:

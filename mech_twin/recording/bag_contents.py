@@ -11,7 +11,6 @@ from collections import Counter, deque
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import NamedTuple, Protocol
 
 NS_PER_S = 1_000_000_000
@@ -179,7 +178,5 @@ class RecordingReader(Protocol):
     def __enter__(self) -> RecordingReader:
         """Return the reader itself."""
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the files."""

@@ -11,12 +11,12 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 import zstandard
 
 from mech_twin.files.input_file import opened_input
+from mech_twin.process.closing import Closing
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError, OutsideBagError
 from mech_twin.recording.record_file import MAX_RECORD_BYTES, UnreadableRecordError
 
@@ -98,7 +98,7 @@ def _content(path: Path, source: BinaryIO, partial: bool) -> Iterator[bytes]:
         raise DamagedBagError(path, "ends within its compressed content")
 
 
-class OpenBag:
+class OpenBag(Closing):
     """A bag with open files.
 
     Parameters
@@ -114,16 +114,6 @@ class OpenBag:
     def close(self) -> None:
         """Close the files."""
         self._stack.close()
-
-    def __enter__(self) -> Self:
-        """Return the reader itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Close the files."""
-        self.close()
 
 
 def is_sqlite_bag(path: Path) -> bool:

@@ -22,6 +22,7 @@ import yaml
 from mech_twin.files.input_file import bounded_yaml, opened_input
 from mech_twin.files.output_file import DIRECTORY_MODE, FILE_MODE, NEW_FILE, OutputError, check_output_directory
 from mech_twin.recording.errors import (
+    BagError,
     BagExistsError,
     DamagedBagError,
     ForeignFileError,
@@ -173,6 +174,14 @@ def read_metadata(directory: Path, storage: str = MCAP) -> BagMetadata:
     return BagMetadata(names, custom)
 
 
+def custom_data(path: Path) -> Mapping[str, str]:
+    """Return the custom data of a bag's `metadata.yaml`; empty without readable ones."""
+    try:
+        return read_metadata(path).custom if path.is_dir() else {}
+    except BagError:
+        return {}
+
+
 def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
     return {
         "duration": {"nanoseconds": end_ns - start_ns if start_ns is not None else 0},
@@ -198,7 +207,7 @@ def _information(
                     "name": topic.topic,
                     "type": topic.type_name,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": _profiles(topic.qos_yaml),
+                    "offered_qos_profiles": qos_profiles(topic.qos_yaml),
                     "type_description_hash": topic.type_hash,
                 },
                 "message_count": totals[topic.topic],
@@ -218,7 +227,7 @@ def _information(
 
 
 @lru_cache(maxsize=64)
-def _profiles(qos_yaml: str) -> list[Any]:
+def qos_profiles(qos_yaml: str) -> list[Any]:
     """Return the QoS profiles as a list; empty if the text of a foreign bag cannot be parsed."""
     try:
         profiles = bounded_yaml(qos_yaml) if len(qos_yaml) <= LONGEST_QOS else []

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,7 +20,7 @@ from mech_twin.recording.bag_directory import (
     plain_file,
     plain_message,
 )
-from mech_twin.recording.bag_metadata import FILE_NAME, read_metadata
+from mech_twin.recording.bag_metadata import FILE_NAME, custom_data, read_metadata
 from mech_twin.recording.errors import (
     BagBeyondLimitsError,
     BagError,
@@ -97,7 +97,7 @@ class BagReader(OpenBag):
         )
 
     def _cut(self) -> tuple[str, ...]:
-        salvaged = _custom_data(self.path).get(RECOVERED_KEY)
+        salvaged = custom_data(self.path).get(RECOVERED_KEY)
         return () if salvaged is None else (f"{self.path}: salvaged from a damaged recording: {salvaged}",)
 
     def _counters(self) -> dict[str, dict[str, int]]:
@@ -110,7 +110,7 @@ class BagReader(OpenBag):
             counters = source.index.counters() or counters
         if self.path.is_file() and any(source.index.split_number() for source in self._sources):
             return {}  # they count the whole bag; this is one later file of it
-        stored = counter_rows(parsed_mapping(_custom_data(self.path).get(COUNTERS_KEY, "{}")))
+        stored = counter_rows(parsed_mapping(custom_data(self.path).get(COUNTERS_KEY, "{}")))
         for topic in counters.keys() & stored.keys():
             row, later = counters[topic], stored[topic]
             counters[topic] = {key: max(value, later.get(key, 0)) for key, value in row.items()}
@@ -284,7 +284,7 @@ def about_bag(path: Path | str, ask: Callable[[RecordingReader], Answer]) -> tup
             found, answer = reader.info, ask(reader)
         if found.problems:
             return found, answer
-        return BagInfo(**{**vars(found), "problems": (str(error),)}), answer
+        return replace(found, problems=(str(error),)), answer
 
 
 def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path], bool]:
@@ -326,13 +326,6 @@ def lost_messages(path: Path) -> str:
     lost = f"{dropped} messages lost, which the disk did not accept" if dropped else ""
     found = "; ".join(filter(None, (lost, open_end)))
     return f"{path}: {found}" if found else ""
-
-
-def _custom_data(path: Path) -> Mapping[str, str]:
-    try:
-        return read_metadata(path).custom if path.is_dir() else {}
-    except BagError:
-        return {}
 
 
 def _split_info(source: _Source) -> SplitInfo:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from geometry_msgs.msg import Vector3Stamped, WrenchStamped
@@ -57,6 +56,7 @@ from mech_twin.messages.topics import (
     type_name,
     wrench_size,
 )
+from mech_twin.process.closing import Closing
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import JOINT_FIELDS, STAMP, TopicField
@@ -77,7 +77,7 @@ DEPTH = 100
 VIEW_RATE_HZ = 30.0
 
 
-class SensorRecorder:
+class SensorRecorder(Closing):
     """Writer of a bag of sensor readings.
 
     Parameters
@@ -112,13 +112,7 @@ class SensorRecorder:
         for topic, (_, name) in self._kinds.items():
             self._writer.add_topic(topic, name, offered_qos(durability="volatile", depth=DEPTH))
 
-    def __enter__(self) -> SensorRecorder:
-        """Return the recorder itself."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Finish the bag; without any message, delete it."""
         self._writer.close(discard_empty=True)
 

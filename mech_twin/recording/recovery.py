@@ -21,6 +21,7 @@ from mech_twin.recording.bag_metadata import (
     FileStatistics,
     TopicMetadata,
     check_recording_directory,
+    custom_data,
     read_metadata,
     remove_recording,
     running_distro,
@@ -151,17 +152,9 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
             files_written.append(_rewritten(index, directory / f"{report.out.name}_{number}.mcap", topics, report))
     salvaged = f"skipped {report.bytes_skipped} of {report.bytes_read} bytes"
     custom = {FINISHED_KEY: "true", RECOVERED_KEY: "; ".join((salvaged, *report.damages))[:_MARK_CHARACTERS]}
-    custom |= _stored_counters(report.bag)
+    # the loss counters of `metadata.yaml`: after a full disk the files lack the last ones
+    custom |= {key: text for key, text in custom_data(report.bag).items() if key == COUNTERS_KEY}
     write_metadata(directory, list(topics.values()), files_written, custom, running_distro())
-
-
-def _stored_counters(source: Path) -> dict[str, str]:
-    """Return the loss counters of `metadata.yaml`: after a full disk the files lack the last ones."""
-    try:
-        custom = read_metadata(source).custom if source.is_dir() else {}
-    except BagError:
-        return {}
-    return {COUNTERS_KEY: custom[COUNTERS_KEY]} if COUNTERS_KEY in custom else {}
 
 
 def _rewritten(

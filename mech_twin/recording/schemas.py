@@ -20,12 +20,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import yaml
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from mech_twin.files.input_file import bounded_yaml
-from mech_twin.recording.bag_metadata import LONGEST_QOS
+from mech_twin.recording.bag_metadata import qos_profiles
 from mech_twin.recording.errors import DecodeError, UnknownTypeError
 
 if TYPE_CHECKING:
@@ -169,7 +167,7 @@ def recorded_qos(qos_yaml: str) -> QoSProfile:
 
     Deadline, lifespan and lease are ignored: they are valid at the recorded rate only.
     """
-    profiles = _profiles(qos_yaml) or [{}]
+    profiles = [each for each in qos_profiles(qos_yaml) if isinstance(each, dict)] or [{}]
     reliable = any(_word(p.get("reliability"), "reliable") != "best_effort" for p in profiles)
     latched = any(_word(p.get("durability"), "volatile") == "transient_local" for p in profiles)
     every = any(_word(p.get("history"), "keep_last") == "keep_all" for p in profiles)
@@ -200,13 +198,3 @@ def _word(value: Any, default: str) -> str:
 
 def _depth(value: Any) -> int:
     return min(max(value, 1), DEEPEST) if isinstance(value, int) and not isinstance(value, bool) else 10
-
-
-def _profiles(qos_yaml: str) -> list[dict[str, Any]]:
-    if len(qos_yaml) > LONGEST_QOS:
-        return []
-    try:
-        found = bounded_yaml(qos_yaml) if qos_yaml else []
-    except (yaml.YAMLError, ValueError, RecursionError):
-        return []
-    return [profile for profile in found if isinstance(profile, dict)] if isinstance(found, list) else []
