@@ -176,8 +176,6 @@ def read_map(path: Path, columns_of: Any) -> MeasurementMap:
 
     Parameters
     ----------
-    path : Path
-        YAML file.
     columns_of : callable
         ``columns_of(machine_name)``: the columns of the machine, with their SI units.
 

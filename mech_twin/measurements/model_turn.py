@@ -145,8 +145,6 @@ def following(
 
     Parameters
     ----------
-    turn : ModelTurn
-        The model's turn.
     column : str
         The column that the values may belong to.
     crank_rad, values : ndarray
@@ -209,8 +207,6 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
 
     Parameters
     ----------
-    run : MeasuredRun
-        The run.
     turn : ModelTurn, optional
         One turn of the model; without it, only speeds are compared with positions.
     units : mapping

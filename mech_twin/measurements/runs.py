@@ -27,8 +27,6 @@ class MeasuredChannel:
 
     Attributes
     ----------
-    channel : Channel
-        Its entry in the map.
     times_s, values : ndarray
         Shape (n,): instants of the machine (a known lag subtracted) and values in SI units; angles unwrapped.  A zero,
         gain or lag that the map leaves unknown is not corrected yet.

@@ -80,8 +80,6 @@ class SensorBench:
     ----------
     sensors : MeasurementMap
         The channels with their sensor properties; zero, gain and lag of each are numbers.
-    columns : mapping
-        Columns of the machine, by name.
     step_s : float
         Coupling step: the sampling interval of a channel without a rate.
     seed : int

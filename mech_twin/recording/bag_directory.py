@@ -53,8 +53,6 @@ def plain_file(path: Path, stack: ExitStack, *, partial: bool = False) -> Path:
 
     Parameters
     ----------
-    path : Path
-        The file.
     stack : ExitStack
         Deletes the copy when it closes.
     partial : bool
@@ -99,13 +97,7 @@ def _content(path: Path, source: BinaryIO, partial: bool) -> Iterator[bytes]:
 
 
 class OpenBag(Closing):
-    """A bag with open files.
-
-    Parameters
-    ----------
-    path : Path
-        The bag.
-    """
+    """A bag with open files."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)

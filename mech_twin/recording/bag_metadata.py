@@ -51,8 +51,6 @@ def running_distro(environment: Mapping[str, str] = os.environ, installed: Calla
 
     Parameters
     ----------
-    environment : mapping, optional
-        Environment variables of the process.
     installed : callable, optional
         Returns the version of a distribution; raises PackageNotFoundError.
     """

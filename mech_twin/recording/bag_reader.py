@@ -51,8 +51,6 @@ class BagReader(OpenBag):
 
     Parameters
     ----------
-    path : Path
-        The bag.
     salvage : bool
         Read the intact part of an unfinished or damaged bag instead of refusing it.
 

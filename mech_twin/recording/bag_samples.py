@@ -98,8 +98,6 @@ class BagSamples:
 
     Parameters
     ----------
-    reader : RecordingReader
-        The open bag.
     coupling_step_s : float, optional
         Step length for messages without a step number (a measured linkage).
 

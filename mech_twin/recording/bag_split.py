@@ -103,8 +103,6 @@ class MessageWriter(Writer):
 
     Parameters
     ----------
-    output : binary stream
-        Destination of the bytes.
     chunk_bytes : int
         Uncompressed size at which a chunk is closed.
     compression : CompressionType

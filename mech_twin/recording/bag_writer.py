@@ -176,8 +176,6 @@ class BagWriter(Closing):
 
         Parameters
         ----------
-        topic : str
-            A registered topic.
         raw : bytes
             CDR with its encapsulation header.
         log_time_ns, publish_time_ns : int

@@ -120,12 +120,7 @@ def _chunk_extent(file: RecordFile, record: ChunkIndex) -> Extent:
 
 
 def _check_against_data(index: FileIndex, footer: Footer) -> None:
-    """Compare chunks and message counts in the summary with the heads of the records in the data section.
-
-    Raises
-    ------
-    UnreadableRecordError, DamagedBagError
-    """
+    """Compare chunks and message counts in the summary with the heads of the records in the data section."""
     file, path = index.file, index.file.path
     indexed = {extent.offset: extent for extent in index.extents}
     if len(indexed) != len(index.extents):

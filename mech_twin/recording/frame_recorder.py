@@ -80,13 +80,6 @@ VIEW_RATE_HZ = 30.0
 class SensorRecorder(Closing):
     """Writer of a bag of sensor readings.
 
-    Parameters
-    ----------
-    directory : Path
-        The bag to create.
-    fields : iterable of TopicField
-        Every field that will be written.
-
     Raises
     ------
     BagError
@@ -156,10 +149,6 @@ class FrameRecorder:
 
     Parameters
     ----------
-    machine : Machine
-        The machine that is simulated.
-    directory : Path
-        The recording to create.
     description : str
         The configuration, as published on the description topic.
 

@@ -59,13 +59,7 @@ _SEPARATOR = "=" * 80
 
 
 class MessageDecoder:
-    """Decodes the messages of one bag.
-
-    Parameters
-    ----------
-    topics : mapping
-        `BagReader.topics`.
-    """
+    """Decodes the messages of one bag."""
 
     def __init__(self, topics: Mapping[str, TopicInfo]) -> None:
         self._topics = topics
@@ -159,13 +153,7 @@ class FieldBlock(NamedTuple):
 
 
 class MeasuredTopics:
-    """The numbers in the messages of a bag from any recorder.
-
-    Parameters
-    ----------
-    reader : RecordingReader
-        The open bag.
-    """
+    """The numbers in the messages of a bag from any recorder."""
 
     def __init__(self, reader: RecordingReader) -> None:
         self.path: Path = reader.path

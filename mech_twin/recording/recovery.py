@@ -85,8 +85,6 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
     ----------
     bag : Path
         A rosbag2 directory, or one MCAP file.
-    out : Path
-        The new rosbag2 directory.
     force : bool
         Overwrite an existing recording.
 

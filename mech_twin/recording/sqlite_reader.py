@@ -35,8 +35,6 @@ class SqliteReader(OpenBag):
 
     Parameters
     ----------
-    path : Path
-        The bag.
     salvage : bool
         Read the existing files of a bag of which others are missing.
 

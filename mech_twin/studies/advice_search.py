@@ -154,14 +154,8 @@ def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_
 
     Parameters
     ----------
-    model : AdviceModel
-        The model with its target.
-    value : float
-        Present value of the setting.
     measured : ndarray
         Shape (n,): the feature in the last cycles.
-    time_s : float
-        Current stamp.
     """
     wish, output = model.wish, model.wish.output
     now, here = float(np.mean(measured)), model.figure(value)

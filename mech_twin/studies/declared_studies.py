@@ -33,8 +33,6 @@ def asked_of(machine: str, capability: str, lack: str) -> Any:
 
     Parameters
     ----------
-    machine : str
-        Machine of the catalogue.
     capability : str
         Field of `mech_twin.roles.Capabilities`.
     lack : str
@@ -104,15 +102,7 @@ def machine_figures(machine: str, directory: Path, parameters: Parameters | None
 
 
 def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
-    """Return the rows of one machine, in its own order: the problematic ones first.
-
-    Parameters
-    ----------
-    machine : str
-        Machine of the catalogue.
-    parameters : Parameters, optional
-        Configuration of the machine; the installed one if absent.
-    """
+    """Return the rows of one machine, in its own order: the problematic ones first."""
     entry = catalogue_entry(machine)
     rows = entry.capabilities.published
     if rows is None:

@@ -20,22 +20,6 @@ from mech_twin.studies.observer.estimate import SeenSample
 class LiveMonitor:
     """Computes features and findings, sample by sample.
 
-    Parameters
-    ----------
-    setup : MonitorSetup
-        Frozen baseline, thresholds and signatures.
-    declared : CycleFeatures
-        Cycle reference and features that the machine declares.
-    columns : sequence of str
-        Column of each channel.
-
-    Attributes
-    ----------
-    monitor : Monitor
-        Evaluates the cycles.
-    newest : Findings or None
-        Findings of the newest cycle.
-
     Raises
     ------
     StudyError

@@ -44,8 +44,6 @@ class NamedRollOut(RollOut):
 
     Attributes
     ----------
-    name : str
-        Machine of the catalogue.
     units : mapping of str to str
         Unit of each column, empty for dimensionless ones.
     """

@@ -113,8 +113,6 @@ def swept(
 
     Parameters
     ----------
-    asked : Question
-        Machine, axes and outputs.
     table : Path
         Parquet or CSV file to write; ``NAME.partial`` beside it stores finished points until then.
     cores : int, optional
@@ -123,8 +121,6 @@ def swept(
         Address of a Dask scheduler to use instead.
     picture : bool
         Whether to plot the table too (PNG of the same name).
-    progress : callable, optional
-        ``progress(done, all)`` after each batch.
 
     Raises
     ------

@@ -41,8 +41,6 @@ class ConfigurationHistory:
     ----------
     texts : iterable of str
         Descriptions in the recording; a revision that is described again (after a node restart) counts once.
-    source : str
-        Name of the recording in error messages.
 
     Raises
     ------
@@ -125,8 +123,6 @@ def first_difference(role: str, recorded: Sample, computed: Sample, tolerance: f
 
     Parameters
     ----------
-    role : str
-        Role that the samples belong to.
     recorded, computed
         The samples; names of joints, pins, memory and residuals are compared too.
     tolerance : float
@@ -247,8 +243,6 @@ def analysed(steps: Iterable[StepSamples], machine_at: MachineAt, tolerance: flo
 
     Parameters
     ----------
-    steps : iterable of StepSamples
-        The recording.
     machine_at : callable
         ``machine_at(step)``: the machine with the parameters in force at a step.
     tolerance : float

@@ -73,8 +73,6 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
 
     Parameters
     ----------
-    first, second : ComparedRun
-        Both of one machine.
     tolerance : float
         Relative difference, |a - b| / max(|a|, |b|, rounding of the largest number in the unit), up to which two
         numbers count as equal.
@@ -192,8 +190,6 @@ def at_equal_angle(
 
     Parameters
     ----------
-    first, second : ComparedRun
-        The two sides.
     column : str
         Column of the angle that drives the cycle (rad), continuous or wrapped.
     """

@@ -64,10 +64,6 @@ class RunSearch:
 
     Attributes
     ----------
-    asked : Question
-        Machine, configuration and simulated time.
-    bounds : dict
-        Lower and upper bound of each key.
     objective : str
         Number to minimise; with ``-`` before it, to maximise.
     limits : dict

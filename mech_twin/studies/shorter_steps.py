@@ -40,15 +40,6 @@ def in_shorter_steps(machine: Machine, duration_s: float) -> Machine | None:
 class RunInShorterSteps:
     """A run with shorter steps, simulated in parallel with the original run.
 
-    Parameters
-    ----------
-    machine : Machine
-        The machine with shorter steps.
-    duration_s : float
-        Simulated time.
-    changes : sequence of LiveChange
-        Live changes during the run.
-
     Attributes
     ----------
     failure : str

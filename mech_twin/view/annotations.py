@@ -51,8 +51,6 @@ class Annotations:
 
     Parameters
     ----------
-    tree : FrameTree
-        Where pins and contacts lie.
     energy : callable
         Returns the energy of an impact (J).
     """

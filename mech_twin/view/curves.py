@@ -81,8 +81,6 @@ class Track(Generic[Sample]):
 
     Parameters
     ----------
-    stream : rr.RecordingStream
-        Destination of the curves.
     groups : callable
         Converts samples with equal names to groups of curves.
     """

@@ -77,8 +77,6 @@ def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
 
     Parameters
     ----------
-    contents : SceneContents
-        Contents of the scene.
     window_s : float
         Simulated time span of the curves (s).
     """
@@ -204,12 +202,8 @@ def plot(name: str, paths: Sequence[str], window_s: float, names: Iterable[str])
     ----------
     name : str
         Title, with the unit.
-    paths : sequence of str
-        Entity paths of the curves.
     window_s : float
         Time span shown (s).
-    names : iterable of str
-        Names of the curves.
     """
     begin = rr.TimeRangeBoundary.cursor_relative(seconds=-window_s)
     recent = rr.VisibleTimeRange(SIM_TIME, start=begin, end=rr.TimeRangeBoundary.cursor_relative())
@@ -251,10 +245,6 @@ class PhasePortrait:
 
     Parameters
     ----------
-    path : str
-        Entity path of the phase portrait.
-    joint : str
-        Joint name, shown on the axis.
     place : int
         Index of the joint in the body sample.
     span_s : float

@@ -197,8 +197,6 @@ class RerunPictures:
 
     Parameters
     ----------
-    name : str
-        Name of the run.
     panels : sequence of mapping
         The plots, as sent to the page.
     """

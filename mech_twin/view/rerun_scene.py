@@ -42,13 +42,6 @@ FLUSH_LIMIT_S = 0.5  # longest wait for the file to be written at the end
 class RerunScene(Closing):
     """The rerun recording of one run; a context manager.
 
-    Parameters
-    ----------
-    application_id : str
-        Name of the run in the viewer, usually the machine's.
-    rrd_path : path
-        File to write.
-
     Raises
     ------
     RerunSceneError
@@ -237,13 +230,7 @@ FOOT_S = 1e-9  # resolution of the timeline
 
 
 class ImpactMarks:
-    """Vertical marks of impacts in the plots.
-
-    Parameters
-    ----------
-    stream : rr.RecordingStream
-        Destination of the marks.
-    """
+    """Vertical marks of impacts in the plots."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream

@@ -49,17 +49,7 @@ STACKED = 2  # channels with separate plots; further ones share tabs
 
 
 class ShadowScene(Closing):
-    """The scene of a shadow; a context manager.
-
-    Parameters
-    ----------
-    name : str
-        Name in the viewer.
-    channels : sequence of ShownChannel
-        Measured channels.
-    rrd_path : path
-        File to write.
-    """
+    """The scene of a shadow; a context manager."""
 
     def __init__(self, name: str, channels: Sequence[ShownChannel], rrd_path: str | Path) -> None:
         self._channels = tuple(channels)

@@ -142,8 +142,6 @@ def fit_run(run: MeasuredRun, *, begin_known: bool) -> FitRun:
 
     Parameters
     ----------
-    run : MeasuredRun
-        The run, read with its map.
     begin_known : bool
         Whether the run's times count from the machine's start; else they count from the first sample, at an unknown
         time after the start.

@@ -56,13 +56,7 @@ AUTOCORRELATED = 0.999
 
 @dataclass(frozen=True)
 class GeometryModel(KeyedConfiguration):
-    """A machine whose joint positions are functions of its crank angle, with lengths as free keys.
-
-    Parameters
-    ----------
-    columns : tuple of str
-        Requested positions.
-    """
+    """A machine whose joint positions are functions of its crank angle, with lengths as free keys."""
 
     columns: tuple[str, ...]
 
@@ -103,8 +97,6 @@ def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tupl
 
     Parameters
     ----------
-    model : GeometryModel
-        The configured mechanism.
     fixed : sequence of str
         Keys that stay as configured.
     """
@@ -186,10 +178,6 @@ class GeometryProblem:
 
     Parameters
     ----------
-    model : GeometryModel
-        Machine, keys and columns.
-    runs : sequence of GeometryData
-        At least one run.
     fixed_keys : ndarray, optional
         Fixed values of all keys; then only zeros and lags are fitted.
     """

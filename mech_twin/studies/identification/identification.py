@@ -44,17 +44,11 @@ class Identification:
 
     Attributes
     ----------
-    question : IdentificationQuestion
-        The question.
     parameters : Parameters
         Resulting configuration: keys that are identified, one-sided, or part of an identified combination are changed;
         the others are as before.
-    keys : tuple of KeyVerdict
-        Verdict on each free key.
     combinations : tuple of Combination
         Identifiable combinations of keys that are not identifiable alone.
-    channels : tuple of ChannelFit
-        Result of each channel over the fitted runs.
     search : Search
         Number of starts, of local minima that they reached, and the margin of the best.
     held_out, before : Score or None
@@ -63,8 +57,6 @@ class Identification:
         Estimated start times, by run.
     correlation : ndarray
         Shape (fitted keys, fitted keys): correlation of the estimates, in the order of ``fitted_keys``.
-    seconds : float
-        Computing time.
     fitted : Fitted or None
         The final fit with its runs; None if this was read from a document, which holds no runs.
     """
@@ -110,16 +102,10 @@ def identified(
 
     Parameters
     ----------
-    question : IdentificationQuestion
-        Machine, keys, bounds and priors.
-    runs : sequence of FitRun
-        Runs that are fitted.
     held_runs : sequence of FitRun
         Held-out runs that score the fit.
     share : float
         Share at the end of each run that is held out to score the fit, if no whole run is.
-    progress : callable, optional
-        Called with a line of text on the progress.
     """
     began = time.monotonic()
     if not question.keys:

@@ -248,8 +248,6 @@ def moved_by_fixed(found: Linearised, fixed: Array) -> Array:
 
     Parameters
     ----------
-    found : Linearised
-        Derivatives by the unknowns of the fit.
     fixed : ndarray
         Shape (rows, keys fixed): derivatives by the logarithms of those that were fixed.
     """

@@ -145,14 +145,8 @@ def settled(
 
     Parameters
     ----------
-    question : IdentificationQuestion
-        Machine, keys, bounds and priors.
-    around : AroundFit
-        A fit, and derivatives by all free keys.
     chosen : sequence of int
         Indices of the free keys that it estimates; the others are fixed.
-    progress : callable, optional
-        Takes a line on the progress.
     """
     kept = np.concatenate([np.array(chosen, dtype=np.intp), around.whole.unknowns.places(BEGIN, ZERO, GAIN, LAG)])
     for left in reversed(range(REFITS + 1)):
@@ -229,18 +223,12 @@ def combined(
 
     Parameters
     ----------
-    question : IdentificationQuestion
-        Machine, keys, bounds and priors.
     refits : Refits
         Refits about the fit; the free keys are its first unknowns.
-    seen : Sensitivity
-        Sensitivity of the channels to the keys.
     chosen : sequence of int
         Indices of the fitted keys.
     half_widths : ndarray
         Shape (2, keys): half widths of the 95 % intervals, the fixed keys held.
-    progress : callable, optional
-        Takes a line on the progress.
     """
     names, families, count = question.keys, [], len(question.keys)
     scales = refits.problem.unknowns.scales[:count]

@@ -51,15 +51,6 @@ START_STATES = ("linkage.initial_crank_deg", "initial_position_m", "initial_velo
 def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, Any]:
     """Return the configuration as nested plain values, without those derived from one of the keys.
 
-    Parameters
-    ----------
-    name : str
-        Machine of the catalogue.
-    base : Parameters
-        Its configuration.
-    keys : sequence of str
-        Dotted keys that will be changed.
-
     Raises
     ------
     ConfigurationError
@@ -196,8 +187,6 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
 
     Parameters
     ----------
-    name : str
-        Machine of the catalogue.
     parameters : Parameters
         Its configuration; keys that it does not hold are left out.
     path : Path, optional
@@ -225,8 +214,6 @@ class KeyedConfiguration:
 
     Parameters
     ----------
-    name : str
-        Machine of the catalogue.
     base : Parameters
         Configuration with the values of all keys that are not free.
     keys : tuple of str

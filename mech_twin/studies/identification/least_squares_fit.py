@@ -43,12 +43,8 @@ class Fitted:
 
     Attributes
     ----------
-    problem : FitProblem
-        The fit problem.
     x : ndarray
         Shape (unknowns,): unknowns in scales.
-    comparison : Weighting
-        Weighting of the residuals.
     cost : float
         Mean of the squared residuals, in standard deviations of the weighting.
     """

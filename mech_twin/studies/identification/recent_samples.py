@@ -119,18 +119,12 @@ class RecentFit(NamedTuple):
 
     Attributes
     ----------
-    keys : tuple of KeyVerdict
-        Verdict on each free key.
     better : bool
         Whether a key is identified and held-out data is predicted better than before.
     held_out : tuple of (str, float, float)
         Channel, and its fit in percent with the resulting and with the previous configuration.
-    parameters : Parameters
-        The resulting configuration.
     text : str
         The configuration as text of a parameter file.
-    seconds : float
-        Computing time.
     """
 
     keys: tuple[KeyVerdict, ...]

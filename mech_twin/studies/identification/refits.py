@@ -70,8 +70,6 @@ class Refits:
 
     Parameters
     ----------
-    fitted : Fitted
-        The fit.
     found : Linearised
         Derivatives at its end.
     variance : float, optional

@@ -40,12 +40,8 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
 
     Parameters
     ----------
-    found : Identification
-        The result.
     runs, held_out : sequence of str
         Names of the fitted runs, and of the held-out ones.
-    helps : sequence of Help, optional
-        Benefit of further sensors.
     """
     title = f"{found.question.machine}: identification"
     outcome = f"{found.lack}: nothing was written" if found.lack else "predicted better than before"

@@ -87,10 +87,6 @@ class FitProblem:
 
     Parameters
     ----------
-    model : ModelRuns
-        Machine, keys and measured runs.
-    unknowns : Unknowns
-        Unknowns of the fit.
     priors : mapping
         Mean and standard deviation of keys with prior knowledge.
     """

@@ -100,12 +100,8 @@ def sensor_plan(
 
     Parameters
     ----------
-    question : IdentificationQuestion
-        Machine, configuration and free keys.
     sensors : MeasurementMap
         The sensors, each with ``sigma`` or ``quantum``, as for ``simulate --sensors``.
-    duration_s : float
-        Duration of the run.
     opened : MeasurementMap, optional
         Map of the fit, with free zeros, gains and lags; the sensors' own if absent.
     helps : bool
@@ -133,12 +129,8 @@ def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: 
 
     Parameters
     ----------
-    question : IdentificationQuestion
-        Machine, configuration and free keys.
     samples : FitRun
         The run as sampled by the sensors, with their noise.
-    duration_s : float
-        Duration of the run.
     """
     own = _PlannedRun("as it is", question, samples.command)
     added = _further_sensors(own, samples, duration_s)

@@ -86,14 +86,6 @@ def searched(
 
     Parameters
     ----------
-    problem : FitProblem
-        The fit problem.
-    x : ndarray
-        Start vector.
-    seed : int
-        Seed of the sequences.
-    progress : callable, optional
-        Called with a line of text on the progress.
     further_fits : callable, optional
         Returns the fits of a share of the runs from further starts, for example computed on a cluster.
     """

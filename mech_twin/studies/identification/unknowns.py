@@ -35,10 +35,6 @@ class ModelRuns:
 
     Parameters
     ----------
-    keyed : KeyedConfiguration
-        The machine and its free keys.
-    runs : sequence of FitRun
-        The measured runs.
     longest_begin_s : float
         Latest start of a run whose start is unknown, as time since the machine's start.
     cores : int, optional
@@ -133,8 +129,6 @@ class IdentificationQuestion:
 
     Attributes
     ----------
-    machine : str
-        Machine of the catalogue.
     base : Parameters
         Configuration to start from; keys that are not estimated keep its values.
     keys : tuple of str

@@ -45,8 +45,6 @@ class Combination:
 
     Attributes
     ----------
-    formula : str
-        Formula as text.
     form : str
         ``product`` or ``sum``.
     keys : tuple of str
@@ -103,8 +101,6 @@ def combinations(
     ----------
     families : sequence of Family
         One family for each group of keys that are tied together.
-    names, units
-        Names and units of all keys.
     half_widths : ndarray
         Shape (2, keys): distances down and up to the ends of the 95 % interval of each fitted key, others fixed.
     """

@@ -199,8 +199,6 @@ class SavedIdentification:
 
     Attributes
     ----------
-    found : Identification
-        Verdicts, channels and scores.
     runs, held_out : tuple of Path
         Fitted runs, and held-out ones.
     map_file : Path or None

@@ -124,8 +124,6 @@ class ChartState:
 
     Parameters
     ----------
-    width : int
-        Number of features.
     cap : float
         Upper bound of the sums, so that they fall back soon after a long fault.
     """
@@ -226,14 +224,10 @@ def chart_limits(baseline: Baseline, innovations: Sequence[Array], arl0_cycles: 
 
     Parameters
     ----------
-    baseline : Baseline
-        The reference.
     innovations : sequence of ndarray
         Its innovations, (n, d) for each run.
     arl0_cycles : float
         Required mean number of healthy cycles between alarms, of all charts together.
-    seed : int
-        Seed of the random draws.
     """
     if not arl0_cycles >= LEAST_ALARM_CYCLES:
         raise ValueError(f"arl0_cycles = {arl0_cycles!r}; expected at least {LEAST_ALARM_CYCLES:g}")

@@ -134,8 +134,6 @@ class FeatureFeed:
     ----------
     declared : CycleFeatures
         Cycle reference and features that the machine declares (`Capabilities.features`).
-    columns : sequence of str
-        Measured columns of the machine.
 
     Attributes
     ----------
@@ -341,12 +339,8 @@ def feed_channels(
 
     Parameters
     ----------
-    feed : FeatureFeed
-        A new feed.
     channels : mapping
         Stamps (s) and values (SI) of each column, shape (n,) each; the reference is fed last in each slice.
-    slice_s : float
-        Duration of a slice.
     final : bool
         Whether the run ends here: then cycles that wait for more samples are returned too.
     """

@@ -236,10 +236,6 @@ def alerts_of(
 
     Parameters
     ----------
-    machine : str
-        Name of the machine.
-    lives : iterable of FaultLife
-        All faults so far.
     found : Findings
         Findings of the newest cycle; its candidates give the sizes.
     now_s : float

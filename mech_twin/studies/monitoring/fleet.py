@@ -44,10 +44,6 @@ class FleetMember(NamedTuple):
 
     Attributes
     ----------
-    name : str
-        Name of the machine.
-    cycles : int
-        Number of cycles that were evaluated.
     finding : str
         What is active at the end: a fault, a group, ``unknown``; empty if nothing is.
     candidate : Candidate or None

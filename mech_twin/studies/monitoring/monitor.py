@@ -50,13 +50,7 @@ NAMING_CYCLES = 80  # after the alarm, in which the diagnosis may still change
 
 @dataclass
 class OperatingTrack:
-    """Follows the operating point from cycle to cycle: smooths it and bounds the error of y.
-
-    Parameters
-    ----------
-    surface : OperatingSurface
-        The fitted surface.
-    """
+    """Follows the operating point from cycle to cycle: smooths it and bounds the error of y."""
 
     surface: OperatingSurface
 

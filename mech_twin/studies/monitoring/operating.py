@@ -233,8 +233,6 @@ def chosen_variables(
 
     Parameters
     ----------
-    variables : sequence of Variable
-        All n variables.
     effects : ndarray
         Shape (n, d): effect of each on the features at the end of its range.
     root : ndarray
@@ -279,12 +277,8 @@ def fitted_surface(
 
     Parameters
     ----------
-    groups : sequence of Variable
-        The q variables that are kept.
     rolled_out : callable
         Change of the features (d,) at shares (q,) of the healthy values; None where the simulation fails.
-    names : tuple of str
-        Features.
     rows : ndarray
         Shape (n, d): features of healthy cycles.
     root : ndarray
@@ -323,8 +317,6 @@ def with_transients(
 
     Parameters
     ----------
-    surface : OperatingSurface
-        Surface without transients.
     runs : sequence of sequences of (ndarray, ndarray)
         For each variable, stepped at several phases of a cycle: y (n, d - q) minus its settled mean from the step on,
         and the change of u (n, q) since.

@@ -49,17 +49,7 @@ def operating_surface(
     vectors: Sequence[FeatureVector],
     names: tuple[str, ...],
 ) -> OperatingSurface | None:
-    """Return the operating surface for these features; None if no declared variable has a measurable effect.
-
-    Parameters
-    ----------
-    monitored : MonitoredMachine
-        The machine and its sensors.
-    vectors : sequence of FeatureVector
-        Healthy cycles.
-    names : tuple of str
-        Features.
-    """
+    """Return the operating surface for these features; None if no declared variable has a measurable effect."""
     declared = monitored.operating
     if not declared:
         return None
@@ -135,8 +125,6 @@ def operated_run(
 
     Parameters
     ----------
-    monitored : MonitoredMachine
-        The machine and its sensors.
     variables : sequence of OperatingVariable
         The q variables that change.
     at_s, shares : ndarray

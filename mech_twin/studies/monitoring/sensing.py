@@ -36,8 +36,6 @@ class SensorFault:
 
     Attributes
     ----------
-    column : str
-        Column of the faulty channel.
     bias, gain : float
         The channel shows ``(1 + gain) x + bias``, SI.
     lag_s : float
@@ -162,10 +160,6 @@ class MonitoredMachine:
 
     Attributes
     ----------
-    name : str
-        Name in the catalogue.
-    parameters : Parameters
-        The healthy configuration.
     sensors : MeasurementMap
         The channels; zero, gain and lag of each are numbers.
     """

@@ -82,12 +82,8 @@ def located(run: ModelRun, places: Indices, samples: Sequence[SeenSample]) -> Fo
 
     Parameters
     ----------
-    run : ModelRun
-        The run.
     places : ndarray of int
         Index of each channel's column in a row.
-    samples : sequence of SeenSample
-        Samples in order of time.
     """
     end_s = samples[-1].time_s
     back = np.array([round((end_s - sample.time_s) / run.bank.step_s) for sample in samples])

@@ -75,17 +75,7 @@ class Correction(NamedTuple):
 
 
 class SaltedFilter:
-    """Prediction and correction of the filter, as functions without internal state.
-
-    Parameters
-    ----------
-    bank : StepBank
-        The compiled machine.
-    space : StateSpace
-        State vector of the machine.
-    angles : ndarray of int
-        Indices of the columns that are angles.
-    """
+    """Prediction and correction of the filter, as functions without internal state."""
 
     def __init__(self, bank: StepBank, space: StateSpace, angles: Indices) -> None:
         self._bank, self._space, self._angles = bank, space, angles
@@ -238,8 +228,6 @@ def output_variance(prediction: Prediction, state: FilterState, effect: Array, b
 
     Parameters
     ----------
-    prediction : Prediction
-        The predicted frame.
     state : FilterState
         The filter before the step.
     effect : ndarray, shape (w, q)

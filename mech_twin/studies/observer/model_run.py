@@ -74,11 +74,6 @@ def step_rows(
 class StepBank:
     """The machine as a map from rows at one step to rows at the next.
 
-    Parameters
-    ----------
-    machine : Machine
-        Machine whose roles are all compiled.
-
     Raises
     ------
     ConfigurationError
@@ -112,8 +107,6 @@ class ModelRun:
 
     Attributes
     ----------
-    bank : StepBank
-        The compiled machine.
     rows : ndarray, shape (steps + 1, w)
         All columns of each frame.
     """
@@ -171,8 +164,6 @@ def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
 
     Parameters
     ----------
-    run : ModelRun
-        Simulated run of the model, for ranges and rates.
     sigma : ndarray, shape (w,)
         Standard deviation at the last sample.
     silent_s : float
@@ -184,15 +175,7 @@ def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
 
 
 class AnchorNow:
-    """Re-anchors frames at their own instant, if the machine's motion is given from an anchor; else leaves them.
-
-    Parameters
-    ----------
-    run : ModelRun
-        Simulated run of the model.
-    machine_name : str
-        Name of the machine in the catalogue.
-    """
+    """Re-anchors frames at their own instant, if the machine's motion is given from an anchor; else leaves them."""
 
     def __init__(self, run: ModelRun, machine_name: str) -> None:
         self._motion = catalogue_entry(machine_name).capabilities.anchored_motion
@@ -213,8 +196,6 @@ class RegimeByAngle:
 
     Parameters
     ----------
-    run : ModelRun
-        Simulated run of the model.
     angle : int or None
         Index of the crank angle; None without one.
     has_body : bool

@@ -77,14 +77,8 @@ class PhaseLockedObserver:
 
     Parameters
     ----------
-    machine : Machine
-        The model.
     build : callable
         Returns the machine for given parameters, to compute the effect of wrong ones.
-    channels : sequence of SensedChannel
-        Measured channels.
-    options : ObserverOptions
-        Uncertainty of the model.
     deviations : mapping, optional
         Standard deviation of each uncertain configuration key; a share of every mass, force and stiffness if absent.
 

@@ -95,8 +95,6 @@ def parameter_error(
 
     Parameters
     ----------
-    run : ModelRun
-        Run of the model with these parameters.
     parameters, build
         The parameters, and a function that builds the machine from them.
     deviations : mapping

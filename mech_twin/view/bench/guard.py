@@ -50,10 +50,6 @@ def is_own_host(host: str, port: int, *, others: bool) -> bool:
 
     Parameters
     ----------
-    host : str
-        The header.
-    port : int
-        Port of this server.
     others : bool
         Whether other hosts are allowed: then any address and the name of this machine are valid.
     """
@@ -92,13 +88,7 @@ async def sent_file(
 
 
 class Guard:
-    """The access rules of one server as aiohttp middleware, and the supervision of its connections.
-
-    Parameters
-    ----------
-    others : bool
-        Whether other hosts may connect.
-    """
+    """The access rules of one server as aiohttp middleware, and the supervision of its connections."""
 
     def __init__(self, *, others: bool) -> None:
         self._others = others

@@ -17,13 +17,7 @@ TOOL = ("stands", "moves", "pushed", "blocked")  # values of the memory `tool_re
 
 
 class Lanes:
-    """Lanes of a run.
-
-    Parameters
-    ----------
-    machine : Machine
-        Machine with the names of the regimes.
-    """
+    """Lanes of a run."""
 
     def __init__(self, machine: Machine) -> None:
         self._linkage = machine.linkage.regimes

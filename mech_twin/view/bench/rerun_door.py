@@ -126,10 +126,8 @@ class RerunDoor:
     ----------
     folder : Path
         Of this user alone: the viewer's files go there.
-    told : mapping
+    states : mapping
         Messages for the pages, as text by kind.
-    history : Pictures
-        Of the run so far.
     has_token : callable
         Whether a connection begins with the token.
     """

@@ -125,13 +125,7 @@ class _Role:
 
 
 class RoleCurves:
-    """The samples of all roles since the last picture.
-
-    Parameters
-    ----------
-    sliding : frozenset of str
-        Names of the prismatic joints.
-    """
+    """The samples of all roles since the last picture."""
 
     def __init__(self, sliding: frozenset[str] = frozenset()) -> None:
         self.sliding = sliding
@@ -164,15 +158,7 @@ class RoleCurves:
 
 
 class BenchScene(Closing):
-    """A run on the bench; a context manager.
-
-    Parameters
-    ----------
-    link : BenchLink
-        Connection to the bench.
-    sending : Sending
-        Picture rate, and decimation of the curves.
-    """
+    """A run on the bench; a context manager."""
 
     def __init__(self, link: BenchLink, sending: Sending) -> None:
         self._link, self._sending = link, sending

@@ -29,15 +29,7 @@ WINDOW = 5
 
 
 class BenchShadowScene(Closing):
-    """The scene of a shadow; a context manager.
-
-    Parameters
-    ----------
-    channels : sequence of ShownChannel
-        Measured channels.
-    link : BenchLink
-        Connection to the bench.
-    """
+    """The scene of a shadow; a context manager."""
 
     def __init__(self, channels: Sequence[ShownChannel], link: BenchLink) -> None:
         self._channels, self._link = tuple(channels), link
