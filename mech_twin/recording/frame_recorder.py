@@ -17,45 +17,13 @@ from std_msgs.msg import Float64, String
 
 from mech_twin.capabilities.mechanism import urdf
 from mech_twin.engine.trajectory import frame_events
-from mech_twin.messages import impacts, scene
+from mech_twin.messages import impacts, scene, topics
 from mech_twin.messages.cdr import StepMessage, encoded, stamped_bytes, wrench_bytes
 from mech_twin.messages.scene import TOOL_FRAME, frame_id, transforms
 from mech_twin.messages.step_message import REVISION, Row, StepCodec, motor, set_stamp
 from mech_twin.messages.step_message import body as body_messages
 from mech_twin.messages.step_message import force as force_messages
 from mech_twin.messages.step_message import linkage as linkage_messages
-from mech_twin.messages.topics import (
-    BLOW_GAUGE,
-    BLOW_WAVE,
-    BODY_JOINT_STATES,
-    CLOCK,
-    DESCRIPTION,
-    FORCE_JOINT_STATES,
-    FRAMES,
-    IMPACTS,
-    JOINT_STATES,
-    LATCHED,
-    MOTOR_JOINT_STATES,
-    PRESSING_FORCE,
-    ROBOT_DESCRIPTION,
-    SCENE,
-    STEP_BODY,
-    STEP_FORCES,
-    STEP_LINKAGE,
-    STEP_MOTOR,
-    STREAM_RATE_HZ,
-    PeakHoldWindow,
-    StreamWindow,
-    Topic,
-    full_name,
-    has_impact,
-    joint_state_topics,
-    pin_wrench,
-    recorded_topics,
-    steps_per_window,
-    type_name,
-    wrench_size,
-)
 from mech_twin.process.closing import Closing
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagError
@@ -162,18 +130,18 @@ class FrameRecorder:
         self._machine = machine
         self._writer = BagWriter(directory, configuration=description)
         gauge = machine.gauge
-        gauged = () if gauge is None else (BLOW_GAUGE, *((BLOW_WAVE,) if gauge.sent else ()))
-        seen = () if machine.mechanism is None else (FRAMES, ROBOT_DESCRIPTION)
-        for topic in (*recorded_topics(machine.forces.pins, machine.body is not None), *gauged, *seen):
-            durability = "transient_local" if topic.qos is LATCHED else "volatile"
+        gauged = () if gauge is None else (topics.BLOW_GAUGE, *((topics.BLOW_WAVE,) if gauge.sent else ()))
+        seen = () if machine.mechanism is None else (topics.FRAMES, topics.ROBOT_DESCRIPTION)
+        for topic in (*topics.recorded_topics(machine.forces.pins, machine.body is not None), *gauged, *seen):
+            durability = "transient_local" if topic.qos is topics.LATCHED else "volatile"
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
-            self._writer.add_topic(full_name(machine.name, topic), type_name(topic), qos)
+            self._writer.add_topic(topics.full_name(machine.name, topic), topics.type_name(topic), qos)
         self._now_ns = 0
-        self._window = steps_per_window(STREAM_RATE_HZ, machine.coupling_step_s)
-        self._wrenches = {pin: PeakHoldWindow[Any](self._window) for pin in machine.forces.pins}
-        self._pressing = PeakHoldWindow[Any](self._window)
-        self._joints = {topic.name: StreamWindow[Any](self._window) for topic in joint_state_topics(True)}
-        self._forces = StreamWindow[ForceSample](self._window)
+        self._window = topics.steps_per_window(topics.STREAM_RATE_HZ, machine.coupling_step_s)
+        self._wrenches = {pin: topics.PeakHoldWindow[Any](self._window) for pin in machine.forces.pins}
+        self._pressing = topics.PeakHoldWindow[Any](self._window)
+        self._joints = {topic.name: topics.StreamWindow[Any](self._window) for topic in topics.joint_state_topics(True)}
+        self._forces = topics.StreamWindow[ForceSample](self._window)
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
         self._revision = 1
         self._describe(description)
@@ -189,19 +157,19 @@ class FrameRecorder:
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
         marks = (Row(REVISION, self._revision),)
-        self._put(STEP_LINKAGE, linkage_messages.to_bytes(linkage, marks))
-        self._put(STEP_MOTOR, motor.to_bytes(frame.motor))
-        self._put(STEP_FORCES, force_messages.to_bytes(forces, marks))
+        self._put(topics.STEP_LINKAGE, linkage_messages.to_bytes(linkage, marks))
+        self._put(topics.STEP_MOTOR, motor.to_bytes(frame.motor))
+        self._put(topics.STEP_FORCES, force_messages.to_bytes(forces, marks))
         if body is not None:
-            self._put(STEP_BODY, body_messages.to_bytes(body))
+            self._put(topics.STEP_BODY, body_messages.to_bytes(body))
             self._put_pressing_force(
                 self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
             )
         for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
-            kept = self._wrenches[pin].offer(wrench_size(wrench), (forces.time_s, wrench))
+            kept = self._wrenches[pin].offer(topics.wrench_size(wrench), (forces.time_s, wrench))
             self._put_wrench(pin, kept)
         for event in frame_events(frame):
-            self._put(IMPACTS, impacts.to_bytes(event))
+            self._put(topics.IMPACTS, impacts.to_bytes(event))
         self._write_blows(linkage.events)
         self._write_joint_states(frame)
         self._write_scene(frame)
@@ -212,61 +180,61 @@ class FrameRecorder:
             self._put_wrench(pin, window.rest())
         self._put_pressing_force(self._pressing.rest())
         for sample in self._forces.rest():
-            self._put(FORCE_JOINT_STATES, force_messages.shown(sample))
+            self._put(topics.FORCE_JOINT_STATES, force_messages.shown(sample))
         self._writer.close(discard_empty=True)
 
     def _write_blows(self, events: tuple[Event, ...]) -> None:
         for gauge, event in impacts.gauged_blows(self._machine.gauge, events):
-            self._put(BLOW_GAUGE, impacts.numbers_message(gauge, event))
+            self._put(topics.BLOW_GAUGE, impacts.numbers_message(gauge, event))
             if event.contact in gauge.sent:
-                self._put(BLOW_WAVE, impacts.curve_message(gauge, event))
+                self._put(topics.BLOW_WAVE, impacts.curve_message(gauge, event))
 
     def _write_joint_states(self, frame: Frame) -> None:
-        struck = has_impact(frame.linkage.events)
-        self._offer(JOINT_STATES, linkage_messages, frame.linkage, struck)
-        self._offer(MOTOR_JOINT_STATES, motor, frame.motor, struck)
-        largest = max(map(wrench_size, frame.forces.wrenches), default=0.0)
+        struck = topics.has_impact(frame.linkage.events)
+        self._offer(topics.JOINT_STATES, linkage_messages, frame.linkage, struck)
+        self._offer(topics.MOTOR_JOINT_STATES, motor, frame.motor, struck)
+        largest = max(map(topics.wrench_size, frame.forces.wrenches), default=0.0)
         for sample in self._forces.offer(frame.forces.step, frame.forces, largest, struck):
-            self._put(FORCE_JOINT_STATES, force_messages.shown(sample))
+            self._put(topics.FORCE_JOINT_STATES, force_messages.shown(sample))
         if frame.body is not None:
-            struck = has_impact(frame.body.events) or has_impact(frame.forces.loads)
-            self._offer(BODY_JOINT_STATES, body_messages, frame.body, struck)
+            struck = topics.has_impact(frame.body.events) or topics.has_impact(frame.forces.loads)
+            self._offer(topics.BODY_JOINT_STATES, body_messages, frame.body, struck)
 
-    def _offer(self, topic: Topic, codec: StepCodec[Any], sample: Any, struck: bool) -> None:
+    def _offer(self, topic: topics.Topic, codec: StepCodec[Any], sample: Any, struck: bool) -> None:
         for due in self._joints[topic.name].offer(sample.step, sample, impact=struck):
             self._put(topic, codec.shown(due))
 
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage
         if linkage.step % self._window == 0:
-            self._put(CLOCK, stamped_bytes(linkage.time_s))
+            self._put(topics.CLOCK, stamped_bytes(linkage.time_s))
             self._write_frames(frame)
         if linkage.step % self._steps_per_drawing == 0:
             shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)
-            self._put(SCENE, scene.to_bytes(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
+            self._put(topics.SCENE, scene.to_bytes(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
 
     def _write_frames(self, frame: Frame) -> None:
         if self._machine.mechanism is None:
             return
         positions = dict(zip(frame.linkage.joints, frame.linkage.position, strict=True))
         for found in transforms(self._machine.mechanism, positions, frame.linkage.time_s, self._machine.name):
-            self._put(FRAMES, found)
+            self._put(topics.FRAMES, found)
 
     def _describe(self, description: str) -> None:
-        self._put(DESCRIPTION, String(data=description))
+        self._put(topics.DESCRIPTION, String(data=description))
         if self._machine.mechanism is not None:
-            self._put(ROBOT_DESCRIPTION, String(data=urdf(self._machine.name, self._machine.mechanism)))
+            self._put(topics.ROBOT_DESCRIPTION, String(data=urdf(self._machine.name, self._machine.mechanism)))
 
     def _put_wrench(self, pin: str, kept: tuple[Any, ...]) -> None:
         for time_s, wrench in kept:
-            self._put(pin_wrench(pin), wrench_bytes(time_s, frame_id(self._machine.name, pin), *wrench))
+            self._put(topics.pin_wrench(pin), wrench_bytes(time_s, frame_id(self._machine.name, pin), *wrench))
 
     def _put_pressing_force(self, kept: tuple[Any, ...]) -> None:
         for time_s, force_n in kept:
-            self._put(PRESSING_FORCE, wrench_bytes(time_s, frame_id(self._machine.name, TOOL_FRAME), force_n))
+            self._put(topics.PRESSING_FORCE, wrench_bytes(time_s, frame_id(self._machine.name, TOOL_FRAME), force_n))
 
-    def _put(self, topic: Topic, message: Any) -> None:
-        name = full_name(self._machine.name, topic)
+    def _put(self, topic: topics.Topic, message: Any) -> None:
+        name = topics.full_name(self._machine.name, topic)
         if not isinstance(message, bytes):
             message = encoded(message) if isinstance(message, StepMessage) else serialize_message(message)
-        self._writer.write(name, message, self._now_ns, self._now_ns, latched=topic.qos is LATCHED)
+        self._writer.write(name, message, self._now_ns, self._now_ns, latched=topic.qos is topics.LATCHED)

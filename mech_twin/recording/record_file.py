@@ -19,26 +19,10 @@ from typing import NamedTuple
 
 import lz4.frame
 import zstandard
+from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 
 from mech_twin.recording.errors import MissingBagError
 
@@ -50,21 +34,21 @@ HEAD_BYTES = 9
 FOOTER_BYTES = HEAD_BYTES + 20
 _MESSAGE = struct.Struct("<HIQQ")
 
-_READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    Opcode.HEADER: Header.read,
-    Opcode.FOOTER: Footer.read,
-    Opcode.SCHEMA: Schema.read,
-    Opcode.CHANNEL: Channel.read,
-    Opcode.CHUNK: Chunk.read,
-    Opcode.MESSAGE_INDEX: MessageIndex.read,
-    Opcode.CHUNK_INDEX: ChunkIndex.read,
-    Opcode.ATTACHMENT: Attachment.read,
-    Opcode.ATTACHMENT_INDEX: AttachmentIndex.read,
-    Opcode.STATISTICS: Statistics.read,
-    Opcode.METADATA: Metadata.read,
-    Opcode.METADATA_INDEX: MetadataIndex.read,
-    Opcode.SUMMARY_OFFSET: SummaryOffset.read,
-    Opcode.DATA_END: DataEnd.read,
+_READERS: dict[int, Callable[[ReadDataStream], records.McapRecord]] = {
+    Opcode.HEADER: records.Header.read,
+    Opcode.FOOTER: records.Footer.read,
+    Opcode.SCHEMA: records.Schema.read,
+    Opcode.CHANNEL: records.Channel.read,
+    Opcode.CHUNK: records.Chunk.read,
+    Opcode.MESSAGE_INDEX: records.MessageIndex.read,
+    Opcode.CHUNK_INDEX: records.ChunkIndex.read,
+    Opcode.ATTACHMENT: records.Attachment.read,
+    Opcode.ATTACHMENT_INDEX: records.AttachmentIndex.read,
+    Opcode.STATISTICS: records.Statistics.read,
+    Opcode.METADATA: records.Metadata.read,
+    Opcode.METADATA_INDEX: records.MetadataIndex.read,
+    Opcode.SUMMARY_OFFSET: records.SummaryOffset.read,
+    Opcode.DATA_END: records.DataEnd.read,
 }
 _WINDOW = 1 << 20
 # An opcode and a length below MAX_RECORD_BYTES, as a lookahead so that candidates may overlap.
@@ -85,7 +69,7 @@ class RawMessage(NamedTuple):
     raw: bytes
 
 
-Record = McapRecord | RawMessage | None
+Record = records.McapRecord | RawMessage | None
 """A record; None for an unknown record type."""
 
 
@@ -130,15 +114,15 @@ def parse(opcode: int, content: bytes) -> Record:
     return record
 
 
-def _is_complete(record: McapRecord, content: bytes, end: int) -> bool:
+def _is_complete(record: records.McapRecord, content: bytes, end: int) -> bool:
     """Whether the last field has its declared length (`mcap` truncates silently) and its checksum matches."""
-    if isinstance(record, Chunk):
+    if isinstance(record, records.Chunk):
         at = 32 + len(record.compression.encode())
         return bool(struct.unpack_from("<Q", content, at)[0] == len(record.data))
-    if isinstance(record, Attachment):
+    if isinstance(record, records.Attachment):
         (crc,) = struct.unpack_from("<I", content, end - 4)
         return crc in {0, zlib.crc32(content[: end - 4])}
-    if isinstance(record, Schema):
+    if isinstance(record, records.Schema):
         at = 10 + len(record.name.encode()) + len(record.encoding.encode())
         return bool(struct.unpack_from("<I", content, at)[0] == len(record.data))
     return True
@@ -151,7 +135,7 @@ def _message(content: bytes, start: int, stop: int) -> RawMessage:
     return RawMessage(channel_id, sequence, log_time_ns, publish_time_ns, content[start + 22 : stop])
 
 
-def decompressed(chunk: Chunk) -> bytes:
+def decompressed(chunk: records.Chunk) -> bytes:
     """Return the decompressed content of a chunk, after verification of its size and checksum.
 
     Raises

@@ -21,8 +21,8 @@ from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
 from mech_twin.studies.identification.fit_runs import ColumnCurves, FitChannel, FitRun, needed_columns
 from mech_twin.studies.identification.intervals import linearised
-from mech_twin.studies.identification.least_squares_fit import stage_fit
-from mech_twin.studies.identification.refits import fits_spread, key_profiles, problem_of, profiles_spread
+from mech_twin.studies.identification.least_squares_fit import problem_of, stage_fit
+from mech_twin.studies.identification.refits import fits_spread, key_profiles, profiles_spread
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
 from mech_twin.studies.named_rollouts import rollout

@@ -7,7 +7,7 @@ It has the residuals and their whiteness, fitted sensor parameters, match of eve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -17,13 +17,11 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import fixed
 from mech_twin.measurements.units import unit_of
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun, first_of_series, matched
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, stage_fit, with_begins
+from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, problem_of, stage_fit, with_begins
 from mech_twin.studies.identification.residuals import FitProblem
-from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO, ModelRuns, unknowns_of
+from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO, IdentificationQuestion
 
 LAGS = 20  # of the whiteness test
-NO_BOUNDS = np.zeros((2, 0))
 KNOWN_NOISE, SEEN_NOISE = 2.0, 3.0  # times the sensor noise, given or estimated: a larger residual is a model error
 LEAST_NOISE = 2e-4  # of a channel's standard deviation: error of interpolation between coupling steps
 BURSTS = 1.5  # times the robust spread of the residuals, insensitive to bursts: more is a model error
@@ -78,34 +76,12 @@ class Score:
         return float(np.mean(shares)) if shares else np.inf
 
 
-def scored(
-    name: str, parameters: Parameters, known_from: Sequence[FitRun], held: Sequence[FitRun], longest_begin_s: float
-) -> Score:
-    """Return the score of a configuration.
-
-    Parameters
-    ----------
-    name, parameters
-        Machine and configuration.
-    known_from : sequence of FitRun
-        Parts of the runs from which zeros, gains, lags and start times are estimated, with the configuration fixed.
-    held : sequence of FitRun
-        Parts that are predicted, one of each run.
-    longest_begin_s : float
-        As in `ModelRuns`.
-    """
-    problem, x = beside(name, parameters, known_from, longest_begin_s)
-    return score(problem.over(held), x)
-
-
 def beside(
-    name: str, parameters: Parameters, runs: Sequence[FitRun], longest_begin_s: float
+    question: IdentificationQuestion, parameters: Parameters, runs: Sequence[FitRun]
 ) -> tuple[FitProblem, Array]:
     """Return the fit problem of a fixed configuration, and its best-fitting zeros, gains, lags and start times."""
-    keyed = KeyedConfiguration(name, parameters, ())
-    unknowns = unknowns_of(keyed, NO_BOUNDS, runs, longest_begin_s)
-    problem = FitProblem(ModelRuns(keyed, runs, longest_begin_s), unknowns)
-    return problem, stage_fit(problem, with_begins(problem, unknowns.start), 1.0).x
+    problem = problem_of(replace(question, base=parameters, keys=()), runs)
+    return problem, stage_fit(problem, with_begins(problem, problem.unknowns.start), 1.0).x
 
 
 def score(problem: FitProblem, x: Array) -> Score:

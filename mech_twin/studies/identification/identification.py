@@ -14,7 +14,15 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.fit_runs import FitRun
-from mech_twin.studies.identification.held_out import ChannelFit, Score, channel_fits, noise_misfit, refutation, scored
+from mech_twin.studies.identification.held_out import (
+    ChannelFit,
+    Score,
+    beside,
+    channel_fits,
+    noise_misfit,
+    refutation,
+    score,
+)
 from mech_twin.studies.identification.key_knowledge import (
     AroundFit,
     around_fit,
@@ -25,8 +33,8 @@ from mech_twin.studies.identification.key_knowledge import (
     verdicts_of,
     with_others_as_configured,
 )
-from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, quiet, refined
-from mech_twin.studies.identification.refits import fits_spread, problem_of
+from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, problem_of, quiet, refined
+from mech_twin.studies.identification.refits import fits_spread
 from mech_twin.studies.identification.staged_search import Search, searched
 from mech_twin.studies.identification.unknowns import BEGIN, KEY, IdentificationQuestion
 from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, Combination, KeyVerdict
@@ -141,9 +149,9 @@ def identified(
             break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known, search, progress)
-    parameters = _found(question, keys, fitted)
+    parameters = _found(question, keys)
     progress("what was held out")
-    held, before = _scores(question, parameters, fitted, fitted_runs, held_runs, later)
+    held, before = _scores(question, parameters, fitted_runs, held_runs, later)
     count = len(chosen)
     deviations = np.sqrt(np.diag(known.covariance)[:count])
     sizes = np.outer(deviations, deviations)
@@ -205,7 +213,7 @@ def _fit_of_fewer(
     return refined(problem, start, progress)
 
 
-def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict], fitted: Fitted) -> Parameters:
+def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict]) -> Parameters:
     """Return the resulting configuration: keys without a usable estimate keep their values."""
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
     return question.of(values).keyed.parameters(list(values.values())) if values else question.base
@@ -214,7 +222,6 @@ def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict], fitted:
 def _scores(
     question: IdentificationQuestion,
     parameters: Parameters,
-    fitted: Fitted,
     fitted_runs: Sequence[FitRun],
     held_runs: Sequence[FitRun],
     later: Sequence[FitRun],
@@ -222,6 +229,6 @@ def _scores(
     if not held_runs and not later:
         return None, None
     known_from, held = (held_runs, held_runs) if held_runs else (fitted_runs, later)
-    begin = question.longest_begin_s
-    after, before = (scored(question.machine, p, known_from, held, begin) for p in (parameters, question.base))
+    fixed = [beside(question, each, known_from) for each in (parameters, question.base)]
+    after, before = (score(problem.over(held), x) for problem, x in fixed)
     return after, before

@@ -23,6 +23,7 @@ from mech_twin.studies.identification.least_squares_fit import (
     Fitted,
     Progress,
     noise_floors,
+    problem_of,
     quiet,
     refined,
     robust_weights,
@@ -33,7 +34,6 @@ from mech_twin.studies.identification.refits import (
     Refits,
     family,
     key_profiles,
-    problem_of,
     profiles_spread,
 )
 from mech_twin.studies.identification.residuals import FitProblem

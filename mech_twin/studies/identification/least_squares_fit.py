@@ -17,7 +17,15 @@ from scipy.optimize import least_squares
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.identification.fit_runs import ColumnCurves, FitRun
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, ZERO
+from mech_twin.studies.identification.unknowns import (
+    BEGIN,
+    GAIN,
+    KEY,
+    ZERO,
+    IdentificationQuestion,
+    ModelRuns,
+    unknowns_of,
+)
 
 HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # shares of the run, one stage each
 NEAR = 0.3  # of a key's scale: standard deviation of its prior about the start of an early stage
@@ -58,6 +66,14 @@ class Fitted:
     def key_values(self) -> Array:
         """Values of the free keys."""
         return self.problem.unknowns.keys(self.x)
+
+
+def problem_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> FitProblem:
+    """Return the fit problem of a question's keys on runs."""
+    keyed = question.keyed
+    unknowns = unknowns_of(keyed, keyed.bounds(question.bounds), runs, question.longest_begin_s)
+    priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
+    return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
 
 
 def quiet(_: str) -> None:

@@ -29,13 +29,14 @@ from mech_twin.studies.identification.least_squares_fit import (
     Fitted,
     Progress,
     brought_on,
+    problem_of,
     quiet,
     robust_weights,
     stage_fit,
     stage_part,
 )
-from mech_twin.studies.identification.residuals import FitProblem, Weighting
-from mech_twin.studies.identification.unknowns import KEY, IdentificationQuestion, ModelRuns, unknowns_of
+from mech_twin.studies.identification.residuals import Weighting
+from mech_twin.studies.identification.unknowns import KEY, IdentificationQuestion
 from mech_twin.studies.spreading import spread
 
 LEAST_RISE, MOST_RISE = 0.6, 1.6  # times the rise of a parabola: outside, a profile is computed
@@ -303,14 +304,6 @@ def _goes_to(target: Array, refits: Refits, fixed: Sequence[int], follows: Mask,
 
 def _cost(rows: Array) -> float:
     return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
-
-
-def problem_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> FitProblem:
-    """Return the fit problem of a question's keys on runs."""
-    keyed = question.keyed
-    unknowns = unknowns_of(keyed, keyed.bounds(question.bounds), runs, question.longest_begin_s)
-    priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
-    return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
 
 
 def fits_spread(

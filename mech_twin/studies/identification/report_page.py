@@ -154,7 +154,7 @@ def beside_whole_runs(
 ) -> tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]]:
     """Return the fit and the previous configuration as problems over the whole fitted runs, held-out parts included."""
     problem, asked = fitted.problem, found.question
-    other, offsets = beside(asked.machine, asked.base, problem.runs, asked.longest_begin_s)
+    other, offsets = beside(asked, asked.base, problem.runs)
     whole = [run.within(-np.inf, np.inf) for run in problem.runs]
     return (problem.over(whole), fitted.x), (other.over(whole), offsets)
 

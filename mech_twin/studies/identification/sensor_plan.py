@@ -24,7 +24,7 @@ from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
 from mech_twin.studies.identification.key_knowledge import PREDICTABLE, combined
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import Fitted
+from mech_twin.studies.identification.least_squares_fit import Fitted, problem_of
 from mech_twin.studies.identification.refits import Refits
 from mech_twin.studies.identification.residuals import FitProblem, Weighting
 from mech_twin.studies.identification.unknowns import (
@@ -34,8 +34,6 @@ from mech_twin.studies.identification.unknowns import (
     LAG,
     ZERO,
     IdentificationQuestion,
-    ModelRuns,
-    unknowns_of,
 )
 from mech_twin.studies.identification.verdicts import (
     IDENTIFIED,
@@ -48,6 +46,7 @@ from mech_twin.studies.identification.verdicts import (
 
 ADDED_NOISE = 1e-3  # noise of a further sensor, in standard deviations of its signal
 ADDED_RATE_HZ = 500.0
+ROLES = ("linkage", "motor", "body")  # whose motion and effort a sensor can tell
 Command = tuple[tuple[float, float], ...]
 
 
@@ -118,8 +117,9 @@ def sensor_plan(
     samples = _samples(own, channels, sensors.channels, noises, duration_s)
     keys, combined = _verdicts(_Derived(own, samples), together=True)
     found = sensor_helps(question, samples, duration_s) if helps else []
+    shown, noises = [each.channel for each in samples.channels], [each.noise for each in samples.channels]
     for run in _manoeuvres(own, duration_s) if helps else ():
-        other, _ = _verdicts(_Derived(run, _again(run, samples, duration_s)))
+        other, _ = _verdicts(_Derived(run, _samples(run, shown, shown, noises, duration_s)))
         found.append(_help(run.name, keys, other))
     return SensorPlan(tuple(keys), tuple(combined), tuple(sorted(found, key=_worth, reverse=True)))
 
@@ -213,19 +213,13 @@ class _Derived:
 
     def __init__(self, run: _PlannedRun, samples: FitRun) -> None:
         self.question, self._samples = run.question, samples
-        self.keyed = self.question.keyed
-        self.bounds = self.keyed.bounds(self.question.bounds)
         self._known: dict[float, tuple[FitProblem, Weighting, Array, Array, Array]] = {}
 
     def over(self, share: float) -> tuple[FitProblem, Weighting, Array, Array, Array]:
         """Return problem, weighting, derivatives of two step lengths, and the channel of each row (-1: a prior)."""
         if share not in self._known:
             part = self._samples.within(-np.inf, np.inf).first_share(share)
-            problem = FitProblem(
-                ModelRuns(self.keyed, [part], 0.0, self.question.cores),
-                unknowns_of(self.keyed, self.bounds, [part]),
-                self.question.priors,
-            )
+            problem = problem_of(self.question, [part])
             sigmas = np.array([channel.noise for channel in part.channels])
             weighting = Weighting(sigmas, problem.comparison(problem.unknowns.start, sigmas).masks)
             pair = problem.two_jacobians(problem.unknowns.start, weighting)
@@ -240,50 +234,29 @@ def _verdicts(
 ) -> tuple[list[KeyVerdict], list[Combination]]:
     """Return the expected verdicts, over the longest initial share of the run with reliable derivatives.
 
-    ``channels`` are the indices of the channels used, all if absent.
+    ``channels`` are the indices of the channels used, all if absent.  ``together``: also the identifiable combinations
+    of keys.
     """
-    for share in (1.0, *PREDICTABLE):
-        found = _verdicts_of(derived, share, channels, together=together)
-        if found is not None:
-            return found
-    whole = _verdicts_of(derived, 1.0, channels, together=together, contradicted=True)
-    assert whole is not None
-    return whole
-
-
-def _verdicts_of(
-    derived: _Derived,
-    share: float,
-    channels: Sequence[int] | None,
-    *,
-    together: bool = False,
-    contradicted: bool = False,
-) -> tuple[list[KeyVerdict], list[Combination]] | None:
-    """Return the expected verdicts from the derivatives at the configuration itself.
-
-    ``together``: also the identifiable combinations of keys.  None if derivatives of two step lengths disagree, unless
-    ``contradicted`` allows it.
-    """
-    question, keyed, bounds = derived.question, derived.keyed, derived.bounds
-    problem, weighting, jacobian, other, labels = derived.over(share)
-    if channels is not None:
-        rows = np.isin(labels, [-1, *channels])
+    question = derived.question
+    for share in (1.0, *PREDICTABLE, 1.0):  # the whole run in any case, if no derivatives are reliable
+        problem, weighting, jacobian, other, labels = derived.over(share)
+        rows = slice(None) if channels is None else np.isin(labels, [-1, *channels])
         jacobian, other = jacobian[rows], other[rows]
-    unknowns, x = problem.unknowns, problem.unknowns.start
-    places = unknowns.places(KEY)
-    seen = sensitivity(jacobian, other, places, x[places])
-    if seen.contradicted and not contradicted:
-        return None
+        unknowns, x = problem.unknowns, problem.unknowns.start
+        places = unknowns.places(KEY)
+        seen = sensitivity(jacobian, other, places, x[places])
+        if not seen.contradicted:
+            break
     count = len(question.keys)
     chosen = seen.estimated(range(count))
     kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
-    share = float(stats.t.ppf(0.975, max(len(jacobian) - len(kept), 1)))
+    student = float(stats.t.ppf(0.975, max(len(jacobian) - len(kept), 1)))
     errors, halves = np.full(count, np.nan), np.full(count, np.inf)
     own = np.sqrt(np.diag(inverse_information(jacobian[:, kept])))
     for place, i in enumerate(chosen):
         errors[i] = own[place] * unknowns.scales[i]
-        halves[i] = errors[i] * share
-    values = keyed.values()
+        halves[i] = errors[i] * student
+    values, no_bounds = question.keyed.values(), np.tile([[-np.inf], [np.inf]], count)
     fixed = frozenset(set(range(count)) - set(chosen))
     both = np.array([halves, halves])
     found: list[Combination] = []
@@ -292,13 +265,8 @@ def _verdicts_of(
         refits = Refits(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
         found = combined(question, refits, seen, chosen, both)
     scales = unknowns.scales[:count]
-    evidence = KeyEvidence(question.keys, values, values, errors, both, _open(bounds), scales, seen, fixed, None)
+    evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None)
     return key_verdicts(evidence, found), found
-
-
-def _open(bounds: Array) -> Array:
-    """Return infinite bounds: in a plan, no fit can stop at a bound."""
-    return np.array([np.full(bounds.shape[1], -np.inf), np.full(bounds.shape[1], np.inf)])
 
 
 def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[FitChannel]:
@@ -309,7 +277,7 @@ def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> li
     found = []
     for column in column_names(machine):
         parts = joint_column(column)
-        if parts is None or column in measured or not _tells(column, parts.role):
+        if parts is None or column in measured or parts.role not in ROLES or ".memory." in column:
             continue
         swing = float(np.nanstd(rolled[column]))
         if swing <= 0.0:
@@ -319,15 +287,6 @@ def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> li
         values = np.interp(times, rolled["time_s"], rolled[column])
         found.append(FitChannel(channel, times, values, ADDED_NOISE * swing))
     return found
-
-
-def _tells(column: str, role: str) -> bool:
-    return role in ("linkage", "motor", "body") and ".memory." not in column
-
-
-def _again(run: _PlannedRun, samples: FitRun, duration_s: float) -> FitRun:
-    channels = [each.channel for each in samples.channels]
-    return _samples(run, channels, channels, [each.noise for each in samples.channels], duration_s)
 
 
 def _manoeuvres(own: _PlannedRun, duration_s: float) -> list[_PlannedRun]:

@@ -13,8 +13,7 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.held_out import noise_misfit, refutation, score
-from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors
-from mech_twin.studies.identification.refits import problem_of
+from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, problem_of
 from mech_twin.studies.identification.residuals import FitProblem, contradicting
 from mech_twin.studies.identification.staged_search import BENDING
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
