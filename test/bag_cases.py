@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.schemas import string_cdr
+from mech_twin.recording.schemas import offered_qos
 
 JOINTS = "/twin/joint_states"
 FORCES = "/twin/forces/pin"
@@ -23,6 +24,12 @@ TYPES = {
     FORCES: "geometry_msgs/msg/WrenchStamped",
     NOTES: "std_msgs/msg/String",
 }
+
+
+def string_cdr(text: str) -> bytes:
+    """Return the little-endian CDR encoding of a std_msgs/msg/String."""
+    data = text.encode() + b"\0"
+    return b"\x00\x01\x00\x00" + struct.pack("<I", len(data)) + data
 
 
 def joint_state(number: int) -> bytes:
@@ -51,9 +58,12 @@ def raw_of(topic: str, number: int) -> bytes:
 
 def written(directory: Path, steps: int, **options: Any) -> Path:
     """Write steps of two fast topics, 1 ms apart, and a note every tenth; return the bag."""
-    with BagWriter(directory, configuration=CONFIGURATION, description_topic=DESCRIPTION, **options) as writer:
+    with BagWriter(directory, configuration=CONFIGURATION, **options) as writer:
+        writer.add_topic(DESCRIPTION, TYPES[NOTES], offered_qos(durability="transient_local", depth=1))
         for topic, type_name in TYPES.items():
             writer.add_topic(topic, type_name)
+        if steps:
+            writer.write(DESCRIPTION, string_cdr(CONFIGURATION), 0, 0, latched=True)
         for step in range(steps):
             time_ns = 1_000_000 * step
             for topic in TYPES:

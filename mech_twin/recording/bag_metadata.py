@@ -112,11 +112,10 @@ def write_metadata(
     topics: Sequence[TopicMetadata],
     files: Sequence[FileStatistics],
     custom: Mapping[str, str],
-    ros_distro: str,
 ) -> None:
     """Write `metadata.yaml` atomically: a reader finds the old file or the new one."""
     text = yaml.dump(
-        {"rosbag2_bagfile_information": _information(topics, files, custom, ros_distro)},
+        {"rosbag2_bagfile_information": _information(topics, files, custom)},
         Dumper=_PlainDumper,
         sort_keys=False,
         allow_unicode=True,
@@ -188,7 +187,7 @@ def _span(start_ns: int | None, end_ns: int) -> dict[str, dict[str, int]]:
 
 
 def _information(
-    topics: Sequence[TopicMetadata], files: Sequence[FileStatistics], custom: Mapping[str, str], ros_distro: str
+    topics: Sequence[TopicMetadata], files: Sequence[FileStatistics], custom: Mapping[str, str]
 ) -> dict[str, Any]:
     totals: Counter[str] = Counter()
     for file in files:
@@ -220,7 +219,7 @@ def _information(
             for file in files
         ],
         "custom_data": dict(custom),
-        "ros_distro": ros_distro,
+        "ros_distro": running_distro(),
     }
 
 
@@ -274,7 +273,7 @@ def remove_recording(directory: Path) -> None:
             path.unlink()
 
 
-def new_directory(wanted: Path, if_exists: str) -> tuple[Path, list[Path]]:
+def new_directory(wanted: Path) -> tuple[Path, list[Path]]:
     """Return an empty directory and the directories created for it, innermost first.
 
     Raises
@@ -282,12 +281,9 @@ def new_directory(wanted: Path, if_exists: str) -> tuple[Path, list[Path]]:
     BagExistsError, UnwritableDirectoryError
         The directory is not empty or cannot be created; nothing is left behind.
     """
-    directory, number = wanted.absolute(), 1
-    while _occupied(directory):
-        if if_exists != "rename":
-            raise BagExistsError(directory, "is not empty; nothing is overwritten, choose another directory")
-        number += 1
-        directory = wanted.absolute().with_name(f"{wanted.name}_{number}")
+    directory = wanted.absolute()
+    if _occupied(directory):
+        raise BagExistsError(directory, "is not empty; nothing is overwritten, choose another directory")
     made: list[Path] = []
     try:
         missing = [path for path in (directory, *directory.parents) if not path.exists()]

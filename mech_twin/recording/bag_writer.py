@@ -10,17 +10,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from typing import Literal
 
 from mech_twin.process.closing import Closing
 from mech_twin.process.interruption import UninterruptedLock
-from mech_twin.recording.bag_metadata import new_directory, running_distro
+from mech_twin.recording.bag_metadata import new_directory
 from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
 from mech_twin.recording.errors import UnwritableDirectoryError
-from mech_twin.recording.schemas import MessageSchema, message_schema, offered_qos, string_cdr
+from mech_twin.recording.schemas import message_schema, offered_qos
 from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries
 
-STRING_TYPE = "std_msgs/msg/String"
 LOG = logging.getLogger(__name__)  # without a handler, warnings go to standard error
 _CLOSE_AT = 0.6  # of max_loss_s: the rest allows for the interval between ticks and for the write
 
@@ -54,16 +52,10 @@ class BagWriter(Closing):
         Also synchronise each chunk to the disk, to survive a power failure.
     split_bytes, split_duration_s : number, optional
         Start a new file at this size, or after this duration of log time.
-    description_topic : str, optional
-        Topic on which the configuration is also recorded as a latched (transient local) `std_msgs/msg/String`.
-    if_exists : {"refuse", "rename"}
-        What to do if the directory is not empty; `rename` uses the first free of NAME_2, NAME_3...
     chunk_bytes, compression
         Uncompressed size of a chunk; `zstd`, `lz4` or `none`.
     retry_s : float
         Time between attempts to resume after an error.
-    ros_distro : str, optional
-        Written to `metadata.yaml`; default the release that runs.
 
     Raises
     ------
@@ -80,12 +72,9 @@ class BagWriter(Closing):
         fsync: bool = False,
         split_bytes: int | None = None,
         split_duration_s: float | None = None,
-        description_topic: str | None = None,
-        if_exists: Literal["refuse", "rename"] = "refuse",
         chunk_bytes: int = 256 * 1024,
         compression: str = "zstd",
         retry_s: float = 1.0,
-        ros_distro: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if not max_loss_s > 0.0:
@@ -106,18 +95,8 @@ class BagWriter(Closing):
         opened = False
         try:
             with self._lock:
-                self.directory, self._made = new_directory(Path(directory), if_exists)
-                self._series = SplitSeries(
-                    self.directory,
-                    storage,
-                    configuration,
-                    self._topics,
-                    ros_distro or running_distro(),
-                )
-                if description_topic is not None:
-                    latched_qos = offered_qos(durability="transient_local", depth=1)
-                    self.add_topic(description_topic, STRING_TYPE, latched_qos)
-                    self._topics[description_topic].latched = Latched(string_cdr(configuration), 0, 1)
+                self.directory, self._made = new_directory(Path(directory))
+                self._series = SplitSeries(self.directory, storage, configuration, self._topics)
                 self._open_first()
                 opened = True
         except (KeyboardInterrupt, SystemExit):  # a delayed signal: the caller has no writer to close
@@ -145,15 +124,13 @@ class BagWriter(Closing):
         """Number of messages lost because of disk errors so far."""
         return sum(row.dropped for row in self.counters.values())
 
-    def add_topic(
-        self, topic: str, type_name: str, qos_yaml: str | None = None, schema: MessageSchema | None = None
-    ) -> None:
+    def add_topic(self, topic: str, type_name: str, qos_yaml: str | None = None) -> None:
         """Register a topic before its first message; a second time with the same type is a no-op.
 
         Raises
         ------
         UnknownTypeError
-            The type is not installed and no schema was given.
+            The type is not installed.
         ValueError
             The topic is registered with another type.
         """
@@ -163,7 +140,7 @@ class BagWriter(Closing):
                 if known.schema.type_name != type_name:
                     raise ValueError(f"topic {topic} is of {known.schema.type_name}, not of {type_name}")
                 return
-            entry = RecordedTopic(schema or message_schema(type_name), offered_qos() if qos_yaml is None else qos_yaml)
+            entry = RecordedTopic(message_schema(type_name), offered_qos() if qos_yaml is None else qos_yaml)
             self._topics[topic] = entry
             if self._state is WriterState.RECORDING:
                 try:
@@ -278,8 +255,6 @@ class BagWriter(Closing):
         self._repeat_due = False
         for name, entry in self._topics.items():
             if (last := entry.latched) is not None:
-                if entry.counters.received == 0:  # the configuration, added by this writer itself
-                    entry.counters.received = entry.counters.written = 1
                 split.add_message(name, last.raw, log_time_ns, last.publish_time_ns, last.sequence)
 
     def _open_first(self) -> None:

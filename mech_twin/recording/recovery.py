@@ -24,7 +24,6 @@ from mech_twin.recording.bag_metadata import (
     custom_data,
     read_metadata,
     remove_recording,
-    running_distro,
     write_metadata,
 )
 from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD, MessageWriter
@@ -152,7 +151,7 @@ def _rebuild(files: list[Path], directory: Path, report: RecoveryReport) -> None
     custom = {FINISHED_KEY: "true", RECOVERED_KEY: "; ".join((salvaged, *report.damages))[:_MARK_CHARACTERS]}
     # the loss counters of `metadata.yaml`: after a full disk the files lack the last ones
     custom |= {key: text for key, text in custom_data(report.bag).items() if key == COUNTERS_KEY}
-    write_metadata(directory, list(topics.values()), files_written, custom, running_distro())
+    write_metadata(directory, list(topics.values()), files_written, custom)
 
 
 def _rewritten(

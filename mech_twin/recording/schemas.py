@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import struct
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -88,12 +87,6 @@ def offered_qos(
         f"  liveliness: automatic\n  liveliness_lease_duration:\n    {forever}\n"
         "  avoid_ros_namespace_conventions: false\n"
     )
-
-
-def string_cdr(text: str) -> bytes:
-    """Return the little-endian CDR encoding of a std_msgs/msg/String."""
-    data = text.encode() + b"\0"
-    return b"\x00\x01\x00\x00" + struct.pack("<I", len(data)) + data
 
 
 def _short(type_name: str) -> str:

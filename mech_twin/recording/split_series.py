@@ -43,12 +43,7 @@ class SplitSeries:
     """The files of a bag; methods that write raise OSError and may be called again."""
 
     def __init__(
-        self,
-        directory: Path,
-        storage: Storage,
-        configuration: str,
-        topics: Mapping[str, RecordedTopic],
-        ros_distro: str,
+        self, directory: Path, storage: Storage, configuration: str, topics: Mapping[str, RecordedTopic]
     ) -> None:
         self.current: BagSplit | None = None
         self.started = 0
@@ -56,7 +51,6 @@ class SplitSeries:
         self._storage = storage
         self._configuration = configuration
         self._topics = topics
-        self._ros_distro = ros_distro
         self._finished: list[FileStatistics] = []
         self._reservation = SpaceReservation(directory)
 
@@ -125,7 +119,7 @@ class SplitSeries:
         }
         counters = json.dumps({name: asdict(row) for name, row in rows.items()})
         custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: counters}
-        write_metadata(self._directory, topics, self._finished, custom, self._ros_distro)
+        write_metadata(self._directory, topics, self._finished, custom)
 
     def discard(self) -> None:
         """Delete the files of the recording, for a run that recorded nothing."""

@@ -6,13 +6,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from bag_cases import string_cdr
 from small_disk import small_disk
 
 from mech_twin.cli.failure import LOSS_EXIT_CODE, messages_in, report_losses
 from mech_twin.cli.recording import show_info
 from mech_twin.cli.verbs import InfoVerb
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.schemas import string_cdr
 
 
 def test_a_recording_on_a_full_disk_is_not_called_complete(

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 import zstandard
-from bag_cases import CONFIGURATION, DESCRIPTION, FORCES, JOINTS, NOTES, TYPES, counts, written
+from bag_cases import CONFIGURATION, DESCRIPTION, FORCES, JOINTS, NOTES, TYPES, counts, string_cdr, written
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from mcap.writer import CompressionType, IndexType, Writer
@@ -36,7 +36,7 @@ from mech_twin.recording.errors import (
 )
 from mech_twin.recording.measured_topics import MessageDecoder
 from mech_twin.recording.recovery import recover
-from mech_twin.recording.schemas import message_schema, string_cdr
+from mech_twin.recording.schemas import message_schema
 
 STRING = message_schema("std_msgs/msg/String")
 

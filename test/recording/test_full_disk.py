@@ -10,14 +10,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from bag_cases import NOTES, TYPES
+from bag_cases import NOTES, TYPES, string_cdr
 from rosbags.highlevel import AnyReader
 from small_disk import small_disk
 
 from mech_twin.recording.bag_reader import BagReader, bag_info, lost_messages
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.recovery import recover
-from mech_twin.recording.schemas import string_cdr
 
 SOURCE = random.Random(5)
 

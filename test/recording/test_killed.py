@@ -21,8 +21,8 @@ PERIODS_S = {"/fast": 0.001, "/slow": 0.05, "/slower": 0.13}
 RECORDER = f"""
 import sys, time
 from pathlib import Path
+from bag_cases import string_cdr
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.schemas import string_cdr
 periods = {PERIODS_S}
 writer = BagWriter(Path(sys.argv[1]), configuration="a: 1", max_loss_s={MAX_LOSS_S})
 for topic in periods:

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from bag_cases import CONFIGURATION, DESCRIPTION, FORCES, JOINTS, NOTES, TYPES, counts, written
+from bag_cases import CONFIGURATION, DESCRIPTION, FORCES, JOINTS, NOTES, TYPES, counts, string_cdr, written
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.writer import Writer
@@ -21,7 +21,6 @@ from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagExistsError, DamagedBagError, MissingBagError, UnwritableDirectoryError
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.recovery import RecoveryReport, recover
-from mech_twin.recording.schemas import string_cdr
 
 _ONE_BIT_FROM_A_MESSAGE = {Opcode.HEADER, Opcode.CHANNEL, Opcode.MESSAGE_INDEX, Opcode.METADATA_INDEX}
 

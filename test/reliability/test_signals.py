@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from bag_cases import string_cdr
 from mcap.opcode import Opcode
 from signal_cases import (
     SIGNALS,
@@ -31,7 +32,6 @@ from signal_cases import (
 from mech_twin.process.stop_signal import interruptible
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.schemas import string_cdr
 from mech_twin.recording.split_file import SplitFile
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
