@@ -30,7 +30,7 @@ from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import JOINT_FIELDS, STAMP, TopicField
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
-from mech_twin.samples import Drawing, Event, ForceSample, Frame
+from mech_twin.samples import Drawing, ForceSample, Frame
 
 _TYPES = {
     "wrench": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
@@ -170,7 +170,10 @@ class FrameRecorder:
             self._put_wrench(pin, kept)
         for event in frame_events(frame):
             self._put(topics.IMPACTS, impacts.to_bytes(event))
-        self._write_blows(linkage.events)
+        for gauge, event in impacts.gauged_blows(self._machine.gauge, linkage.events):
+            self._put(topics.BLOW_GAUGE, impacts.numbers_message(gauge, event))
+            if event.contact in gauge.sent:
+                self._put(topics.BLOW_WAVE, impacts.curve_message(gauge, event))
         self._write_joint_states(frame)
         self._write_scene(frame)
 
@@ -182,12 +185,6 @@ class FrameRecorder:
         for sample in self._forces.rest():
             self._put(topics.FORCE_JOINT_STATES, force_messages.shown(sample))
         self._writer.close(discard_empty=True)
-
-    def _write_blows(self, events: tuple[Event, ...]) -> None:
-        for gauge, event in impacts.gauged_blows(self._machine.gauge, events):
-            self._put(topics.BLOW_GAUGE, impacts.numbers_message(gauge, event))
-            if event.contact in gauge.sent:
-                self._put(topics.BLOW_WAVE, impacts.curve_message(gauge, event))
 
     def _write_joint_states(self, frame: Frame) -> None:
         struck = topics.has_impact(frame.linkage.events)

@@ -8,7 +8,7 @@ recordings of machines outside the catalogue can be shown too.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from mech_twin.declarations.captions import metrics_table
 from mech_twin.process.closing import Closing
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.annotations import Annotations, Banner, lost_energy
-from mech_twin.view.curve_groups import Groups, body_groups, force_groups, linkage_groups, motor_groups
+from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
 from mech_twin.view.curves import PALETTE, Track, times
 from mech_twin.view.extent import Bounds, event_line, is_logged
 from mech_twin.view.layout import (
@@ -51,8 +51,10 @@ class RerunScene(Closing):
     def __init__(self, application_id: str, rrd_path: str | Path) -> None:
         self._stream = opened_stream(application_id, rrd_path)
         self._sliding: frozenset[str] = frozenset()
-        self._motor = Track(self._stream, self._motor_groups)
-        self._linkage = Track(self._stream, self._linkage_groups)
+        self._motor: Track[MotorSample] = Track(self._stream, lambda samples: motor_groups(samples, self._sliding))
+        self._linkage: Track[LinkageSample] = Track(
+            self._stream, lambda samples: linkage_groups(samples, self._sliding)
+        )
         self._forces = Track(self._stream, force_groups)
         self._body = Track(self._stream, body_groups)
         self._tracks: tuple[Track[Any], ...] = (self._motor, self._linkage, self._forces, self._body)
@@ -176,12 +178,6 @@ class RerunScene(Closing):
         for portrait in self._portraits:
             portrait.log(self._stream)
         return True
-
-    def _motor_groups(self, samples: Sequence[MotorSample]) -> Groups:
-        return motor_groups(samples, self._sliding)
-
-    def _linkage_groups(self, samples: Sequence[LinkageSample]) -> Groups:
-        return linkage_groups(samples, self._sliding)
 
     def _send_banner(self) -> None:
         set_time(self._stream, self._time_s)

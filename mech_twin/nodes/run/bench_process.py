@@ -240,7 +240,7 @@ class BenchProcess:
         self._live: set[str] = set()
         self._loop = asyncio.get_running_loop()
         self.bench = Bench(self._obey, others=settings["others"], history_bytes=settings["history_bytes"])
-        self.bench.on_machine(self._know)
+        self.bench.on_machine = self._know
         self._hall: Hall | None = None
         if settings.get("hall"):
             place = f"{PREFIX}{Path(settings['folder']) / FEED}"
@@ -290,7 +290,7 @@ class BenchProcess:
         self._live = {parameter["name"] for parameter in machine.get("parameters", [])}
         if self._trials is None and machine.get("configuration"):
             self._trials = Trials(machine["name"], machine["configuration"])
-            self.bench.on_frame(self._at, self._tried)
+            self.bench.on_frame, self.bench.on_trial = self._at, self._tried
 
     def _at(self, frame: dict[str, Any]) -> None:
         if self._trials is not None:

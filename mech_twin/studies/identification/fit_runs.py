@@ -22,7 +22,7 @@ from mech_twin.engine.rollout import RollOut
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import NORMAL_MEDIAN, Array
 from mech_twin.measurements.measurement_map import Channel, fixed
-from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.sensors import event_values
 from mech_twin.measurements.units import EVENT, TURN, is_angle, is_event
 
@@ -151,7 +151,11 @@ def fit_run(run: MeasuredRun, *, begin_known: bool) -> FitRun:
     MeasurementError
         The run begins before the machine's start or long after it; or it has no channel besides the command.
     """
-    channels = tuple(_fit_channel(each) for each in run.channels if each.name not in COMMANDS and len(each.times_s))
+    channels = tuple(
+        fit_channel(each.channel, each.times_s, each.values, max(each.quality.quantum, each.channel.quantum))
+        for each in run.channels
+        if each.name not in COMMANDS and len(each.times_s)
+    )
     commands = [(each.times_s, each.values) for each in run.channels if each.name in COMMANDS]
     return placed_run(run.path, channels, commands[0] if commands else None, begin_known=begin_known)
 
@@ -173,11 +177,6 @@ def placed_run(
     moved = tuple(_earlier(each, shift) for each in channels)
     changes = tuple(_changes(*command, shift)) if command is not None else ()
     return FitRun(path, moved, changes, 0.0 if begin_known else None)
-
-
-def _fit_channel(measured: MeasuredChannel) -> FitChannel:
-    quantum = max(measured.quality.quantum, measured.channel.quantum)
-    return fit_channel(measured.channel, measured.times_s, measured.values, quantum)
 
 
 def fit_channel(channel: Channel, times_s: Array, values: Array, quantum: float) -> FitChannel:

@@ -197,9 +197,8 @@ class GeometryProblem:
     def solved(self, start: Array | None = None) -> GeometryFit:
         """Return the best fit; without a start, the best of several crank zeros."""
         if start is None:
-            firsts = sorted(
-                map(self._first, self._start_zeros()), key=lambda x: float(np.sum(self._residuals(x, True) ** 2))
-            )
+            zeros = np.arange(STARTS) * TURN / STARTS if self._zeros else np.zeros(1)
+            firsts = sorted(map(self._first, zeros), key=lambda x: float(np.sum(self._residuals(x, True) ** 2)))
             tried = [self._least_squares(first, coarse=True) for first in firsts[:TRIED_STARTS]]
             start = min(tried, key=lambda each: float(each.cost)).x
         found = self._least_squares(start, coarse=False)
@@ -216,9 +215,6 @@ class GeometryProblem:
         """Return the scale of each key: its magnitude; for a key of 0, the largest magnitude of all keys."""
         start = np.abs(self._model.values())
         return np.where(start > 0.0, start, max(float(start.max(initial=0.0)), 1e-3))
-
-    def _start_zeros(self) -> Array:
-        return np.arange(STARTS) * TURN / STARTS if self._zeros else np.zeros(1)
 
     def _first(self, zero: float) -> Array:
         keys = self._start[: self._fitted] / self.key_scale()[: self._fitted] - 1.0

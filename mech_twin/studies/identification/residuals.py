@@ -190,11 +190,9 @@ class FitProblem:
             for place, off in enumerate(parts):
                 kept = off[comparison.masks[run][place]] / comparison.sigmas[place]
                 rows.append(np.clip(np.nan_to_num(kept, nan=REFUSED), -REFUSED, REFUSED))
-        return np.concatenate([*rows, self._prior_rows(x)])
-
-    def _prior_rows(self, x: Array) -> Array:
         keys = self.unknowns.keys(x)
-        return np.array([(keys[i] - mean) / deviation for i, mean, deviation in self._priors])
+        rows.append(np.array([(keys[i] - mean) / deviation for i, mean, deviation in self._priors]))
+        return np.concatenate(rows)
 
     def jacobian(self, x: Array, comparison: Weighting, among: Mask | None = None) -> Array:
         """Return the derivatives of `residuals`, shape (rows, unknowns).
@@ -231,10 +229,6 @@ class FitProblem:
             if len(bent):
                 again = self._key_columns(x, comparison, steps / STEPS**3, bent)[0]
                 first[:, bent], other[:, bent] = romberg(middle[:, bent], shortest[:, bent], again[:, bent])
-        return self._trusted(x, comparison, first, other)
-
-    def _trusted(self, x: Array, comparison: Weighting, first: Array, other: Array) -> tuple[Array, Array]:
-        """Return derivatives by all unknowns, those by the keys set to 0 in rows where the versions disagree."""
         lost = contradicting(first, other)
         first[lost] = other[lost] = 0.0
         return self._with_others(x, comparison, first), self._with_others(x, comparison, other)

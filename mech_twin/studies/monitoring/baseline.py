@@ -237,12 +237,9 @@ def baseline_of_runs(names: tuple[str, ...], runs: Sequence[Array], period_s: fl
     coefficients = best_order([run - mean for run in runs], LARGEST_ORDER).coefficients
     found = Baseline(names, mean, coefficients, np.eye(len(names)), sum(map(len, runs)), period_s)
     innovations = [found.innovations(run) for run in runs]
-    return replace(found, covariance=covariance_of(np.concatenate(innovations), mean)), innovations
-
-
-def covariance_of(innovations: Array, mean: Array) -> Array:
-    """Return the covariance of innovations (n, d), regularised to be positive definite."""
-    return regularised(innovations.T @ innovations / max(len(innovations) - 1, 1), mean)
+    every = np.concatenate(innovations)
+    covariance = regularised(every.T @ every / max(len(every) - 1, 1), mean)
+    return replace(found, covariance=covariance), innovations
 
 
 def regularised(covariance: Array, mean: Array) -> Array:

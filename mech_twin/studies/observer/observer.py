@@ -146,7 +146,8 @@ class PhaseLockedObserver:
         self._newest_s[sample.channels] = sample.time_s
         if self._base is None:
             return self._search(sample)
-        steps = self._step_of(sample.time_s) - self._base.step - 1
+        step = int(np.ceil((sample.time_s - self._origin_s) / self.run.bank.step_s - ON_STEP))  # at or after the sample
+        steps = step - self._base.step - 1
         if steps < 0 and self._origin_s + self._base.step * self.run.bank.step_s - sample.time_s > self.late_limit_s:
             self.counts["late"] += 1
             return None
@@ -227,10 +228,6 @@ class PhaseLockedObserver:
         self._forget()
 
     # -- filtering --------------------------------------------------------------------------------------------------
-
-    def _step_of(self, time_s: float) -> int:
-        """Return the step at or after a time, within a tolerance."""
-        return int(np.ceil((time_s - self._origin_s) / self.run.bank.step_s - ON_STEP))
 
     def _advance(self) -> None:
         assert self._base is not None and self._ahead is not None

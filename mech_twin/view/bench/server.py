@@ -66,6 +66,15 @@ class Bench:
         Whether to listen to other hosts too.
     history_bytes : int
         Pictures kept for pages opened later.
+
+    Attributes
+    ----------
+    pages : list of BenchPage
+        The open pages.
+    on_machine, on_frame : callable
+        Take the description of the running machine, and states of its run.
+    on_trial : callable or None
+        Tries values that a page asks for.
     """
 
     def __init__(self, obey: Obey, *, others: bool = False, history_bytes: int = 32 << 20) -> None:
@@ -76,36 +85,23 @@ class Bench:
         self._history = Pictures(history_bytes)
         self._pending_bytes = max(PENDING_BYTES, history_bytes)
         self._states = {"versions": json.dumps({"kind": "versions", "text": versions()})}
-        self._pages: list[BenchPage] = []
+        self.pages: list[BenchPage] = []
         self._commander: BenchPage | None = None
         self._feeds: set[asyncio.StreamWriter] = set()
         self._feed: asyncio.Server | None = None
         self._runner: web.AppRunner | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._files = {path.name: path.read_bytes() for path in FOLDER.iterdir() if path.suffix in KINDS}
-        self._on_machine: Callable[[Mapping[str, Any]], None] = lambda machine: None
-        self._on_frame: Callable[[dict[str, Any]], None] = lambda frame: None
-        self._try: Obey | None = None
+        self.on_machine: Callable[[Mapping[str, Any]], None] = lambda machine: None
+        self.on_frame: Callable[[dict[str, Any]], None] = lambda frame: None
+        self.on_trial: Obey | None = None
         self._offers: dict[str, tuple[Path, float]] = {}
         self._rerun: RerunDoor | None = None
-
-    @property
-    def pages(self) -> list[BenchPage]:
-        """The open pages."""
-        return self._pages
 
     @property
     def port(self) -> int:
         """TCP port of the server."""
         return self._guard.port
-
-    def on_machine(self, call: Callable[[Mapping[str, Any]], None]) -> None:
-        """Set the callback for the description of the running machine."""
-        self._on_machine = call
-
-    def on_frame(self, call: Callable[[dict[str, Any]], None], tried: Obey) -> None:
-        """Set the callbacks for states of the run, and for trials of values requested by a page."""
-        self._on_frame, self._try = call, tried
 
     async def start(self, port: int, feed: Path) -> None:
         """Listen on a TCP port (0: a free one), and on the Unix socket for runs.
@@ -148,7 +144,7 @@ class Bench:
         for writer in self._feeds:
             writer.close()
         if self._runner is not None:
-            for page in self._pages:
+            for page in self.pages:
                 page.abort()
             await self._runner.cleanup()
         for task in self._tasks:
@@ -160,7 +156,7 @@ class Bench:
         text = json.dumps({"kind": kind, **content})
         if kind in KEPT:
             self._states[kind] = text
-        for page in self._pages:
+        for page in self.pages:
             page.tell(text)
 
     def change(self, name: str, value: Any, settings: list[list[str]]) -> None:
@@ -211,7 +207,7 @@ class Bench:
 
     def _show(self, picture: bytes) -> None:
         self._history.add(picture)
-        for page in self._pages:
+        for page in self.pages:
             page.pending.add(picture)
             page.wake.set()
         if self._rerun is not None:
@@ -220,12 +216,12 @@ class Bench:
     def _take(self, kind: str, message: dict[str, Any]) -> None:
         if kind == "anew":  # the run was restarted: its time goes back
             self._history.clear()
-            for page in self._pages:
+            for page in self.pages:
                 page.pending.clear()
         elif kind == "machine":
-            self._on_machine(message)
+            self.on_machine(message)
         elif kind == "frame":
-            self._on_frame(message)
+            self.on_frame(message)
             return
         self.tell(kind, message)
         if kind in ("anew", "layout") and self._rerun is not None:
@@ -259,7 +255,7 @@ class Bench:
             return socket
         if not await self._has_token(socket):
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
-        elif len(self._pages) >= MOST_PAGES:
+        elif len(self.pages) >= MOST_PAGES:
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"pages")
         else:
             await self._attend(socket, lambda: request.transport.abort() if request.transport is not None else None)
@@ -298,7 +294,7 @@ class Bench:
             page.tell(text)
         for picture in self._history:
             page.pending.add(picture)
-        self._pages.append(page)
+        self.pages.append(page)
         if self._commander is None:
             self._commander = page
         self._tell_commander()
@@ -309,7 +305,7 @@ class Bench:
                     self._listen(page, message.data)
         finally:
             pump.cancel()
-            self._pages.remove(page)
+            self.pages.remove(page)
             if self._commander is page:
                 self._commander = None
             self._tell_commander()
@@ -321,9 +317,9 @@ class Bench:
             page.abort()
 
     def _tell_commander(self) -> None:
-        for page in self._pages:
+        for page in self.pages:
             is_free = self._commander is None
-            page.tell({"kind": "role", "commands": page is self._commander, "free": is_free, "pages": len(self._pages)})
+            page.tell({"kind": "role", "commands": page is self._commander, "free": is_free, "pages": len(self.pages)})
 
     def _listen(self, page: BenchPage, text: str) -> None:
         try:
@@ -339,9 +335,9 @@ class Bench:
             self._tell_commander()
         elif kind == "order":
             self._order(page, message)
-        elif kind == "try" and self._try is not None and page is self._commander and not page.is_trying:
+        elif kind == "try" and self.on_trial is not None and page is self._commander and not page.is_trying:
             page.is_trying = True
-            self._later(self._tried(page, message, self._try))
+            self._later(self._tried(page, message, self.on_trial))
 
     def _order(self, page: BenchPage, message: Mapping[str, Any]) -> None:
         answer = {"kind": "answer", "id": message.get("id"), "is_done": False}
