@@ -128,16 +128,16 @@ def _residuals(role: str, samples: Sequence[Any]) -> Groups:
 
 def same_names(one: Any, other: Any) -> bool:
     """Return whether two samples of a role have the same names and thus belong to the same curves."""
-    if isinstance(one, ForceSample):
-        same = one.pins is other.pins or one.pins == other.pins
-        same = same and (
-            one.quantities.names is other.quantities.names or one.quantities.names == other.quantities.names
-        )
-    else:
-        same = one.joints is other.joints or one.joints == other.joints
-    if isinstance(one, MotorSample):
-        return same
-    return same and (one.residuals.names is other.residuals.names or one.residuals.names == other.residuals.names)
+    return _names(one) == _names(other)
+
+
+def _names(sample: Any) -> tuple[tuple[str, ...], ...]:
+    """Return the names of a sample's values; those of one run are the same tuples, which compare at once."""
+    if isinstance(sample, MotorSample):
+        return (sample.joints,)
+    if isinstance(sample, ForceSample):
+        return sample.pins, sample.quantities.names, sample.residuals.names
+    return sample.joints, sample.residuals.names
 
 
 def present(curves: Mapping[str, tuple[str, ...]], *prefixes: str) -> list[str]:

@@ -197,6 +197,10 @@ class DrawnExtent:
         low = 0.5 * (extent.low_m + extent.high_m - below - height)
         return Bounds(x - 0.5 * width, x + 0.5 * width, low, low + height)
 
+    def kept(self, bounds: Bounds | None) -> Bounds | None:
+        """Return these bounds while everything drawn lies within them, else those of everything drawn."""
+        return bounds if self.within(bounds) else self.bounds()
+
     def _widen(self, points: npt.NDArray[np.float64]) -> None:
         (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
         extent = self._extent

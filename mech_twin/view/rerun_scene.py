@@ -197,8 +197,7 @@ class RerunScene(Closing):
 
         Scale bars and reactions are placed at its edges; at the edges of the whole drawn range they would be cut off.
         """
-        shown = None if self._shown is None else self._shown.bounds
-        return shown if shown is not None and self._mechanism.within(shown) else self._mechanism.bounds()
+        return self._mechanism.kept(None if self._shown is None else self._shown.bounds)
 
     def _lay_out(self) -> None:
         """Send the layout if there is something new to show, or the mechanism has left the visible range."""

@@ -69,8 +69,7 @@ class ShadowScene(Closing):
         """Store the channels of a sample for the next picture."""
         self._time_s = max(self._time_s, time_s)
         for column, reading in readings.items():
-            kept = self._pending[column]
-            kept.append((time_s, reading))
+            self._pending[column].append((time_s, reading))
 
     def is_due(self) -> bool:
         """Return whether the next picture is due: 20 per second of machine time."""

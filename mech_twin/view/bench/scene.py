@@ -164,8 +164,6 @@ class BenchScene(Closing):
         self._link, self._sending = link, sending
         self._roles = RoleCurves()
         self._banner = Banner(None)
-        self._rated_power_w: float | None = None
-        self._body_regimes: tuple[str, ...] = ()
         self._annotations: Annotations | None = None
         self._extent = DrawnExtent()
         self._bounds: Bounds | None = None
@@ -183,15 +181,14 @@ class BenchScene(Closing):
     def watch(self, machine: Machine) -> None:
         """Add regimes, and residuals with their limits; call before the first step."""
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
-        self._rated_power_w, self._body_regimes = rated_power_w(machine), body_regimes(machine)
-        self._show_of_machine()
+        self._banner.rated_power_w, self._banner.body_regimes = rated_power_w(machine), body_regimes(machine)
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Add what needs the machine's frames; call before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
         self._roles.sliding = tree.sliding_joints
-        self._banner = Banner(tree, energy)
-        self._show_of_machine()
+        before, self._banner = self._banner, Banner(tree, energy)
+        self._banner.rated_power_w, self._banner.body_regimes = before.rated_power_w, before.body_regimes
         self._annotations = Annotations(tree, energy)
 
     def frame(
@@ -239,8 +236,7 @@ class BenchScene(Closing):
         """Send a picture: this drawing, and the data of the run up to it."""
         self._drawn_s = drawing.time_s
         self._extent.widen(drawing.shapes)
-        if not self._extent.within(self._bounds):
-            self._bounds = self._extent.bounds()
+        self._bounds = self._extent.kept(self._bounds)
         notes = self._annotations.shapes(drawing.time_s, self._bounds) if self._annotations else ()
         self._show(drawing.time_s, packed_shapes(with_placed_texts(drawing.shapes, notes, self._bounds)))
 
@@ -286,9 +282,6 @@ class BenchScene(Closing):
             self._show(self._time_s, None)
         self._tell_health(None)
         self._link.close()
-
-    def _show_of_machine(self) -> None:
-        self._banner.rated_power_w, self._banner.body_regimes = self._rated_power_w, self._body_regimes
 
     def _behind_s(self, time_s: float, now_s: float) -> float:
         """Return the lag (s) behind the wall clock since the last pause or wait."""
@@ -341,7 +334,7 @@ def panels(names: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> li
         "Speed, m/s": present(names, "motor_sliding/speed", "linkage_sliding/speed"),
         "Force of the drive, N": present(names, "motor_sliding/torque"),
         "Forces, N": present(names, FORCES),
-        **{f"{_quantity(units.get(path, ''))}": [path] for path in rest},
+        **{_quantity(units.get(path, "")): [path] for path in rest},
         "Position, rad": present(names, "linkage/position"),
         "Position, m": present(names, "linkage_sliding/position"),
         "Body position, rad": present(names, "body/position"),

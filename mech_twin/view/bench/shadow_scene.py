@@ -67,8 +67,7 @@ class BenchShadowScene(Closing):
         self._sent_at = time.monotonic()
         shapes = (*picture.model, *as_measured(picture.measured))
         self._extent.widen(shapes)
-        if not self._extent.within(self._bounds):
-            self._bounds = self._extent.bounds()
+        self._bounds = self._extent.kept(self._bounds)
         active = [each.name for each in picture.faults if each.state != "pending" and each.shelved_until_s is None]
         self._link.show(
             {
