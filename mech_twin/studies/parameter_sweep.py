@@ -109,18 +109,9 @@ def swept(
     picture: bool = True,
     progress: Progress | None = None,
 ) -> Sweep:
-    """Compute every point not finished by an earlier run, and write table and plot.
+    """Compute every point not finished by an earlier run, and write table and plot; see `mech_twin.studies.sweep`.
 
-    Parameters
-    ----------
-    table : Path
-        Parquet or CSV file to write; ``NAME.partial`` beside it stores finished points until then.
-    cores : int, optional
-        Processes on this computer; all cores if absent.
-    scheduler : str, optional
-        Address of a Dask scheduler to use instead.
-    picture : bool
-        Whether to plot the table too (PNG of the same name).
+    ``NAME.partial`` beside the table stores finished points until then.
 
     Raises
     ------

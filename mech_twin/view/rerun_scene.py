@@ -61,7 +61,7 @@ class RerunScene(Closing):
         self._banner = Banner(None)
         self._annotations: Annotations | None = None
         self._portraits: tuple[PhasePortrait, ...] = ()
-        self._events: list[tuple[float, str, str]] = []
+        self._events: list[tuple[float, str]] = []
         self._has_events = False
         self._marks = ImpactMarks(self._stream)
         self._mechanism = Mechanism(self._stream)
@@ -69,11 +69,6 @@ class RerunScene(Closing):
         self._time_s = 0.0
         self._last_picture = -1
         self._closed = False
-
-    @property
-    def stream(self) -> rr.RecordingStream:
-        """The rerun recording stream."""
-        return self._stream
 
     @property
     def contents(self) -> SceneContents | None:
@@ -126,11 +121,11 @@ class RerunScene(Closing):
         notes = self._annotations.shapes(drawing.time_s, self.visible_bounds()) if self._annotations else ()
         self._mechanism.show(drawing.shapes, notes)
 
-    def event(self, event: Event, level: str = "INFO") -> None:
+    def event(self, event: Event) -> None:
         """Show an event at its exact time: a log line, and for an impact vertical marks and a flash."""
         if is_logged(event):
             self._has_events = True
-            self._events.append((event.time_s, event_line(event), level))
+            self._events.append((event.time_s, event_line(event)))
         self._marks.add(event)
         self._banner.strike(event)
         if self._annotations is not None:
@@ -140,11 +135,6 @@ class RerunScene(Closing):
         """Show the metrics of the run as a table; names end in their unit."""
         set_time(self._stream, self._time_s)
         self._stream.log(METRICS, rr.TextDocument(metrics_table(metrics), media_type=rr.MediaType.MARKDOWN))
-
-    def log(self, text: str, level: str = "INFO") -> None:
-        """Show a line in the log at the time of the newest sample."""
-        self._has_events = True
-        self._events.append((self._time_s, text, level))
 
     def close(self) -> None:
         """Write the remaining data, and close the file; idempotent.
@@ -188,9 +178,10 @@ class RerunScene(Closing):
         self._marks.send()
         if not self._events:
             return
-        time_s, text, level = zip(*self._events, strict=True)
+        time_s, text = zip(*self._events, strict=True)
         self._events = []
-        self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text), level=list(level)))
+        lines = rr.TextLog.columns(text=list(text), level=["INFO"] * len(text))
+        self._stream.send_columns(EVENTS, times(time_s), lines)
 
     def visible_bounds(self) -> Bounds | None:
         """Return the visible range of the machine's plane, or the next one if the drawing has just left it.
