@@ -14,18 +14,12 @@ from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
 from mech_twin.errors import MeasurementError
-from mech_twin.measurements.blocks import Quality
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.measurements.model_turn import (
-    ModelTurn,
-    following,
-    implausible,
-    model_turn,
-    pairs_with_crank,
-    turning_column,
-)
+from mech_twin.measurements.model_turn import ModelTurn, following, model_turn, turning_column
+from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels
+from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.measurements.units import machine_columns
 from mech_twin.parameters.load import machine as built_machine

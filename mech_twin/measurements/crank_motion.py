@@ -11,7 +11,8 @@ from scipy.interpolate import make_smoothing_spline
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
-from mech_twin.measurements.model_turn import ModelTurn, following, pairs_with_crank
+from mech_twin.measurements.model_turn import ModelTurn, following
+from mech_twin.measurements.plausibility import pairs_with_crank
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 
 WINDOW = 4000  # samples smoothed in one piece

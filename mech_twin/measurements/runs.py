@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from mech_twin.errors import MeasurementError
-from mech_twin.measurements.blocks import FEW_SAMPLES, Array, Block, Quality, QualityGauge, RunReader
+from mech_twin.measurements.blocks import Array, Block, RunReader
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
+from mech_twin.measurements.quality import FEW_SAMPLES, Quality, QualityGauge
 from mech_twin.measurements.units import TURN, is_angle
 
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB

@@ -17,9 +17,11 @@ from hypothesis import strategies as st
 from mech_twin.engine.run import frames
 from mech_twin.errors import MeasurementError
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.measurements.blocks import NO_DELAYS, Array, Block, QualityGauge
+from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
-from mech_twin.measurements.model_turn import TURN, ModelTurn, following, implausible, model_turn
+from mech_twin.measurements.model_turn import TURN, ModelTurn, following, model_turn
+from mech_twin.measurements.plausibility import implausible
+from mech_twin.measurements.quality import QualityGauge
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, read_run, require_usable
 from mech_twin.measurements.tables import TableReader
 from mech_twin.measurements.units import machine_columns

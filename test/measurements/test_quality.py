@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.measurements.blocks import KEPT, NO_DELAYS, Array, Block, Quality, QualityGauge
+from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
+from mech_twin.measurements.quality import KEPT, Quality, QualityGauge
 
 RATE_HZ, COUNT = 200.0, 4000
 

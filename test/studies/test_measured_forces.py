@@ -16,10 +16,11 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events, joint_numbers
 from mech_twin.errors import MeasurementError
-from mech_twin.measurements.blocks import NO_DELAYS, Array, Block, QualityGauge
+from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
 from mech_twin.measurements.crank_motion import crank_motion, smoothed
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.measurements.model_turn import ModelTurn, model_turn
+from mech_twin.measurements.quality import QualityGauge
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.roles import CrankState, GuidedLinkage
 from mech_twin.samples import Frame

@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from mech_twin.engine.rollout import RollOut
 from mech_twin.errors import MeasurementError
-from mech_twin.measurements.blocks import NORMAL_MEDIAN, Array
+from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, fixed
+from mech_twin.measurements.quality import NORMAL_MEDIAN
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.sensors import event_values
 from mech_twin.measurements.units import EVENT, TURN, is_angle, is_event

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quality of measured channels: rate, jitter, gaps, drift, resolution, saturation and noise, block by block."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mech_twin.measurements.blocks import Array, Block
+
+KEPT = 1 << 16  # numbers of a channel stored for medians and percentiles
+LONG_INTERVAL = 1.5  # times the median interval: a longer one is a gap
+NORMAL_MEDIAN = 0.674489750196082  # median of |x| over the standard deviation, for a normal x
+FEW_SAMPLES = 8
+SATURATED_RUN = 3  # equal extreme values in a row
+SATURATED_SHARE = 0.005
+DRIFT_FLAW = 1e-4
+WHOLE_MULTIPLE = 0.02
+MOST_STEPS = 1000.0  # in quanta: larger differences are not tested for being multiples
+REPEATED_LEVELS = 0.5  # of the samples: with fewer distinct values, values repeat
+LEAST_MULTIPLES = 3  # distinct multiples required if no value repeats
+BAD_JITTER = 0.25  # of the interval: more is a flaw
+
+
+class Quality(NamedTuple):
+    """Quality of one channel in one run; values are in the channel's own unit."""
+
+    samples: int
+    rate_hz: float
+    jitter_s: float
+    gaps: int
+    repeats: int
+    back: int
+    drift: float
+    quantum: float
+    saturated: float
+    nan: int
+    noise: float
+    low: float
+    high: float
+    span_s: float
+
+    def flaws(self) -> list[str]:
+        """Return the flaws of the channel, a phrase each."""
+        if self.samples < FEW_SAMPLES:
+            return [f"{self.samples} samples, expected at least {FEW_SAMPLES}"]
+        found = []
+        if self.low == self.high:
+            found.append(f"constant at {self.low:.6g}")
+        if self.samples and self.nan == self.samples:
+            found.append("no number at all")
+        elif self.nan:
+            found.append(f"{self.nan} NaN")
+        if self.back:
+            found.append(f"stamps go back {self.back} times")
+        if self.repeats:
+            found.append(f"{self.repeats} repeated stamps")
+        if self.gaps:
+            found.append(f"{self.gaps} gaps longer than {LONG_INTERVAL:g} intervals")
+        if self.rate_hz > 0.0 and self.jitter_s * self.rate_hz > BAD_JITTER:
+            found.append(f"jitter {100.0 * self.jitter_s * self.rate_hz:.0f} % of the interval")
+        if self.saturated > SATURATED_SHARE:
+            found.append(f"{100.0 * self.saturated:.1f} % of the samples stand at the end of the range")
+        if abs(self.drift) > DRIFT_FLAW:
+            found.append(f"log clock drifts {1e6 * self.drift:.0f} ppm against the stamps")
+        return found
+
+
+class _Thinned:
+    """Decimates a stream to bounded length: all numbers first, then every second, every fourth, and so on."""
+
+    def __init__(self) -> None:
+        self._parts: list[Array] = []
+        self._count = self._seen = 0
+        self._stride = 1
+
+    def add(self, values: Array) -> None:
+        kept = values[(-self._seen) % self._stride :: self._stride].copy()  # a view would keep the whole block
+        self._seen += len(values)
+        self._parts.append(kept)
+        self._count += len(kept)
+        while self._count > KEPT:
+            self._parts = [self.values()[::2]]
+            self._count = len(self._parts[0])
+            self._stride *= 2
+
+    def values(self) -> Array:
+        return np.concatenate(self._parts) if self._parts else np.empty(0)
+
+
+class QualityGauge:
+    """Computes the quality of one channel, block by block."""
+
+    def __init__(self) -> None:
+        self._tail = np.empty((2, 0))
+        self._intervals, self._bends, self._kept = _Thinned(), _Thinned(), _Thinned()
+        self._samples = self._repeats = self._back = self._nan = 0
+        self._longest: list[Array] = []
+        self._low, self._high = np.inf, -np.inf
+        self._flat: tuple[float, int] = (np.nan, 0)
+        self._extremes: dict[float, int] = {}
+        self._first_s = self._last_s = np.nan
+        self._delays: list[tuple[float, float]] = []
+
+    def add(self, block: Block) -> None:
+        """Add a block; a sample without a stamp is left out and counted as NaN."""
+        stamped = np.isfinite(block.times_s)
+        self._samples += len(stamped)
+        self._nan += int(np.count_nonzero(~stamped))
+        if not stamped.any():
+            return
+        times, values = block.times_s[stamped], block.values[stamped]
+        self._first_s = float(times[0]) if np.isnan(self._first_s) else self._first_s
+        self._last_s = float(times[-1])
+        finite = np.isfinite(values)
+        self._nan += int(np.count_nonzero(~finite))
+        with_tail = np.concatenate([self._tail[0], times])
+        intervals = np.diff(with_tail[-len(times) - 1 :])
+        self._repeats += int(np.count_nonzero(intervals == 0.0))
+        self._back += int(np.count_nonzero(intervals < 0.0))
+        self._intervals.add(intervals[intervals > 0.0])
+        self._longest.append(np.sort(intervals)[-KEPT // 64 :].copy())
+        if len(self._longest) > 64:
+            self._longest = [np.sort(np.concatenate(self._longest))[-KEPT:]]
+        if finite.any():
+            self._take_values(values[finite])
+        shown = np.concatenate([self._tail[1], values])
+        bends = np.diff(shown, 2)
+        self._bends.add(np.abs(bends[np.isfinite(bends)]))
+        self._kept.add(values[finite])
+        self._tail = np.stack([with_tail[-2:], shown[-2:]])
+        if len(block.delays_s):
+            delays = block.delays_s[stamped]
+            self._delays += [(float(times[0]), float(delays[0])), (float(times[-1]), float(delays[-1]))]
+            self._delays = self._delays[:2] + self._delays[-2:]
+
+    def _take_values(self, values: Array) -> None:
+        self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
+        last, run = self._flat
+        starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+        own = np.diff(np.append(starts, len(values)))
+        lengths = own.copy()
+        if values[0] == last:
+            lengths[0] += run
+        ends = {self._low, self._high}  # a single value while the channel is constant
+        for value in ends:
+            stands = (lengths >= SATURATED_RUN) & (values[starts] == value)
+            self._extremes[value] = self._extremes.get(value, 0) + int(own[stands].sum())
+        self._extremes = {value: count for value, count in self._extremes.items() if value in ends}
+        self._flat = (float(values[-1]), int(lengths[-1]))
+
+    def quality(self) -> Quality:
+        """Return the quality of all blocks."""
+        intervals = self._intervals.values()
+        usual = float(np.median(intervals)) if len(intervals) else np.nan
+        regular = intervals[intervals <= LONG_INTERVAL * usual]
+        jitter = float(np.percentile(np.abs(regular - usual), 95.0)) if len(regular) else np.nan
+        longest = np.concatenate(self._longest) if self._longest else np.empty(0)
+        bends = self._bends.values()
+        empty = self._nan == self._samples
+        return Quality(
+            samples=self._samples,
+            rate_hz=1.0 / usual if usual > 0.0 else 0.0,
+            jitter_s=jitter,
+            gaps=int(np.count_nonzero(longest > LONG_INTERVAL * usual)),
+            repeats=self._repeats,
+            back=self._back,
+            drift=self._drift(),
+            quantum=self._quantum(),
+            saturated=self._saturated(),
+            nan=self._nan,
+            noise=float(np.median(bends)) / NORMAL_MEDIAN / 6.0**0.5 if len(bends) else np.nan,
+            low=np.nan if empty else self._low,
+            high=np.nan if empty else self._high,
+            span_s=self._last_s - self._first_s,
+        )
+
+    def _drift(self) -> float:
+        """Return the drift of the log clock relative to the stamps (s per s)."""
+        if len(self._delays) < 2:
+            return 0.0
+        (from_s, before), (to_s, after) = self._delays[0], self._delays[-1]
+        return (after - before) / (to_s - from_s) if to_s > from_s else 0.0
+
+    def _quantum(self) -> float:
+        """Return the step of which all differences are integer multiples; 0 without one."""
+        kept = self._kept.values()
+        levels = np.unique(kept)
+        steps = np.diff(levels)
+        steps = steps[steps > 1e-9 * (self._high - self._low)] if len(steps) else steps
+        if len(steps) < FEW_SAMPLES:
+            return 0.0
+        smallest = float(np.min(steps))
+        tried = steps[steps < MOST_STEPS * smallest]
+        smallest = float(np.median(tried[tried < 1.5 * smallest]))
+        multiples = np.round(tried / smallest)
+        if len(levels) > REPEATED_LEVELS * len(kept) and len(np.unique(multiples)) < LEAST_MULTIPLES:
+            return 0.0  # a uniform motion has equal steps too
+        off = np.abs(tried / smallest - multiples)
+        whole = np.count_nonzero(off < WHOLE_MULTIPLE + 1e-5 * tried / smallest) >= 0.99 * len(tried)
+        return smallest if whole and len(tried) >= FEW_SAMPLES else 0.0
+
+    def _saturated(self) -> float:
+        counted = sum(n for value, n in self._extremes.items() if value in (self._low, self._high))
+        return counted / self._samples if self._samples and self._high > self._low else 0.0
