@@ -33,8 +33,7 @@ def main() -> None:
     import rclpy
 
     from mech_twin.engine.run import frames
-    from mech_twin.messages import force, linkage, motor
-    from mech_twin.messages.step_message import set_stamp
+    from mech_twin.messages.step_message import force, linkage, motor, set_stamp
     from mech_twin.messages.topics import DATA, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR
     from mech_twin.parameters.load import machine
     from mech_twin.recording.bag_reader import bag_info

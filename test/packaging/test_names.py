@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 import ast
+import importlib
+import pkgutil
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[2] / "mech_twin"
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "mech_twin"
+SCRIPT_ROOMS = ("benchmarks", ".ci", "launch")
 SAYS_NOTHING = {"utils", "util", "helpers", "helper", "common", "manager", "misc", "data", "base", "core"}
 LONGEST_FILE = 400  # lines; a file of one purpose has about 300
 
@@ -43,3 +47,17 @@ def test_no_script_or_style_of_a_page_is_too_long_to_read() -> None:
     lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in ours}
     assert len(lengths) > 10
     assert {name: lines for name, lines in lengths.items() if lines > LONGEST_FILE} == {}
+
+
+def test_what_scripts_import_from_the_package_is_there() -> None:
+    missing, seen = [], 0
+    for path in (path for room in SCRIPT_ROOMS for path in (ROOT / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or (node.module or "").partition(".")[0] != "mech_twin":
+                continue
+            room, seen = importlib.import_module(str(node.module)), seen + 1
+            modules_of_it = {each.name for each in pkgutil.iter_modules(getattr(room, "__path__", ()))}
+            left = {each.name for each in node.names if not hasattr(room, each.name)} - modules_of_it
+            missing += [f"{path.relative_to(ROOT)}: {node.module}.{name}" for name in left]
+    assert seen > 100
+    assert missing == []
