@@ -175,7 +175,7 @@ def force_of_step(
         return 0.0, free
     largest = contact_force(law, most, max(start, start + free)) + law.damping * max(free, 0.0) / span
     high, low = free, free - yielding * span * largest
-    change = 0.5 * (low + high)
+    change, last = 0.5 * (low + high), high - low
     for _ in range(MOST_ITERATIONS):
         force = mean_force(law, most, start, change, span)
         missed = change + yielding * span * force - free
@@ -188,7 +188,9 @@ def force_of_step(
         if abs(better - change) <= CLOSED * (abs(free) + abs(start)):
             change = better
             break
-        change = better if low < better < high else 0.5 * (low + high)
+        if not low < better < high or abs(better - change) > 0.5 * last:  # a kink may send it to and fro for good
+            better = 0.5 * (low + high)
+        last, change = abs(better - change), better
     return mean_force(law, most, start, change, span), change
 
 

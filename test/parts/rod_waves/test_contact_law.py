@@ -27,3 +27,17 @@ def test_the_force_of_a_step_is_found_in_a_few_trials(law: ContactLaw, monkeypat
             trials.clear()
             contact_law.force_of_step.py_func(law, 1.5 * start, start, closing, 1.0 / 1.15e5, 2.7e-6)
             assert len(trials) <= 8
+
+
+def test_the_force_of_a_step_is_found_where_a_stiff_wall_comes_to_its_largest_compression() -> None:
+    """The slopes on either side of the largest compression may send Newton's method to and fro for good."""
+    random = np.random.default_rng(0)
+    for _ in range(20000):
+        loading, ratio = 10.0 ** random.uniform(6.0, 12.0), 10.0 ** random.uniform(0.0, 4.0)
+        compliance, span = 10.0 ** random.uniform(-6.0, 1.0), 10.0 ** random.uniform(-7.0, -5.0)
+        closing = 10.0 ** random.uniform(-1.0, 2.0)
+        most = closing / compliance / loading * 10.0 ** random.uniform(-1.0, 1.0)
+        start = most * (1.0 - min(random.uniform(0.0, 2.0) / ratio, 1.0))
+        law = ContactLaw(3, loading, ratio * loading, 0.0)
+        force, change = contact_law.force_of_step(law, most, start, closing, compliance, span)
+        assert change == pytest.approx((closing - compliance * force) * span, abs=1e-6 * closing * span)
