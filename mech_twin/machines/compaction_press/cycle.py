@@ -28,7 +28,7 @@ from mech_twin.machines.compaction_press.dynamics import (
     press_reduced,
     press_weights,
 )
-from mech_twin.machines.compaction_press.parameters import Stroke
+from mech_twin.machines.compaction_press.parameters import LEAST_TRANSMISSION_DEG, Stroke
 from mech_twin.parts.flywheel import (
     exact_inertia,
     mertsalov_inertia,
@@ -39,7 +39,9 @@ from mech_twin.parts.flywheel import (
 )
 from mech_twin.parts.four_bar import acute_angles, position
 
-SAMPLES = 96  # of each part of the turn
+SAMPLES = 96  # of each part of the turn; more where a small transmission angle makes peaks narrow
+SHARP = math.radians(20.0)  # transmission angle from which on peaks are narrower than usual
+SHARPEST = math.radians(LEAST_TRANSMISSION_DEG)
 SECTIONS = 45  # golden ones: the bracket shrinks to 4e-10 of itself, a smooth maximum is then exact to rounding
 GOLDEN = 0.6180339887498949
 NEAR = 1e-2  # of a curve's range: a local maximum this close to the largest sample may lie above it
@@ -87,6 +89,21 @@ def one_turn(contact: float, bottom: float, speed: float, delta: float) -> Turn:
 
 
 @kernel
+def transmission_range(press: Press) -> tuple[float, float]:
+    """Return the smallest and largest angle between plate and pendulum at B over a full turn (rad, 0 to pi).
+
+    It depends on the distance AC alone, which runs from | |OC| - r | to |OC| + r: both ends follow by the cosine rule.
+    """
+    bar = press.bar
+    ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
+    double = 2.0 * bar.coupler_m * bar.rocker_m
+    squares = bar.coupler_m * bar.coupler_m + bar.rocker_m * bar.rocker_m
+    near, far = ground - bar.crank_m, ground + bar.crank_m
+    least = math.acos(min(1.0, max(-1.0, (squares - near * near) / double)))
+    return least, math.acos(min(1.0, max(-1.0, (squares - far * far) / double)))
+
+
+@kernel
 def _curve(press: Press, turn: Turn, way: float, regime: int, what: int) -> float:
     f = turn.contact + turn.direction * way
     if what == GAMMA:
@@ -127,14 +144,16 @@ def _refined_maximum(press: Press, turn: Turn, low: float, high: float, regime: 
 @kernel
 def _part_maximum(press: Press, turn: Turn, start: float, end: float, regime: int, what: int) -> float:
     """Return the largest value of a curve over one smooth part of the turn, its ends included."""
-    step = (end - start) / (SAMPLES - 1)
-    values = np.empty(SAMPLES)
-    for k in range(SAMPLES):
+    least, most = transmission_range(press)
+    count = int(SAMPLES * max(1.0, SHARP / max(SHARPEST, min(least, pi - most))))
+    step = (end - start) / (count - 1)
+    values = np.empty(count)
+    for k in range(count):
         values[k] = _curve(press, turn, start + k * step, regime, what)
     best = float(values.max())
     asked = best - NEAR * (best - values.min())
-    for k in range(SAMPLES):
-        before, after = max(k - 1, 0), min(k + 1, SAMPLES - 1)
+    for k in range(count):
+        before, after = max(k - 1, 0), min(k + 1, count - 1)
         if values[k] >= asked and values[k] >= values[before] and values[k] >= values[after]:
             low, high = start + before * step, start + after * step
             best = max(best, _refined_maximum(press, turn, low, high, regime, what))
@@ -166,21 +185,6 @@ def asked_flywheel(found: CycleExtremes, turn: Turn) -> float:
     J = {max[W - w_max^2 I/2] - min[W - w_min^2 I/2]}/(delta w_m^2), with delta w_m^2 = (w_max^2 - w_min^2)/2.
     """
     return (found.upper_j - found.lower_j) / (0.5 * (turn.fast * turn.fast - turn.slow * turn.slow))
-
-
-@kernel
-def transmission_range(press: Press) -> tuple[float, float]:
-    """Return the smallest and largest angle between plate and pendulum at B over a full turn (rad, 0 to pi).
-
-    It depends on the distance AC alone, which runs from | |OC| - r | to |OC| + r: both ends follow by the cosine rule.
-    """
-    bar = press.bar
-    ground = math.hypot(bar.pivot_x_m, bar.pivot_y_m)
-    double = 2.0 * bar.coupler_m * bar.rocker_m
-    squares = bar.coupler_m * bar.coupler_m + bar.rocker_m * bar.rocker_m
-    near, far = ground - bar.crank_m, ground + bar.crank_m
-    least = math.acos(min(1.0, max(-1.0, (squares - near * near) / double)))
-    return least, math.acos(min(1.0, max(-1.0, (squares - far * far) / double)))
 
 
 def regime_at(stroke: Stroke, f: float, direction: float) -> int:

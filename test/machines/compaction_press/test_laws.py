@@ -17,6 +17,7 @@ from mech_twin.machines.compaction_press.dynamics import (
     press_reduced,
     press_weights,
 )
+from mech_twin.machines.compaction_press.metrics import cycle_metrics
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.parameters.load import machine
 from mech_twin.parts.four_bar import Link, failing_inequality
@@ -207,6 +208,33 @@ def test_kloss_run_does_not_depend_on_the_step():
     ]
     for coarse in ends[:2]:
         assert coarse.linkage.position[0] == pytest.approx(ends[2].linkage.position[0], abs=1e-9)
+
+
+def test_extremes_are_those_of_the_curve_where_a_small_transmission_angle_makes_its_peaks_narrow():
+    """No position of a turn has a torque, or asks for a flywheel, beyond what the cycle tells."""
+    narrow = {
+        "linkage.crank_m": 0.02417391,
+        "linkage.coupler_m": 0.04421957,
+        "linkage.pendulum_m": 0.02653175,
+        "linkage.pivot_x_m": 0.04421957,
+        "linkage.pivot_y_m": 0.01462356,
+        "links.plate.mass_kg": 0.0,
+        "links.plate.inertia_kg_m2": 0.0,
+        "links.pendulum.mass_kg": 2500.0,
+        "links.pendulum.inertia_kg_m2": 0.147,
+        "links.pendulum.centroid_along_m": 0.0,
+        "working_force.application_from_a_m": 0.0221,
+        "working_force.working_quarter": True,
+        "drive.speed_rpm": -120.0,
+    }
+    press = machine("compaction_press", overrides=narrow)
+    told = cycle_metrics(press.parameters)
+    assert min(told["transmission_angle_min_deg"], 180.0 - told["transmission_angle_max_deg"]) < 2.0
+    constants, stroke = press_constants(press.parameters)
+    torques = press_cycle(constants, stroke, press.parameters.drive.speed_rad_per_s, WORK_POSITIONS).drive_torque_nm
+    assert told["drive_torque_peak_nm"] == pytest.approx(torques.max(), rel=1e-5)
+    assert told["drive_torque_min_nm"] == pytest.approx(torques.min(), rel=1e-5)
+    assert told["flywheel_inertia_kg_m2"] == pytest.approx(told["flywheel_inertia_wittenbauer_kg_m2"], rel=1e-5)
 
 
 @pytest.mark.parametrize("fraction", [0.5, 0.2])
