@@ -252,7 +252,8 @@ def _descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
     used = goal.weights > 0.0
 
     def scaled(found: Evaluation) -> Array:
-        return np.asarray((goal.weights * (found.objectives * np.array(SENSES) - goal.ideal) / goal.spread)[:, used])
+        distance = found.objectives[:, used] * np.array(SENSES)[used] - goal.ideal[used]
+        return np.asarray(goal.weights[used] * distance / goal.spread[used])
 
     def values(points: Array) -> Array:
         """Return objectives, then margins in their scales, shape (n, used objectives + constraints)."""

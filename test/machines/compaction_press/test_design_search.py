@@ -147,3 +147,12 @@ def test_scan_repeats():
     one, two = scan(reference(4, SMALL)), scan(reference(4, SMALL))
     assert (one[0] == two[0]).all()
     assert (one[1].margins == two[1].margins).all()
+
+
+def test_a_search_for_one_objective_does_not_ask_whether_the_others_are_finite():
+    """On the way lies a press whose layer has no depth: its mean force has no bound."""
+    thin = {"working_force.contact_fraction": 0.999, "working_force.exponent": 0.0, "drive.speed_rpm": 60.0}
+    parameters = machine_parameters("compaction_press", None, thin)
+    space = design_question("compaction_press").space(None, {"transmission_deg": 10.0})
+    found = best_design(press_search(parameters, space, 1), "peak_torque_nm")
+    assert min(found.margins.values()) >= 0.0
