@@ -302,10 +302,15 @@ def largest_moment(b: Breaker, found: PinForces) -> float:
     """Return the largest term (N m) of the two routes to the moment: inertia, collar, and pin forces times lengths.
 
     It is the scale of their difference: with a heavy linkage on a light body the sum is far smaller than its terms.
+    Coupler and rocker count with their mass at its farthest from the crank's bearing.
     """
     spin = max(abs(found.crank_acceleration), abs(found.body_acceleration))
+    coupler = b.bar.crank_m + math.hypot(b.coupler.along_m, b.coupler.across_m)
+    rocker = math.hypot(b.bar.pivot_x_m, b.bar.pivot_y_m) + math.hypot(b.rocker.along_m, b.rocker.across_m)
     return max(
         (b.crank.inertia_kg_m2 + b.rotor_11_kg_m2) * spin,
+        b.coupler.mass_kg * coupler * coupler * spin,
+        b.rocker.mass_kg * rocker * rocker * spin,
         b.body_inertia_kg_m2 * abs(found.body_acceleration),
         abs(found.collar_moment),
         b.bar.crank_m * math.hypot(found.a_x, found.a_y),

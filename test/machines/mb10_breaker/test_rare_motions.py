@@ -309,6 +309,13 @@ def test_moment_on_the_body_may_bend_within_a_step(overrides):
     assert broken == []
 
 
+def test_the_routes_to_the_moment_differ_by_the_rounding_of_a_heavy_coupler():
+    """Its inertia about the crank's bearing is the largest term of either route, and cancels in the pins."""
+    heavy = {"linkage.coupler_mass_kg": 35000.0, "linkage.coupler_centroid_along_m": 2.0, "gravity_m_per_s2": 2.0}
+    broken, _ = residuals_of(heavy, (1.0,))
+    assert broken == []
+
+
 @pytest.mark.parametrize(("tool_kg", "wall_n"), [(1e-3, 50.0), (1.0, 500.0)])
 def test_striker_that_turns_back_at_its_extreme_leaves_the_tool_whichever_way_the_crank_turns(tool_kg, wall_n):
     """Swinging back, the crank goes through the rocker's extreme with its speed: nothing stands in its way there."""
