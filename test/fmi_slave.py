@@ -4,10 +4,19 @@
 from __future__ import annotations
 
 import shutil
+from ctypes import byref
 from pathlib import Path
 
 import fmpy
-from fmpy.fmi2 import FMU2Slave
+from fmpy import calloc, free
+from fmpy.fmi2 import (
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.logging import addLoggerProxy
 
 
 class Slave:
@@ -21,7 +30,13 @@ class Slave:
             guid=description.guid, unzipDirectory=self._folder, instanceName="one",
             modelIdentifier=description.coSimulation.modelIdentifier,
         )  # fmt: skip
-        self.fmu.instantiate()
+        self.said: list[str] = []
+        self._callbacks = fmi2CallbackFunctions()
+        self._callbacks.logger = fmi2CallbackLoggerTYPE(lambda *words: self.said.append(words[-1].decode()))
+        self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+        self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+        addLoggerProxy(byref(self._callbacks))  # FMPy has one for all, and keeps the last, also if it is gone
+        self.fmu.instantiate(callbacks=self._callbacks)
         self.fmu.setupExperiment(startTime=0.0)
 
     def begin(self) -> None:

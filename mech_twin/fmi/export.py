@@ -172,6 +172,7 @@ def _constants(unit: MachineUnit) -> str:
     for each in adjustable:
         begins.append(begins[-1] + len(each.places))
     failures = getattr(unit.machine.linkage, "failures", ())
+    ranges = (f'"{each.least!r} to {each.greatest!r}"' for each in adjustable)
     return "\n".join(
         (
             _array("double", "REALS", map(_hexadecimal, unit.packed.reals)),
@@ -185,6 +186,7 @@ def _constants(unit: MachineUnit) -> str:
             _array("double", "PARAMETER_GREATEST", (_hexadecimal(each.greatest) for each in adjustable)),
             _array("int", "PARAMETER_LIVE", (str(int(each.key.live)) for each in adjustable)),
             _array("char *const", "PARAMETER_NAMES", (f'"{each.key.name}"' for each in adjustable)),
+            _array("char *const", "PARAMETER_RANGES", ranges),
             _array("char *const", "FAILURES", (f'"{failure}"' for failure in failures)),
         )
     )

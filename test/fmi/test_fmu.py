@@ -147,7 +147,11 @@ def test_a_parameter_beyond_what_was_tried_is_refused_with_its_bounds(unit: Any)
             unit("impact_mass", 2), 0.01, validate=False, start_values={"parameters.period_s": 50.0},
             logger=lambda *words: told.append(str(words)),
         )  # fmt: skip
-    assert any("parameter period_s, value 50: expected" in line for line in told)
+    least = next(
+        v.min for v in fmpy.read_model_description(str(unit("impact_mass", 2))).modelVariables
+        if v.name == "parameters.period_s"
+    )  # fmt: skip
+    assert any(f"parameter period_s, value 50: expected {float(least)!r} to 0.1;" in line for line in told)
 
 
 def test_a_command_counts_from_the_next_step_on(unit: Any) -> None:
@@ -201,6 +205,24 @@ def test_a_long_step_ends_where_short_ones_do(unit: Any) -> None:
                 slave.fmu.doStep(0.001 * begin, 0.001 * length)
             ends.append(slave.get("linkage.mass.velocity"))
     assert ends == [mt.rollout("impact_mass", 0.5)["linkage.mass.velocity"][-1]] * 3
+
+
+@pytest.mark.parametrize(
+    ("time_s", "step_s"),
+    [(0.0, -0.001), (0.0, np.nan), (0.0, np.inf), (0.0, 1e30), (np.nan, 0.001), (5.0, 0.001), (-0.01, 0.02)],
+)
+def test_a_step_that_does_not_go_on_from_the_last_is_refused(unit: Any, time_s: float, step_s: float) -> None:
+    with Slave(unit("impact_mass", 2)) as slave:
+        with pytest.raises(Exception, match="DoStep"):
+            slave.step(0.0)
+        assert "a step before the initialization has ended" in slave.said[-1]
+        slave.begin()
+        slave.step(0.0)
+        with pytest.raises(Exception, match="DoStep"):
+            slave.step(time_s, step_s)
+        assert "expected one onward from where the last ended, 0.001 s" in slave.said[-1]
+        slave.step(0.001)
+        assert slave.get("linkage.mass.velocity") == mt.rollout("impact_mass", 0.002)["linkage.mass.velocity"][-1]
 
 
 def test_event_mode_ends_a_step_where_something_happened(unit: Any) -> None:

@@ -195,7 +195,7 @@ EXPORT fmi2Status fmi2GetRealOutputDerivatives(
 
 EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time_s, fmi2Real step_s, fmi2Boolean no_state_before) {
     int events = 0;
-    return unit_advance(c, time_s + step_s, 0, &events) == 0 ? fmi2OK : fmi2Error;
+    return unit_advance(c, time_s, step_s, 0, &events) == 0 ? fmi2OK : fmi2Error;
 }
 
 EXPORT fmi2Status fmi2CancelStep(fmi2Component c) { NOT_HERE("fmi2CancelStep"); }

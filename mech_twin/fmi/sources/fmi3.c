@@ -252,7 +252,7 @@ EXPORT fmi3Status fmi3DoStep(
     unit *it = c;
     int happened = 0;
     *end = *early = *event = false;
-    if (unit_advance(it, time_s + step_s, it->events_used && it->early_return, &happened) != 0) return fmi3Error;
+    if (unit_advance(it, time_s, step_s, it->events_used && it->early_return, &happened) != 0) return fmi3Error;
     *last_s = time_s + step_s;
     *event = it->events_used && happened;
     if (*event && it->early_return && unit_time(it) < *last_s - 0.5 * STEP_S) {

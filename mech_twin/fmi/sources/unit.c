@@ -9,6 +9,7 @@
 #include "machine_data.h" /* constants and first frame of the machine, written by the export */
 
 #define ON_STEP 1e-6 /* of a step: a time this little before a step counts as on it */
+#define MOST_STEPS 9e15 /* as many as a double counts one by one */
 
 /* The compiled kernels, in the calling convention of numba: result, exception, arguments; not 0 is an exception. */
 extern int mech_step(
@@ -57,14 +58,21 @@ int unit_begin(unit *it) {
 
 double unit_time(const unit *it) { return it->state.start_s + (double)it->state.step * STEP_S; }
 
-int unit_advance(unit *it, double until_s, int stop_at_event, int *stopped) {
+int unit_advance(unit *it, double time_s, double step_s, int stop_at_event, int *stopped) {
     unit_state *s = &it->state;
-    int64_t last = (int64_t)floor((until_s - s->start_s) / STEP_S + ON_STEP);
+    double last = floor((time_s + step_s - s->start_s) / STEP_S + ON_STEP);
     char text[300];
     *stopped = 0;
+    if (!s->begun) return told(it, MACHINE_NAME ": a step before the initialization has ended");
+    if (!(fabs(time_s - unit_time(it)) <= STEP_S && step_s >= 0.0 && last <= MOST_STEPS)) { /* so is what is not a number */
+        snprintf(
+            text, sizeof text, MACHINE_NAME ": a step of %.9g s from %.9g s: expected one onward from where the last ended, %.9g s",
+            step_s, time_s, unit_time(it));
+        return told(it, text);
+    }
     for (int i = 0; i < PARAMETER_COUNT; i++) /* a live one counts from the next step on */
         if (PARAMETER_LIVE[i]) put_parameter(s, i);
-    while (s->step < last) {
+    while ((double)s->step < last) {
         int64_t count = 0;
         give_efforts(s);
         int raised = call(it, 0, &count);
@@ -131,8 +139,8 @@ int unit_set_real(unit *it, unsigned reference, double value) {
         }
         if (value < PARAMETER_LEAST[i] || value > PARAMETER_GREATEST[i]) {
             snprintf(
-                text, sizeof text, MACHINE_NAME ": parameter %s, value %g: expected %g to %g; export anew for others",
-                PARAMETER_NAMES[i], value, PARAMETER_LEAST[i], PARAMETER_GREATEST[i]);
+                text, sizeof text, MACHINE_NAME ": parameter %s, value %.15g: expected %s; export anew for others",
+                PARAMETER_NAMES[i], value, PARAMETER_RANGES[i]);
             return told(it, text);
         }
         s->parameters[i] = value;

@@ -46,8 +46,9 @@ typedef struct {
 
 void unit_reset(unit *it);
 int unit_begin(unit *it);
-/* Takes the steps that end at or before the time; stops after a step with an event where asked.  0 if it succeeded. */
-int unit_advance(unit *it, double until_s, int stop_at_event, int *stopped);
+/* Takes the coupling steps that end within a step of the importer; stops after one with an event where asked.
+   0 if it succeeded. */
+int unit_advance(unit *it, double time_s, double step_s, int stop_at_event, int *stopped);
 double unit_time(const unit *it);
 int unit_get_real(const unit *it, unsigned reference, double *value);
 int unit_set_real(unit *it, unsigned reference, double value);
