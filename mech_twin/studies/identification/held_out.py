@@ -237,11 +237,22 @@ def channel_noise(problem: FitProblem, place: int) -> tuple[float, bool]:
 
 
 def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
-    """Return the place and the score of each channel that does not stand still."""
-    problem = fitted.problem
+    """Return the place and the score of each channel that does not stand still, and of events with a given noise.
+
+    Events are too few for a test of whiteness: in its place stands the chance of so large a residual by that noise.
+    """
+    problem, parts = fitted.problem, fitted.problem.parts(fitted.x)
     names = [channel.name for channel in problem.runs[0].channels]
     found = [(names.index(each.channel), each) for each in score(problem, fitted.x).channels]
-    return [(place, each) for place, each in found if not stands_still(problem, place)]
+    found = [(place, each) for place, each in found if not stands_still(problem, place)]
+    for place, channel in enumerate(problem.runs[0].channels):
+        masks = [masks[place] for masks in fitted.comparison.masks]
+        off = np.concatenate([part[place][mask] for part, mask in zip(parts, masks, strict=True)])
+        if channel.of_events and channel.channel.sigma and len(off):
+            rms = float(np.sqrt(np.mean(np.nan_to_num(off, nan=np.inf) ** 2)))
+            chance = float(stats.chi2.sf(len(off) * (rms / channel_noise(problem, place)[0]) ** 2, len(off)))
+            found.append((place, ChannelScore(channel.name, np.nan, rms, chance)))
+    return found
 
 
 def channel_fits(fitted: Fitted) -> list[ChannelFit]:

@@ -116,7 +116,8 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
     """Return the fit of the longest initial share of the runs for which derivatives are reliable.
 
     If the effect of the initial state does not decay, a small error of a key grows.  In the later part of a run, the
-    minimum is then narrower than any difference step, and derivatives there do not give a key's interval.
+    minimum is then narrower than any difference step, and derivatives there do not give a key's interval.  A share
+    in which a key has no effect yet says nothing of it.
     """
     problem, here = around.fitted.problem, around
     for share in PREDICTABLE if around.bends else ():
@@ -124,7 +125,7 @@ def predictable(question: IdentificationQuestion, around: AroundFit, progress: P
         part = problem.over([run.first_share(share) for run in problem.runs])
         here = around_fit(question, refined(part, around.fitted.x, progress))
         if not here.bends:
-            return here
+            return here if (here.seen.acting >= around.seen.acting).all() else around
     return around
 
 

@@ -150,8 +150,9 @@ class FitProblem:
     def _off(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:
         shown = self._shown(x, run, place, channel, curves)
         off = channel.values - shown
-        if channel.turns and len(off):
-            off = off - TURN * np.round(np.median(off) / TURN)
+        simulated = channel.times_s <= self.runs[run].until_s
+        if channel.turns and simulated.any():
+            off = off - TURN * np.round(np.median(off[simulated]) / TURN)
         return off
 
     def _shown(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:

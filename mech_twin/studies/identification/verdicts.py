@@ -204,6 +204,11 @@ class Sensitivity:
     contradicted: bool = False
     distinguished: bool = False
 
+    @property
+    def acting(self) -> npt.NDArray[np.bool_]:
+        """Whether each key has an effect, shape (keys,)."""
+        return self.effects >= self.least_effects
+
     def with_all_of(self, chosen: Sequence[int]) -> Sensitivity:
         """Return the same with the directions among these keys observable, unless derivatives are unreliable."""
         if self.contradicted:
@@ -230,7 +235,7 @@ class Sensitivity:
         bound to compensate for an error of the others.
         """
         kept: list[int] = []
-        rest = {i: self.jacobian[:, i] for i in among if self.effects[i] >= self.least_effects[i]}
+        rest = {i: self.jacobian[:, i] for i in among if self.acting[i]}
         while rest:
             best = max(rest, key=lambda i: float(np.linalg.norm(rest[i])))
             column = rest.pop(best)
@@ -380,7 +385,7 @@ def _not_seen_alone(
 ) -> tuple[str, str] | None:
     """Return the verdict on a key without effect, or without an effect of its own; else None."""
     sensitivity = evidence.sensitivity
-    if sensitivity.effects[i] < sensitivity.least_effects[i]:
+    if not sensitivity.acting[i]:
         return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"
     if sensitivity.left[i] < ALONE:
         return COMBINATION, "its effect equals that of zeros, gains, lags or the start state of the run"

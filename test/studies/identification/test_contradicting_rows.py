@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rows and channels that tell nothing have no say: behind a change of the order of events, or standing still."""
+"""Rows and channels that tell nothing have no say: behind a change of the order of events, or standing still.
+
+Events with a given noise have one, and angles count turns by what was simulated alone.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mech_twin as mt
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
@@ -96,3 +100,38 @@ def test_a_channel_that_stands_still_and_moves_in_the_model_refutes_it_by_name()
     told = refutation(fit_of_a_run({"forces.guide.force_x_n": 3.5}))
     assert told is not None
     assert told.startswith("forces.guide.force_x_n stands still at 3.5, the model's moves by")
+
+
+def test_the_first_part_of_a_run_is_compared_without_turns_of_the_rest() -> None:
+    name, crank = "vibration_crank", "linkage.crank.position"
+    channels = [{"source": {"column": crank}, "is": crank}]
+    given = MeasurementMap.model_validate({"machine": name, "time": {"column": "time_s"}, "channels": channels})
+    question = IdentificationQuestion(name, machine_parameters(name), ("crank_m",), cores=1)
+    run = mt.rollout(name, 4.0)
+    channel = FitChannel(given.channels[0], run["time_s"], run[crank], 1e-4)
+    first = FitRun(Path("run.csv"), (channel,), (), 0.0, until_s=0.1)
+    problem = problem_of(question, [first])
+    off = problem.parts(problem.unknowns.start)[0][0]
+    assert np.abs(off[channel.times_s <= 0.1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(("sigma", "told"), [(0.01, "event.impact.impulse is off by 1 in the rms"), (2.0, None)])
+def test_events_refute_a_model_that_misses_them_by_more_than_their_given_noise(sigma: float, told: str | None) -> None:
+    name, kind = "impact_mass", "event.impact.impulse"
+    channels = [{"source": {"column": kind}, "is": kind, "sigma": sigma}]
+    given = MeasurementMap.model_validate({"machine": name, "time": {"column": "time_s"}, "channels": channels})
+    question = IdentificationQuestion(name, machine_parameters(name), ("mass_kg",), cores=1)
+    events = mt.rollout(name, 1.0).event_numbers
+    impacts = events.kind == "impact"
+    times, impulses = events.time_s[impacts], events.impulse_ns[impacts]
+
+    def fitted(off_ns: float) -> Fitted:
+        channel = FitChannel(given.channels[0], times, impulses + off_ns, sigma)
+        problem = problem_of(question, [FitRun(Path("run.csv"), (channel,), (), 0.0)])
+        x = problem.unknowns.start
+        return Fitted(problem, x, problem.comparison(x, noise_floors(problem.runs)), 0.0)
+
+    assert refutation(fitted(0.0)) is None
+    refuted = refutation(fitted(1.0))
+    assert refuted is None if told is None else refuted is not None and refuted.startswith(told)
+    assert noise_misfit(fitted(1.0)) == pytest.approx(1.0 / sigma)

@@ -54,6 +54,23 @@ def test_stiffness_of_wall_and_face_are_found_from_a_gauge(tmp_path: Path) -> No
         assert each["low_95"] <= TRUE[each["key"]] <= each["high_95"]
 
 
+@pytest.mark.slow
+def test_a_wall_is_found_from_blows_that_begin_late_in_the_run(tmp_path: Path) -> None:
+    """As on the page `blow-into-wall`; no blow is in the first quarter, and an error of the wall soon grows large."""
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(MAP), encoding="utf-8")
+    run = tmp_path / "run.csv"
+    words = ("--duration", "1.5", "--sensors", tmp_path / "map.yaml", "--table", run, "--json")
+    ended = mech_twin("simulate", MACHINE, *words, *settings(KNOWN | {WALL: TRUE[WALL]}))
+    assert ended.code == 0, ended.err
+    words = ("--map", tmp_path / "map.yaml", "--free", WALL, "--out", tmp_path / "found")
+    ended = mech_twin("identify", MACHINE, run, *words, *settings(KNOWN | {WALL: 5e6}))
+    assert ended.code == 0, ended.err
+    (wall,) = json.loads((tmp_path / "found" / "identification.json").read_text(encoding="utf-8"))["parameters"]
+    assert wall["verdict"] == "identified"
+    assert wall["low_95"] <= TRUE[WALL] <= wall["high_95"]
+    assert wall["estimate"] == pytest.approx(TRUE[WALL], rel=1e-3)
+
+
 def reflected_share(keys: dict[str, Any]) -> float:
     built = machine(MACHINE, None, KNOWN | keys)
     features = catalogue_entry(MACHINE).capabilities.features(built.parameters).features  # type: ignore[misc]
