@@ -133,6 +133,16 @@ def test_the_flywheel_condition_is_told():
     assert fitted["conditions_hold_1"] == 1.0
 
 
+@pytest.mark.parametrize(("speed_rpm", "delta"), [(300.0, 0.05), (300.0, 0.03), (77.7, 0.03), (290.0, 0.03)])
+def test_no_flywheel_is_missing_beside_the_one_that_is_needed(speed_rpm: float, delta: float):
+    asked = {"drive.speed_rpm": speed_rpm, "flywheel.non_uniformity": delta}
+    needed = machine("compaction_press", overrides=asked).report()["flywheel_inertia_kg_m2"]
+    for share, missing in ((1.0, 0.0), (0.999, 0.001 * needed)):
+        fitted = machine("compaction_press", overrides=asked | {"flywheel.inertia_kg_m2": share * needed}).report()
+        assert fitted["flywheel_missing_kg_m2"] == pytest.approx(missing, rel=1e-6, abs=0.0)
+        assert fitted["conditions_hold_1"] == (missing == 0.0)
+
+
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
