@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
@@ -30,6 +31,9 @@ FLASH = (225, 130, 0)
 RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 RECENT_S = 2.0  # time window of blow rate, energy and power
+SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
+AGAIN_S = 1.0  # a step so much before the last begins a new run
+TURN = 2.0 * math.pi
 WEAK_SHARE = 0.25  # least energy relative to the hardest recent blow, half its impulse: weaker ones are bounces
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
@@ -208,8 +212,13 @@ class Banner:
         self._known = tree is not None
         self._command = math.nan
         self._linkage: LinkageSample | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget a run."""
         self._blows: deque[tuple[float, float]] = deque()
-        self._power: deque[tuple[float, float]] = deque()
+        self._power: deque[tuple[float, float, float]] = deque()  # time, angle of the leading joint, work of the drive
+        self._power_w = self._turned_rad = 0.0
         self._body: deque[tuple[float, float, bool]] = deque()  # time, pressing force, whether it is in contact
         self._broken = ""
         self._begin_s: float | None = None
@@ -226,15 +235,53 @@ class Banner:
         if motor is not None:
             self._command = motor.command
         if linkage is not None:
-            self._linkage = linkage
+            self._follow(linkage)
             self._begin_s = linkage.time_s if self._begin_s is None else self._begin_s
             self._note_broken(linkage)
         if forces is not None and POWER in forces.quantities.names:
-            self._power.append((forces.time_s, forces.quantities.as_dict()[POWER]))
-            _forget(self._power, forces.time_s)
+            self._drive(forces.time_s, forces.quantities.as_dict()[POWER])
         if body is not None and REST in self.body_regimes:
             self._body.append((body.time_s, body.pressing_force_n, self.body_regimes[body.regime] == REST))
             _forget(self._body, body.time_s)
+
+    def _follow(self, linkage: LinkageSample) -> None:
+        """Note a step of the linkage, and what its leading joint has turned; it may wrap at one turn."""
+        before, self._linkage = self._linkage, linkage
+        if before is not None and linkage.time_s < before.time_s - AGAIN_S:
+            self._begin()
+        elif before is not None:
+            moved = linkage.position[0] - before.position[0]
+            self._turned_rad += math.remainder(moved, TURN) if math.isfinite(moved) else 0.0
+
+    def _drive(self, time_s: float, power_w: float) -> None:
+        """Add the work since the last step, and forget what is older than the recent time, or than a slower turn."""
+        former_s, _, work_j = self._power[-1] if self._power else (time_s, 0.0, 0.0)
+        work_j += 0.5 * (power_w + self._power_w) * (time_s - former_s)
+        self._power.append((time_s, self._turned_rad, work_j))
+        self._power_w, linkage = power_w, self._linkage
+        slow = linkage is not None and self._turns(linkage) and abs(linkage.velocity[0]) * SLOWEST_S > TURN
+        while len(self._power) > 2:
+            next_s, next_rad, _ = self._power[1]
+            within_a_turn = slow and abs(self._turned_rad - next_rad) < TURN
+            if next_s > time_s - (SLOWEST_S if within_a_turn else RECENT_S):
+                break
+            self._power.popleft()
+
+    def _mean_power_w(self) -> float:
+        """Return the mean power over the whole turns of the recent time, or the last turn; without one over all."""
+        now_s, now_rad, now_j = self._power[-1]
+        first_s, first_rad, first_j = self._power[0]
+        linkage = self._linkage
+        turns = 0 if linkage is None or not self._turns(linkage) else math.floor(abs(now_rad - first_rad) / TURN)
+        if turns > 0:
+            before, after = next(pair for pair in pairwise(self._power) if abs(now_rad - pair[1][1]) < turns * TURN)
+            share = (abs(now_rad - before[1]) - turns * TURN) / (abs(now_rad - before[1]) - abs(now_rad - after[1]))
+            first_s = before[0] + share * (after[0] - before[0])
+            first_j = before[2] + share * (after[2] - before[2])
+        return (now_j - first_j) / (now_s - first_s) if now_s > first_s else self._power_w
+
+    def _turns(self, linkage: LinkageSample) -> bool:
+        return self._known and linkage.joints[0] not in self._slides
 
     def strike(self, event: Event) -> None:
         """Update with an event."""
@@ -306,7 +353,7 @@ class Banner:
             found.append(Card("pressing force", with_prefix(mean_n, "N"), "pressing force", mean_n, "N"))
             found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
-            mean_w = sum(power for _, power in self._power) / len(self._power)
+            mean_w = self._mean_power_w()
             name, rated_w = "mean drive power", self.rated_power_w
             found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", rated_w))
         return found

@@ -12,6 +12,7 @@ from catalogue import built
 
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
+from mech_twin.parameters.load import machine as machine_of
 from mech_twin.samples import Drawing
 from mech_twin.view.annotations import RECENT_S, Banner
 from mech_twin.view.bench.link import encoded
@@ -29,6 +30,38 @@ def test_the_mean_drive_power_stands_beside_the_rated_power_of_the_motor():
     assert (cards["mean drive power"].unit, cards["mean drive power"].most) == ("W", 11000.0)
     assert cards["mean drive power"].value != 0.0
     assert all(card.most is None for key, card in cards.items() if key != "mean drive power")
+
+
+@pytest.mark.parametrize(
+    ("name", "rpm"), [("compaction_press", 40.0), ("compaction_press", 77.0), ("vibration_crank", 40.0)]
+)
+def test_the_mean_drive_power_is_that_of_whole_turns(name, rpm):
+    machine = machine_of(name, None, {"drive.speed_rpm": rpm})
+    banner, shown = Banner(machine.mechanism), []
+    for frame in frames(machine, 4.0):
+        banner.add(frame.motor, frame.linkage, frame.forces)
+        if frame.linkage.time_s > 3.0:
+            shown.append({card.key: card for card in banner.cards()}["mean drive power"].value)
+    expected = machine.report()["power_mean_w"] if name == "compaction_press" else 0.0
+    peak = max(abs(_power(frame)) for frame in frames(machine, 2.0))
+    assert np.abs(np.array(shown) - expected).max() < 1e-3 * peak
+
+
+def _power(frame):
+    return frame.forces.quantities.values[frame.forces.quantities.names.index("drive_power_w")]
+
+
+def test_headline_numbers_of_a_run_that_begins_anew_know_nothing_of_the_one_before():
+    machine = built("mb10_breaker")
+    first, again = Banner(machine.mechanism, machine.blow_energy), Banner(machine.mechanism, machine.blow_energy)
+    first.body_regimes = again.body_regimes = body_regimes(machine)
+    run = list(frames(machine, 3.0))
+    for banner, begin in ((first, run), (again, [])):
+        for frame in [*begin, *run[:700]]:
+            banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+            for event in frame_events(frame):
+                banner.strike(event)
+    assert first.cards() == again.cards()
 
 
 def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
