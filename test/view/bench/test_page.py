@@ -303,3 +303,15 @@ def test_a_recording_is_played_scrubbed_and_has_no_commands(browser, ros_domain,
         page.locator("#play").click()
         page.wait_for_timeout(2000)
         assert 0.55 < page.evaluate("() => window.bench.shown") < 0.9
+
+
+def test_a_run_that_is_over_takes_no_command_also_from_a_page_opened_later(browser, ros_domain, tmp_path):
+    words = ("run", "compaction_press", "--duration", "4", "--hold", "--no-record")
+    with running(*words, folder=tmp_path) as (url, _):
+        for _ in range(2):
+            with opened(browser, url) as page:
+                expect(page.locator("#state")).to_have_text("over")
+                commands = page.locator("#command button, #command input, #keys input, #undo")
+                assert commands.count() > 5
+                for place in range(commands.count()):
+                    expect(commands.nth(place)).to_be_disabled()

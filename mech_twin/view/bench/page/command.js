@@ -83,7 +83,7 @@ function change(name, value, takenBack = null) {
   if (before === value) return changed(name, before);
   order("change", { values: { [name]: value } }, (isDone) => {
     if (isDone !== Boolean(takenBack)) undone.push(takenBack ?? { name, before });
-    find("undo").disabled = !undone.length || !run.commands;
+    find("undo").disabled = !undone.length || !run.commands || run.over;
     changed(name, isDone ? value : before);
   });
 }
@@ -152,10 +152,13 @@ export function showRole(message) {
   commands(message.commands);
 }
 
+// whether this page commands; a run that is over takes no command, and the hall begins another
 export function commands(can) {
   run.commands = can;
-  for (const each of document.querySelectorAll("#hall button, #command button, #command input, #keys input, #keys select, #alarms button, #advice button, #fit button, #fit select")) each.disabled = !can || each.dataset.idle !== undefined;
-  find("undo").disabled = !can || !undone.length;
+  const disable = (which, off) => { for (const each of document.querySelectorAll(which)) each.disabled = off || each.dataset.idle !== undefined; };
+  disable("#hall button", !can);
+  disable("#command button, #command input, #keys input, #keys select, #alarms button, #advice button, #fit button, #fit select", !can || run.over);
+  find("undo").disabled = !can || run.over || !undone.length;
 }
 
 export function forgetCommands() { undone.length = 0; }
