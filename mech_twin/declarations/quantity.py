@@ -7,6 +7,7 @@ declarations.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
@@ -91,6 +92,30 @@ def quantity(unit: str, meaning: str, *, live: bool = False, **bounds: Any) -> A
     if not bounds.keys() & {"lt", "le"} and not bounds.get("allow_inf_nan"):
         bounds["le"] = largest
     return Field(description=meaning, json_schema_extra={"unit": unit, "live": live}, **bounds)
+
+
+def upper(bound: float, digits: int = 6) -> str:
+    """Return an upper bound as an error message prints it: rounded down, so that the printed number is allowed.
+
+    Examples
+    --------
+    >>> upper(0.45193577)
+    '0.451935'
+    """
+    return _within(bound, digits, 1.0)
+
+
+def lower(bound: float, digits: int = 6) -> str:
+    """Return a lower bound as an error message prints it, rounded up; see `upper`."""
+    return _within(bound, digits, -1.0)
+
+
+def _within(bound: float, digits: int, beyond: float) -> str:
+    shown = f"{bound:.{digits}g}"
+    if beyond * (float(shown) - bound) > 0.0:
+        last_digit = 10.0 ** (math.floor(math.log10(abs(bound))) + 1 - digits)
+        shown = f"{float(shown) - beyond * last_digit:.{digits}g}"
+    return shown
 
 
 def choice(meaning: str, *, live: bool = False, **options: Any) -> Any:

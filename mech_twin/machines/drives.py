@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import field_validator, model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
 from mech_twin.engine.compiled_roles import CompiledMotor
 from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.coupling import Coupling
@@ -135,7 +135,7 @@ class DrivenCrank(Parameters):
                 ),
             )
         if step_s > longest:
-            raise ValueError(f"coupling.step_s = {step_s:g} s must be at most {longest:.4g} s: {why}")
+            raise ValueError(f"coupling.step_s = {step_s:g} s must be at most {upper(longest, 4)} s: {why}")
         return self
 
     @property

@@ -46,7 +46,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
 from mech_twin.kernels.kernel import embedded_kernel, kernel
 
 RPM = pi / 30.0
@@ -132,7 +132,7 @@ class InductionMotorParameters(Parameters):
         run_up_s = self.rotor_inertia_kg_m2 * constants.synchronous_speed_rad_per_s**2 / self.rated_power_w
         if run_up_s > LONGEST_RUN_UP_S:
             raise ValueError(
-                f"rotor_inertia_kg_m2 must be at most {self.rotor_inertia_kg_m2 * LONGEST_RUN_UP_S / run_up_s:.6g}, "
+                f"rotor_inertia_kg_m2 must be at most {upper(self.rotor_inertia_kg_m2 * LONGEST_RUN_UP_S / run_up_s)}, "
                 f"which {self.rated_power_w:g} W bring to synchronous speed in {LONGEST_RUN_UP_S:g} s; "
                 f"got {self.rotor_inertia_kg_m2:g}"
             )

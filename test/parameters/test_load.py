@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.declarations.quantity import lower, upper
 from mech_twin.parameters import yaml_text
 from mech_twin.parameters.load import assignments, configuration_file, file_tree, machine_parameters, text_tree
 
@@ -34,6 +36,35 @@ def test_a_wrong_type_names_key_and_value() -> None:
 def test_a_value_out_of_range_names_key_value_and_bound() -> None:
     text = refused(DRUM, {"package_radius_m": -0.3})
     assert "package_radius_m" in text and "-0.3" in text and "greater than" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "scale"),
+    [
+        ("mb10_breaker", "body.friction.coulomb_nm", 1e8, "body.inertia_kg_m2"),
+        ("mb10_breaker", "friction.viscous_nms_per_rad", 1e4, "linkage.crank_inertia_kg_m2"),
+        ("compaction_press", "coupling.step_s", 0.2, "drive.speed_rpm"),
+        ("compaction_press", "links.plate.inertia_kg_m2", 1e4, "links.plate.mass_kg"),
+        ("compaction_press", "links.pendulum.centroid_across_m", 100.0, "linkage.pendulum_m"),
+    ],
+)
+def test_a_bound_as_printed_is_allowed(name: str, key: str, value: float, scale: str) -> None:
+    configured: Any = machine_parameters(name)
+    for part in scale.split("."):
+        configured = getattr(configured, part)
+    for number in range(8):
+        overrides = {scale: configured * (1.0 + 0.00137 * number)}
+        found = re.search(r"at most ([\d.e+-]+)", refused(name, {**overrides, key: value}))
+        assert found is not None
+        machine_parameters(name, None, {**overrides, key: float(found[1])})
+
+
+@pytest.mark.parametrize("digits", [3, 6])
+@given(value=st.floats(1e-9, 1e9), sign=st.sampled_from([1.0, -1.0]))
+def test_a_printed_bound_is_next_to_the_bound_and_on_its_own_side(digits: int, value: float, sign: float) -> None:
+    bound, unit = sign * value, 10.0 ** (1 - digits) * value
+    assert bound - 2.0 * unit < float(upper(bound, digits)) <= bound
+    assert bound <= float(lower(bound, digits)) < bound + 2.0 * unit
 
 
 @pytest.mark.parametrize("number", ["0x" + "f" * 5000, "0b" + "1" * 20_000, "9" * 400, "9" * 5000, "1:" * 400 + "1"])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, lower, quantity, upper
 from mech_twin.machines.compaction_press.dynamics import Press, StrokeLoad, loaded_height, loaded_heights
 from mech_twin.machines.drives import DrivenCrank, root_between
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality, smallest_transmission_angle
@@ -140,22 +140,22 @@ class CompactionPress(DrivenCrank):
         for key, place in places.items():
             if abs(place) > reach:
                 raise ValueError(
-                    f"{key} must be at most {reach:.6g} m either way, {MOST_REACH:g} times the longest link; "
+                    f"{key} must be at most {upper(reach)} m either way, {MOST_REACH:g} times the longest link; "
                     f"got {place:g}"
                 )
         most = max(LEAST_INERTIA, max(link.mass_kg for link in links.values()) * reach * reach)
         for name, link in links.items():
             if link.inertia_kg_m2 > most:
                 raise ValueError(
-                    f"links.{name}.inertia_kg_m2 must be at most {most:.6g}, the largest mass at {MOST_REACH:g} times "
-                    f"the longest link; got {link.inertia_kg_m2:g}"
+                    f"links.{name}.inertia_kg_m2 must be at most {upper(most)}, the largest mass at {MOST_REACH:g} "
+                    f"times the longest link; got {link.inertia_kg_m2:g}"
                 )
         crank = links["crank"]
         own = crank.mass_kg * (crank.centroid_along_m**2 + crank.centroid_across_m**2)
         if crank.inertia_kg_m2 < own:
             raise ValueError(
                 f"links.crank.inertia_kg_m2 is about the shaft and must be at least mass x centroid distance squared = "
-                f"{own:.6g}; got {crank.inertia_kg_m2:g}"
+                f"{lower(own)}; got {crank.inertia_kg_m2:g}"
             )
 
 
@@ -269,8 +269,8 @@ def press_constants(parameters: CompactionPress, fitted: bool = True) -> tuple[P
     if depth < least:
         key = "working_quarter" if force.working_quarter else "contact_fraction"
         raise ValueError(
-            f"working_force.{key}: the layer has no depth; expected its first contact at least {least:.3g} m above the "
-            f"bottom, found {depth:.3g} m"
+            f"working_force.{key}: the layer has no depth; expected its first contact at least {lower(least, 3)} m "
+            f"above the bottom, found {depth:.3g} m"
         )
     if stroke.risen_m > 0.0 and force.exponent < SMOOTH:
         raise ValueError(

@@ -14,7 +14,7 @@ from typing import Literal
 from pydantic import model_validator
 
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
-from mech_twin.declarations.quantity import Parameters, choice
+from mech_twin.declarations.quantity import Parameters, choice, upper
 from mech_twin.machines.impact_mass.dynamics import IMPACT, KIND_CONTACTS, KIND_NAMES
 from mech_twin.parts.rod_waves.blow import RodBlow
 from mech_twin.parts.rod_waves.parameters import Wall, WaveTool, wave_grid
@@ -90,7 +90,7 @@ def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) 
     head = wave_grid(rod, 0.0).head_mass_kg
     if head > LARGEST_HEAD * mass_kg:
         raise ValueError(
-            f"stop.wave.head must have at most {LARGEST_HEAD:g} of mass_kg, {LARGEST_HEAD * mass_kg:g} kg; "
+            f"stop.wave.head must have at most {LARGEST_HEAD:g} of mass_kg, {upper(LARGEST_HEAD * mass_kg)} kg; "
             f"got {head:.6g}"
         )
     found = unit_blow(rod, mass_kg)

@@ -12,7 +12,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, lower, quantity, upper
 from mech_twin.engine.coupling import Coupling, coupling_step
 from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
@@ -91,19 +91,19 @@ class LinkageParameters(Parameters):
         for key in lengths:
             if abs(getattr(self, key)) > reach:
                 raise ValueError(
-                    f"{key} must be at most {reach:.6g} m either way, {MOST_REACH:g} times the longest link; "
+                    f"{key} must be at most {upper(reach)} m either way, {MOST_REACH:g} times the longest link; "
                     f"got {getattr(self, key):g}"
                 )
         for link in LINKS:
             inertia, most = getattr(self, f"{link}_inertia_kg_m2"), getattr(self, f"{link}_mass_kg") * reach * reach
             if inertia > most:
                 raise ValueError(
-                    f"{link}_inertia_kg_m2 must be at most {most:.6g}, {link}_mass_kg at {MOST_REACH:g} times the "
+                    f"{link}_inertia_kg_m2 must be at most {upper(most)}, {link}_mass_kg at {MOST_REACH:g} times the "
                     f"longest link; got {inertia:g}"
                 )
         if self.striker_arm_m > reach:
             raise ValueError(
-                f"striker_arm_m must be at most {reach:.6g} m, {MOST_REACH:g} times the longest link; "
+                f"striker_arm_m must be at most {upper(reach)} m, {MOST_REACH:g} times the longest link; "
                 f"got {self.striker_arm_m:g}"
             )
         return self
@@ -114,13 +114,13 @@ class LinkageParameters(Parameters):
         if self.crank_inertia_kg_m2 < own:
             raise ValueError(
                 f"crank_inertia_kg_m2 is about the crank axis and must be at least mass x centroid distance squared = "
-                f"{own:.6g} kg m^2; got {self.crank_inertia_kg_m2:g}"
+                f"{lower(own)} kg m^2; got {self.crank_inertia_kg_m2:g}"
             )
         own = self.rocker_mass_kg * (self.rocker_centroid_along_m**2 + self.rocker_centroid_across_m**2)
         if self.rocker_inertia_kg_m2 <= own:
             raise ValueError(
                 f"rocker_inertia_kg_m2 is about the bearing and must exceed mass x centroid distance squared = "
-                f"{own:.6g} kg m^2; got {self.rocker_inertia_kg_m2:g}"
+                f"{lower(own)} kg m^2; got {self.rocker_inertia_kg_m2:g}"
             )
         return self
 
@@ -215,7 +215,7 @@ class BreakerParameters(Parameters):
         if not h < LARGEST_OVERTRAVEL * stroke:
             raise ValueError(
                 f"tool.overtravel_m must be less than {LARGEST_OVERTRAVEL:g} of the striker's stroke, "
-                f"{LARGEST_OVERTRAVEL * stroke:.4g} m with this linkage; got {h:g}"
+                f"{upper(LARGEST_OVERTRAVEL * stroke, 4)} m with this linkage; got {h:g}"
             )
         short = link.striker_arm_m * (swing + rocker_angle(link, link.coupler_m - link.crank_m) - start_angle(link))
         if short < h:
@@ -238,7 +238,9 @@ class BreakerParameters(Parameters):
             ),
         )
         if self.coupling.step_s > longest:
-            raise ValueError(f"coupling.step_s = {self.coupling.step_s:g} s must be at most {longest:.4g} s: {why}")
+            raise ValueError(
+                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {upper(longest, 4)} s: {why}"
+            )
         return self
 
     @model_validator(mode="after")
@@ -247,8 +249,8 @@ class BreakerParameters(Parameters):
         moved = self.linkage.coupler_mass_kg + self.linkage.rocker_mass_kg
         if moved > most:
             raise ValueError(
-                f"linkage.coupler_mass_kg + linkage.rocker_mass_kg must be at most {most:.6g} kg, {MOST_MOVED:g} times "
-                "the inertia of crank and rotor over crank_m squared: the crank's speed would jump at the dead "
+                f"linkage.coupler_mass_kg + linkage.rocker_mass_kg must be at most {upper(most)} kg, {MOST_MOVED:g} "
+                "times the inertia of crank and rotor over crank_m squared: the crank's speed would jump at the dead "
                 f"centres; got {moved:g}"
             )
         return self
@@ -258,7 +260,7 @@ class BreakerParameters(Parameters):
         k = self.body.spring_arm_m * math.sqrt(self.body.spring_rate_n_per_m / self.body.inertia_kg_m2)
         if self.excitation.kind == "from_forces" and k * self.coupling.step_s > MOST_SWING_RAD:
             raise ValueError(
-                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {MOST_SWING_RAD / k:.4g} s: "
+                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {upper(MOST_SWING_RAD / k, 4)} s: "
                 f"{MOST_SWING_RAD:g} rad of the body's swing on body.spring_rate_n_per_m"
             )
         return self
@@ -268,7 +270,7 @@ class BreakerParameters(Parameters):
         most = FASTEST_DECAY_PER_S * self.linkage.crank_inertia_kg_m2
         if self.friction.viscous_nms_per_rad > most:
             raise ValueError(
-                f"friction.viscous_nms_per_rad must be at most {most:.4g}, {FASTEST_DECAY_PER_S:g}/s times "
+                f"friction.viscous_nms_per_rad must be at most {upper(most, 4)}, {FASTEST_DECAY_PER_S:g}/s times "
                 f"linkage.crank_inertia_kg_m2; got {self.friction.viscous_nms_per_rad:g}"
             )
         for key, torque, inertia in (
@@ -277,7 +279,7 @@ class BreakerParameters(Parameters):
         ):
             if torque > FASTEST_STOP_RAD_PER_S2 * inertia:
                 raise ValueError(
-                    f"{key} must be at most {FASTEST_STOP_RAD_PER_S2 * inertia:.6g} N m, "
+                    f"{key} must be at most {upper(FASTEST_STOP_RAD_PER_S2 * inertia)} N m, "
                     f"{FASTEST_STOP_RAD_PER_S2:g} rad/s2 of the inertia it stops; got {torque:g}"
                 )
         return self
@@ -288,13 +290,13 @@ class BreakerParameters(Parameters):
         most = FASTEST_WALL_RAD_PER_S2 * self.shaft_inertia_kg_m2 * link.rocker_m / (link.striker_arm_m * link.crank_m)
         if self.tool.wall_force_n > most:
             raise ValueError(
-                f"tool.wall_force_n must be at most {most:.6g} N, {FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and "
+                f"tool.wall_force_n must be at most {upper(most)} N, {FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and "
                 f"rotor by way of the striker; got {self.tool.wall_force_n:g}"
             )
         most = FASTEST_TOOL_STOP_M_PER_S2 * self.tool.mass_kg
         if self.tool.wall_force_n > most:
             raise ValueError(
-                f"tool.wall_force_n must be at most {most:.6g} N, {FASTEST_TOOL_STOP_M_PER_S2:g} m/s2 of "
+                f"tool.wall_force_n must be at most {upper(most)} N, {FASTEST_TOOL_STOP_M_PER_S2:g} m/s2 of "
                 f"tool.mass_kg: what a lighter tool does in its wall is lost in rounding; got "
                 f"{self.tool.wall_force_n:g}"
             )
@@ -347,7 +349,7 @@ class BreakerParameters(Parameters):
         least = min(impact_direction(constants, q, 0.0, False, False).effective_kg for q in angles)
         if head > LARGEST_HEAD * least:
             raise ValueError(
-                f"tool.wave.head must have at most {LARGEST_HEAD * least:.6g} kg, {LARGEST_HEAD:g} of the striker's "
+                f"tool.wave.head must have at most {upper(LARGEST_HEAD * least)} kg, {LARGEST_HEAD:g} of the striker's "
                 f"least effective mass; got {head:.6g}"
             )
         return self

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import field_validator, model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.drives import MOST_STIFFNESS
 from mech_twin.machines.roller_former.cart_parameters import (
@@ -191,7 +191,7 @@ class RollerFormer(Parameters):
         longest = longest_step_s(self)
         if self.coupling.step_s > longest:
             raise ValueError(
-                f"coupling.step_s <= {longest:.3g} s needed, got {self.coupling.step_s:g}: at most "
+                f"coupling.step_s <= {upper(longest, 3)} s needed, got {self.coupling.step_s:g}: at most "
                 f"{MOST_STIFFNESS:g} times the time constant of the motor's inertia and torque curve"
             )
         return self

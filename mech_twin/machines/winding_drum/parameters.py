@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
 from mech_twin.engine.coupling import Coupling
 from mech_twin.machines.winding_drum.dynamics import Package, package_inertia, wound_at
 from mech_twin.parts.friction_and_gear import Friction
@@ -50,12 +50,12 @@ class WoundPackage(Parameters):
         if self.eccentricity_m > MOST_OFFSET * self.core_radius_m:
             raise ValueError(
                 f"eccentricity_m <= {MOST_OFFSET:g} core_radius_m fails: "
-                f"{self.eccentricity_m} m <= {MOST_OFFSET * self.core_radius_m:g} m"
+                f"{self.eccentricity_m} m <= {upper(MOST_OFFSET * self.core_radius_m)} m"
             )
         if self.layer_thickness_m > self.package_radius_m - self.core_radius_m:
             raise ValueError(
                 "layer_thickness_m <= package_radius_m - core_radius_m fails: "
-                f"{self.layer_thickness_m} m <= {self.package_radius_m - self.core_radius_m:g} m"
+                f"{self.layer_thickness_m} m <= {upper(self.package_radius_m - self.core_radius_m)} m"
             )
         return self
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, lower, quantity, upper
 from mech_twin.parts.rod_waves.chain import wave_speed
 from mech_twin.parts.rod_waves.contact_law import (
     FREE_END,
@@ -185,8 +185,8 @@ class Wall(Parameters):
         least = 0.5 * (self.exponent + 1.0)
         if self.unloading_ratio < least:
             raise ValueError(
-                f"unloading_ratio must be at least (exponent + 1)/2 = {least:g}: the wall would give back more than it "
-                f"took; got {self.unloading_ratio:g}"
+                f"unloading_ratio must be at least (exponent + 1)/2 = {lower(least)}: the wall would give back more "
+                f"than it took; got {self.unloading_ratio:g}"
             )
         return self
 
@@ -313,13 +313,13 @@ def wave_grid(p: WaveTool, yielding_n: float, where: str = "wave.") -> WaveGrid:
         )
     if p.window_s > MOST_STEPS * span:
         raise ValueError(
-            f"{where}window_s must be at most {MOST_STEPS * span:.4g} s, {MOST_STEPS} times the transit time of a "
-            f"cell; got {p.window_s:g}: take fewer cells"
+            f"{where}window_s must be at most {upper(MOST_STEPS * span, 4)} s, {MOST_STEPS} times the transit time of "
+            f"a cell; got {p.window_s:g}: take fewer cells"
         )
     along = p.gauge_m
     if along > p.rod.length_m + p.tip.length_m:
         raise ValueError(
-            f"{where}gauge_m must be at most {p.rod.length_m + p.tip.length_m:.6g} m, the length of the tool; "
+            f"{where}gauge_m must be at most {upper(p.rod.length_m + p.tip.length_m)} m, the length of the tool; "
             f"got {along:g}"
         )
     in_rod = min(along, p.rod.length_m)

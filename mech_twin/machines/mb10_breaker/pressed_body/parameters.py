@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
 from mech_twin.parts.friction_and_gear import Friction
 
 STIFFEST = 1000.0  # k over the cycle frequency up to which the half sine's chain of events is followed
@@ -60,8 +60,8 @@ class BodyParameters(Parameters):
             most = (MOST_DAMPING - self.damping_ratio) * self.friction.viscous_nms_per_rad
             most /= self.damping - self.damping_ratio
             raise ValueError(
-                f"friction.viscous_nms_per_rad must be at most {most:.6g}, so that with damping_ratio the body still "
-                f"swings (zeta at most {MOST_DAMPING:g}); got {self.friction.viscous_nms_per_rad:g}"
+                f"friction.viscous_nms_per_rad must be at most {upper(most)}, so that with damping_ratio the body "
+                f"still swings (zeta at most {MOST_DAMPING:g}); got {self.friction.viscous_nms_per_rad:g}"
             )
         return self
 
@@ -112,7 +112,7 @@ def motion_refusal(body: BodyParameters, excitation: ExcitationParameters) -> st
         return ""
     most = body.inertia_kg_m2 * (STIFFEST * omega / body.spring_arm_m) ** 2
     return (
-        f"body.spring_rate_n_per_m must be at most {most:.6g} under the half sine, so that the body swings at most "
+        f"body.spring_rate_n_per_m must be at most {upper(most)} under the half sine, so that the body swings at most "
         f"{STIFFEST:g} times a cycle; got {body.spring_rate_n_per_m:g}"
     )
 
