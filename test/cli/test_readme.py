@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the README and the page on own nodes show works as it stands there."""
+"""What the README, the quick start and the page on own nodes show works, and is, as it stands there."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+import mech_twin as mt
 
 pytestmark = pytest.mark.slow
 
@@ -41,3 +43,11 @@ def test_the_integration_example_halves_the_speed_of_a_running_machine(ros_domai
 @pytest.mark.parametrize("target", sorted(set(re.findall(r"\]\(([^)#:]+)\)", README))))
 def test_every_link_leads_somewhere(target: str) -> None:
     assert (ROOT / target).exists()
+
+
+def test_the_numbers_of_the_quick_start_are_those_of_its_run() -> None:
+    page = (ROOT / "docs" / "quick-start.md").read_text(encoding="utf-8")
+    told = re.findall(r"^\| `(\w+)` \| ([\d.]+) \|", page, re.MULTILINE)
+    assert len(told) == 5
+    found = mt.simulate("mb10_breaker", 3.0).summary
+    assert {key: f"{found[key]:.{len(number.partition('.')[2])}f}" for key, number in told} == dict(told)
