@@ -128,10 +128,10 @@ def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
 
 
 def numbered(numbers: Mapping[str, Any]) -> list[tuple[str, Any, str]]:
-    """Return a row of each number: name, value, unit."""
+    """Return a row of each number, or of a limit such as ``run_power_mean_w <= 200``: name, value, unit."""
     from mech_twin.declarations.captions import unit_of
 
-    return [(name, value, unit_of(name)) for name, value in numbers.items()]
+    return [(name, value, unit_of(name.partition(" ")[0])) for name, value in numbers.items()]
 
 
 def say_result(*lines: str) -> None:

@@ -12,7 +12,7 @@ import pytest
 from command_line import mech_twin
 from typer.main import get_command
 
-from mech_twin.cli.console import print_table
+from mech_twin.cli.console import numbered, print_table
 from mech_twin.cli.main import app
 from mech_twin.cli.run_summary import (
     GROUPS,
@@ -219,3 +219,8 @@ def test_an_analysis_stands_in_the_groups_of_a_summary_and_leaves_nothing_out(na
     assert set(groups) <= set(GROUPS)
     assert sorted(key for values in groups.values() for key in values) == sorted(report)
     assert list(groups) == [group for group in GROUPS if group in groups]
+
+
+def test_the_margin_of_a_limit_has_the_unit_of_its_number() -> None:
+    rows = numbered({"run_power_mean_w <= 200": 31.2, "crank_m": 0.05})
+    assert rows == [("run_power_mean_w <= 200", 31.2, "W"), ("crank_m", 0.05, "m")]
