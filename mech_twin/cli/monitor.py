@@ -179,7 +179,8 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
         for value in run.found.operating:
             share, low, high = (f"{100.0 * each:+.4g} %" for each in (value.share, value.low_95, value.high_95))
             told = f"({low} to {high}) of the baseline's, fair within +-{100.0 * value.range:.3g} %"
-            say(f"{run.run}: operating_point: {value.name} {share} {told}")
+            place = "beyond its range" if value.is_outside else "operating_point"
+            say(f"{run.run}: {place}: {value.name} {share} {told}")
         if not run.found.alarms:
             faults = ", ".join(dict.fromkeys(event.name for event in run.found.became_active))
             say(f"{run.run}: {run.found.counted}, {f'fault: {faults}' if faults else 'no alarm'}")

@@ -13,7 +13,7 @@ Nothing here reads a clock: all times are stamps of samples.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,7 +33,14 @@ from mech_twin.studies.monitoring.findings import (
     finding_name,
     shelved,
 )
-from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, candidates, estimated_change
+from mech_twin.studies.monitoring.naming import (
+    MODEL_SHARE,
+    Candidate,
+    Change,
+    Signature,
+    candidates,
+    estimated_change,
+)
 from mech_twin.studies.monitoring.operating import LIMIT, MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
 from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
@@ -150,7 +157,9 @@ class Monitor:
     setup: MonitorSetup
     lives: dict[str, FaultLife] = field(default_factory=dict)
     _history: deque[Array] = field(default_factory=deque)
-    _innovations: deque[tuple[int, float, Array]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    _innovations: deque[tuple[int, float, Array, FeatureVector]] = field(
+        default_factory=lambda: deque(maxlen=REMEMBERED)
+    )
     _episode: _Episode | None = None
     _suspected: Array | None = None  # innovations of a cycle beyond the limits, if an alarm waits for the next
     _number: int | None = None
@@ -180,7 +189,7 @@ class Monitor:
         wrong = sensor_findings(self.setup.sensors, vector.end_s - vector.begin_s, vector.quality)
         if wrong:
             return self._with_wrong_sensor(vector, wrong)
-        point = None
+        point, whole = None, vector
         if surface is not None:
             vector, point = surface.reduced(vector)
         row = vector.row(baseline.names)
@@ -198,7 +207,7 @@ class Monitor:
             return self._unjudged(vector)
         innovation = baseline.innovations(np.array(self._history))[-1]
         self._history.popleft()
-        return self._judged(vector, innovation)
+        return self._judged(vector, innovation, whole)
 
     def acknowledge(self, name: str, time_s: float) -> None:
         """Acknowledge a fault.
@@ -246,14 +255,14 @@ class Monitor:
             onset_s=vector.begin_s, candidates=found, faults=self._living(), announce=announce,
         )  # fmt: skip
 
-    def _judged(self, vector: FeatureVector, innovation: Array) -> Findings:
+    def _judged(self, vector: FeatureVector, innovation: Array, whole: FeatureVector) -> Findings:
         standard = innovation / self.setup.baseline.sigma
         suspected, self._suspected = self._suspected, None
         if suspected is not None and self._track is not None and self._track.moves:
             self._charts.restart()
             self._charted(suspected)
         charts = self._charted(innovation)
-        self._innovations.append((vector.number, vector.begin_s, innovation))
+        self._innovations.append((vector.number, vector.begin_s, innovation, whole))
         begins = self._follow_episode(vector, charts, waited=suspected is not None)
         episode = self._episode
         verdict: Verdict = "operating_point" if self.operating else "healthy"
@@ -265,23 +274,11 @@ class Monitor:
             verdict, found = episode.named
         announce = self._live_on(finding_name(verdict, found), vector.end_s)
         self._withdraw(finding_name(verdict, found), vector.end_s)
+        onset_s, delay = (float("nan"), 0) if episode is None else (episode.onset_s, episode.delay)
         return Findings(
-            vector.number,
-            vector.end_s,
-            self.setup.baseline.names,
-            standard,
-            charts,
-            episode is not None,
-            begins,
-            verdict,
-            float("nan") if episode is None else episode.onset_s,
-            0 if episode is None else episode.delay,
-            found,
-            self._living(),
-            (),
-            announce,
-            self.operating,
-        )
+            vector.number, vector.end_s, self.setup.baseline.names, standard, charts, episode is not None, begins,
+            verdict, onset_s, delay, found, self._living(), (), announce, self.operating,
+        )  # fmt: skip
 
     @property
     def operating(self) -> tuple[OperatingValue, ...]:
@@ -330,11 +327,12 @@ class Monitor:
 
     def _onset(self, cycles: int) -> tuple[int, float]:
         """Return index and stamp of the cycle in which a change of this age in cycles began."""
-        number, onset_s, _ = self._innovations[-min(max(cycles, 1), len(self._innovations))]
+        number, onset_s, *_ = self._innovations[-min(max(cycles, 1), len(self._innovations))]
         return number, onset_s
 
     def _named(self, episode: _Episode) -> tuple[Verdict, tuple[Candidate, ...]]:
-        rows = [row for number, _, row in self._innovations if number >= episode.onset]
+        since = [each for each in self._innovations if each[0] >= episode.onset]
+        rows = [innovation for *_, innovation, _ in since]
         settling = self.setup.settling_cycles
         if len(rows) < settling + LEAST_NAMED:
             return "pending", ()
@@ -346,11 +344,17 @@ class Monitor:
         if not change.lasts:
             return ("named", outside[:1]) if outside else ("passing", ())
         found = candidates(change, self.setup.signatures)
-        if outside and not found:
+        if outside and not found and self._moved_alone([whole for *_, whole in since[settling:]]):
             return "named", outside[:1]
         if not found:
             return ("unknown" if len(rows) >= settling + UNKNOWN_AFTER else "pending"), ()
         return ("named" if len(found) == 1 else "group"), found
+
+    def _moved_alone(self, cycles: Sequence[FeatureVector]) -> bool:
+        """Return whether operating variables, moved on, leave no more of a change than the model error."""
+        surface = self.setup.operating
+        assert surface is not None
+        return surface.open_share(np.mean([each.row(surface.names) for each in cycles], axis=0)) <= MODEL_SHARE**2
 
     def _live_on(self, seen: str, time_s: float, judged: Collection[str] | None = None) -> bool:
         """Advance the state of every fault, or of those in ``judged``; return whether to announce one now."""

@@ -180,6 +180,13 @@ class OperatingSurface:
         y, u = self.rest(vector.row(self.names))
         return vector._replace(names=self.left_names, values=y), u
 
+    def open_share(self, row: Array) -> float:
+        """Return the share |N^-1/2 y|^2 / |N^-1/2 (x - m)|^2 of a change that the variables, however far, leave."""
+        left = np.zeros(len(row))
+        left[list(self.others)] = self.rest(row)[0]
+        white, whole = self.root @ left, self.root @ (row - self.mean)
+        return float(white @ white / (whole @ whole))
+
     def reduced_signature(self, signature: Signature) -> Signature:
         """Return the effect of a fault on y; if the fault is a variable beyond its range, zero within the range."""
         at_rest = self.rest(self.mean)[0]

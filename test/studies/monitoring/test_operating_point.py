@@ -137,6 +137,41 @@ def test_a_variable_that_steps_beyond_its_range_began_in_the_cycle_of_its_step(n
     assert [candidate.name for candidate in found.candidates] == [known.beyond[0]]
 
 
+@pytest.mark.parametrize(("left", "name"), [(0.05, "supply_sag"), (0.3, "unknown")])
+def test_a_variable_beyond_its_range_is_named_only_for_a_change_that_moving_it_on_explains(
+    left: float, name: str
+) -> None:
+    known, random = surface(), np.random.default_rng(2)
+    baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
+    limits = ChartLimits(Thresholds(30.0, 80.0, 80.0), Thresholds(20.0, 60.0, 60.0), 1e4, extrapolated=False)
+    monitor = Monitor(MonitorSetup("none", baseline, limits, operating=known))
+    far, slope = known.response(np.array((1.3, 0.0)))
+    far = far + 0.8 * slope[:, 0]  # farther than was simulated
+    other = np.zeros(D)
+    other[known.others[0]] = left / (1.0 - left**2) ** 0.5 * np.linalg.norm(far)
+    for number in range(80):
+        row = known.mean + (far + other if number >= 20 else 0.0) + random.standard_normal(D)
+        found = monitor.observe(FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row))
+    assert found.operating[0].is_outside
+    assert found.finding == name
+
+
+def test_only_a_variable_within_its_range_is_told_as_an_operating_point(capsys: pytest.CaptureFixture[str]) -> None:
+    limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
+    baseline = Baseline(("a",), np.zeros(1), np.zeros((0, 1)), np.eye(1), 1000, 0.1)
+    far = OperatingValue("load", -0.13, -1.0, -0.129, 0.1, "boom_load")
+    near = OperatingValue("supply", 0.04, 0.039, 0.041, 0.05, "supply_sag")
+    show_runs(
+        MonitorSetup("none", baseline, limits),
+        {},
+        [Judged("today", JudgedRun(9, 0, (), (), (far, near)))],
+        as_json=False,
+    )
+    told = capsys.readouterr().err
+    assert "today: beyond its range: load -13 %" in told
+    assert "today: operating_point: supply +4 %" in told
+
+
 def test_the_interval_of_a_variable_farther_off_than_was_simulated_is_open() -> None:
     track = OperatingTrack(surface())
     for _ in range(60):
