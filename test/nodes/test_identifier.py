@@ -128,6 +128,13 @@ def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowe
     assert np.median(misses[1]) < np.median(misses[0])
 
 
+def test_the_diagnostics_of_an_identifier_have_the_time_of_the_machine(shadowed) -> None:
+    shadow, identifier = shadowed
+    shadow.origin.second = 1_790_000_000
+    shadow.on_sample(SeenSample(3.5, (0, 1), (0.1, 0.0)))
+    assert identifier.time_s == 1_790_000_003.5
+
+
 def test_a_fit_whose_process_is_killed_is_told_as_failed(shadowed) -> None:
     _, identifier = shadowed
     for row in range(400):

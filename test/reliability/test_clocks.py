@@ -10,7 +10,7 @@ import pytest
 from bench_run import BenchRun
 from builtin_interfaces.msg import Time
 from catalogue import built
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from process_run import ProcessRun
 from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
@@ -112,6 +112,25 @@ def test_a_foreign_clock_does_not_move_the_time_of_a_recording(tmp_path: Path) -
     with BagReader(tmp_path / "bag") as reader:
         times = [row.log_time_ns for row in reader.messages()]
     assert max(times) <= round(end_s * 1e9)
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_diagnostics_of_another_machine_have_its_own_times(tmp_path: Path) -> None:
+    with BenchRun(DRUM, recorder=True) as run:
+        recorder = run.revive(
+            lambda name, parameters, options: RecorderNode(name, tmp_path / "bag", parameters, options)
+        )
+        other = run.client.create_publisher(DiagnosticArray, DIAGNOSTICS.name, DIAGNOSTICS.qos)
+        run.until(lambda: other.get_subscription_count() > 0)
+        run.steps(50)
+        for machine in ("another", DRUM):
+            message = DiagnosticArray(status=[DiagnosticStatus(name=f"/{machine}/motor")])
+            message.header.stamp = Time(sec=3600)
+            other.publish(message)
+        run.until(lambda: recorder.statistics.total[DIAGNOSTICS.name, "unknown_source"] > 0)
+        run.spin_for(0.3)
+        assert recorder.statistics.total[DIAGNOSTICS.name, "unknown_source"] == 1
+        recorder.close()
 
 
 @pytest.mark.usefixtures("ros_domain")

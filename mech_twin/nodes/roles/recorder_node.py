@@ -249,7 +249,7 @@ class RecorderNode(TwinNode):
         if topic is not DIAGNOSTICS:  # a node sends them even if it does nothing
             self._last_received_s = time.monotonic()
         stamp = stamp_ns(type_name(topic), raw)
-        if stamp is not None and not self._time.belongs(stamp):
+        if stamp is not None and not self._time.belongs(stamp) and not (topic is DIAGNOSTICS and self._of_another(raw)):
             self._count_stamp(topic, stamp)
         self._write(name, raw, self._time.now_ns, latched)
         if topic is DIAGNOSTICS and self._recent is not None:
@@ -345,13 +345,17 @@ class RecorderNode(TwinNode):
         span = (messages[-1].at_ns - messages[0].at_ns) * 1e-9
         return f"{len(messages)} messages of the last {span:.3g} s written to {self.writer.directory}"
 
+    def _is_own(self, status: DiagnosticStatus) -> bool:
+        return bool(status.name.startswith(f"{self.get_namespace()}/"))
+
+    def _of_another(self, raw: bytes) -> bool:
+        """Return whether diagnostics are of another machine of the domain, which has times of its own."""
+        statuses = _statuses(raw)
+        return bool(statuses) and not any(map(self._is_own, statuses))
+
     def _heed_alarms(self, raw: bytes) -> None:
         """Write the messages of the last seconds when a status of this machine becomes an error."""
-        try:
-            statuses = decoded(raw, DiagnosticArray).status
-        except DecodeError:
-            return
-        own = [status for status in statuses if status.name.startswith(f"{self.get_namespace()}/")]
+        own = [status for status in _statuses(raw) if self._is_own(status)]
         alarms = {status.name for status in own if status.level == DiagnosticStatus.ERROR}
         new = alarms - self._alarms
         self._alarms = (self._alarms | alarms) - {status.name for status in own if status.name not in alarms}
@@ -383,3 +387,11 @@ class RecorderNode(TwinNode):
         ]
         of_topic.living = of_topic.publishers.living(known, now_s)
         self.writer.count_publishers(name, of_topic.living)
+
+
+def _statuses(raw: bytes) -> list[DiagnosticStatus]:
+    """Return the statuses of diagnostics; none of bytes that are no such message."""
+    try:
+        return list(decoded(raw, DiagnosticArray).status)
+    except DecodeError:
+        return []

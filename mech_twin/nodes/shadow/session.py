@@ -192,6 +192,7 @@ def identifier_beside(machine_name: str, node: ShadowNode, parameters: Parameter
 
     def on_sample(sample: SeenSample) -> None:
         before(sample)
+        identifier.time_s = node.origin.clock_s(sample.time_s)
         identifier.observe(sample)
 
     node.on_sample = on_sample
@@ -209,6 +210,7 @@ def advisor_beside(
 
     def on_sample(sample: SeenSample) -> None:
         before(sample)
+        advisor.time_s = node.origin.clock_s(sample.time_s)
         advisor.observe(sample)
 
     node.on_sample = on_sample
