@@ -178,5 +178,6 @@ def serve_foxglove(request: FoxgloveVerb) -> None:
     watched = "clients watch; --commands lets them act"
     allowed = "any page of a browser on this machine may command it" if request.commands else watched
     say(f"foxglove: ws://127.0.0.1:{server.port} ({allowed})")
+    absent = f"no node in {server.namespace} yet; does the machine run?"
     with StopSignal() as stop, closing(server):
-        server.serve(lambda: stop.asked)
+        server.serve(lambda: stop.asked, absent=lambda: say(absent))

@@ -90,6 +90,8 @@ def shadow_machine(request: ShadowVerb) -> None:
     else:
         say(*(f"black box: {bag}" for bag in outcome.black_boxes))
         say(*(f"{name}: {value}" for name, value in outcome.values.items()))
+    if outcome.silent:
+        say(f"no sample came on {', '.join(outcome.silent)}; does the machine run?")
     report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
 
 
@@ -98,10 +100,15 @@ def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, 
     from mech_twin.cli.identify import bounded_keys
     from mech_twin.studies.identification.keyed_configuration import AUTO, KeyedConfiguration, machine_keys
 
-    keys, bounds = bounded_keys(request.identify)
-    if AUTO in keys:
-        keys = machine_keys(request.machine, parameters)
-    KeyedConfiguration(request.machine, parameters, keys).check()
+    try:
+        keys, bounds = bounded_keys(request.identify)
+        if AUTO in keys:
+            keys = machine_keys(request.machine, parameters)
+        keyed = KeyedConfiguration(request.machine, parameters, keys)
+        keyed.check()
+        keyed.bounds(bounds)
+    except (CommandError, ConfigurationError) as error:
+        raise CommandError(str(error).replace("--free", "--identify")) from error
     return keys, bounds
 
 

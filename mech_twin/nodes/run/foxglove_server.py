@@ -115,12 +115,19 @@ class FoxgloveServer:
             raise OSError(f"port {port}: {error}") from error
         self.port = self._server.port
 
-    def serve(self, is_over: Callable[[], bool], wait_s: float = 2.0) -> None:
-        """Relay topics and execute requests of clients until ``is_over``."""
+    def serve(
+        self, is_over: Callable[[], bool], wait_s: float = 2.0, absent: Callable[[], None] = lambda: None
+    ) -> None:
+        """Relay topics and execute requests of clients until ``is_over``; call ``absent`` if no node is found."""
+        silent_s = time.monotonic() + wait_s
         with Teller(self.namespace, wait_s) as teller:
             teller.watch_parameters(self._changed)
             while not is_over():
                 self._look(teller)
+                if time.monotonic() > silent_s:
+                    silent_s = float("inf")
+                    if all(space != self.namespace for _, space in teller.node.get_node_names_and_namespaces()):
+                        absent()
                 end = time.monotonic() + LOOK_S
                 teller.serve_until(partial(self._is_due, is_over, end))
                 while not self._tasks.empty():

@@ -33,12 +33,16 @@ from mech_twin.studies.observer.estimate import SeenSample
 
 
 class ShadowOutcome(NamedTuple):
-    """Result of a shadow: last diagnostic values, messages sent by topic, bags of the black box, failed bags."""
+    """Result of a shadow: last diagnostic values, messages sent by topic, bags of the black box, failed bags.
+
+    ``silent`` are the machine's topics, if none has brought a sample.
+    """
 
     values: dict[str, str]
     sent: dict[str, int]
     black_boxes: tuple[Path, ...] = ()
     failed_boxes: tuple[str, ...] = ()
+    silent: tuple[str, ...] = ()
 
 
 class FreeKeys(NamedTuple):
@@ -133,7 +137,7 @@ def follow(
         bags = tuple(bag for box in boxes for bag in box.bags)
         failed = tuple(line for box in boxes for line in box.failed)
         values = {name: value for each in nodes for name, value in each.diagnostic_values().items()}
-        return ShadowOutcome(values, sent_messages(nodes), bags, failed)
+        return ShadowOutcome(values, sent_messages(nodes), bags, failed, node.silent_topics)
 
 
 def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:

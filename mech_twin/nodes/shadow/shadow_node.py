@@ -249,6 +249,7 @@ class ShadowNode(TwinNode):
         self._counted: dict[str, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
         self._received_s: float | None = None
+        self._listens_from_s = time.monotonic()
         self._stale = False
         self._next_virtual_s = -np.inf
         columns = self.observer.columns
@@ -347,7 +348,7 @@ class ShadowNode(TwinNode):
 
     def check_peers(self, now_s: float) -> None:
         """Publish the last estimate with growing sigma while no messages arrive."""
-        silent_s = 0.0 if self._received_s is None else now_s - self._received_s
+        silent_s = now_s - (self._listens_from_s if self._received_s is None else self._received_s)
         if silent_s <= self.options.peer_timeout_s:
             self.diagnostics.state = self.observer.state.value
             locked = self.observer.state is ObserverState.LOCKED
@@ -361,6 +362,11 @@ class ShadowNode(TwinNode):
             sigma = held_sigma(self.observer.run, self.estimate.sigma, silent_s)
             self._outputs.send_joints(self.estimate.time_s, self.estimate.row, sigma)
             self._outputs.send_virtual(self.estimate.time_s, self.estimate.row, sigma)
+
+    @property
+    def silent_topics(self) -> tuple[str, ...]:
+        """Topics of the machine, if none has brought a sample yet."""
+        return tuple(each.topic.name for each in self.followed) if self._received_s is None else ()
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return level, state, lost messages, and the latency from a sample to its estimate."""

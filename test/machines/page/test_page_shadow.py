@@ -42,3 +42,4 @@ def test_a_page_is_told_of_below_its_own_name(ros_domain):
     own = [topic for topic in outcome.sent if topic != "/diagnostics"]
     assert len(own) > 5
     assert all(topic.startswith("/four_bar/twin/") for topic in own)
+    assert outcome.silent == ("/plant/joint_states",)
