@@ -40,6 +40,7 @@ STAMP = "stamp"  # the field that is the time of the message
 SAMPLES_PER_BLOCK = 4096
 EPOCH_NS = 10**15
 SECOND_NS = 10**9
+OF_SHADOW = "/twin/"  # part of the topics that a shadow publishes
 BOOKKEEPING = "~"  # first character of names in a step message that are not joints
 
 
@@ -224,14 +225,16 @@ class MeasuredTopics:
                 yield channel.block()
 
     def _topic(self, name: str) -> TopicInfo:
-        """Return the topic of this name, or the only one with this name in another namespace."""
+        """Return the topic of this name, or the one in the namespace above all others, those of shadows left out."""
         topics = self._reader.topics
         if name in topics or f"/{name}" in topics:
             return topics.get(name) or topics[f"/{name}"]
         for ending in (name.strip("/"), name.strip("/").partition("/")[2]):
             found = [topic for topic in topics if ending and topic.endswith(f"/{ending}")]
-            if len(found) == 1:
-                return topics[found[0]]
+            found = [topic for topic in found if OF_SHADOW not in topic] or found
+            for topic in found:
+                if all(each.startswith(topic.removesuffix(ending)) for each in found):
+                    return topics[topic]
             if found:
                 raise BagError(self.path, f"topic {name!r} may be any of {', '.join(found)}; write the whole name")
         near = get_close_matches(name, topics, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import struct
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,7 @@ from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
 from mech_twin.recording import measured_topics
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
-from mech_twin.recording.errors import DecodeError
+from mech_twin.recording.errors import BagError, DecodeError
 from mech_twin.recording.measured_topics import JOINT_STATE, MessageDecoder
 from mech_twin.recording.schemas import message_schema
 
@@ -105,3 +106,25 @@ def test_a_definition_of_another_order_is_obeyed() -> None:
     for shift in (0.0, 1.0, 2.0):
         found = ours.decode(message(ENCODE(later(like, shift))))
         assert (found.velocity, found.position) == ([1.0 + shift], [2.0 + shift])
+
+
+@pytest.mark.parametrize(
+    ("recorded", "found"),
+    [
+        (("/plant/motor/joint_states", "/plant/joint_states", "/plant/forces/joint_states"), "/plant/joint_states"),
+        (("/hall/plant_2/joint_states",), "/hall/plant_2/joint_states"),
+        (("/plant/joint_states", "/press/twin/estimated/joint_states"), "/plant/joint_states"),
+        (("/a/motor/joint_states", "/a/forces/joint_states"), "may be any of"),
+        (("/a/joint_states", "/b/joint_states"), "may be any of"),
+        (("/a/joint_states", "/ab/joint_states"), "may be any of"),
+    ],
+)
+def test_a_relative_topic_is_that_of_the_namespace_above_all_others(recorded: tuple[str, ...], found: str) -> None:
+    topics = {name: TopicInfo(name, JOINT_STATE, 1, "", "", TEXT, "ros2msg", "cdr") for name in recorded}
+    reader = SimpleNamespace(path=Path("bag"), topics=topics)
+    measured = measured_topics.MeasuredTopics(reader)  # type: ignore[arg-type]
+    if found in topics:
+        assert measured._topic("joint_states") is topics[found]
+        return
+    with pytest.raises(BagError, match=found):
+        measured._topic("joint_states")
