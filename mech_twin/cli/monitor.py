@@ -28,9 +28,11 @@ from mech_twin.cli.monitor_baseline import (
     setup_of_runs,
     write_setup,
 )
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
+from mech_twin.recording.errors import BagError
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.design import (
     DESIGN_CYCLES,
@@ -293,7 +295,7 @@ def _judged(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> tu
     try:
         setup, runs = _setup_of(request, sister, folder)
         return judged_member(folder.name, setup, {run.path.name: run.vectors for run in runs}), setup
-    except (CommandError, MeasurementError, StudyError) as error:
+    except (BagError, CommandError, ConfigurationError, MeasurementError, StudyError) as error:
         return FleetMember(folder.name, refused=str(error)), None
 
 

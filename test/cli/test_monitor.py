@@ -29,6 +29,7 @@ SENSORS = {
     ],
 }
 OFF_BEAT = "coupling.step_s=0.00093"  # no part of the period: rounding would decide in which step the force switches
+OTHER = Path(__file__).resolve().parents[2] / "bags" / "mb10_breaker"
 HEALTHY, FAULTY, CHANGE_S = 16.0, 14.0, 10.0
 
 
@@ -104,6 +105,12 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(plan
         copytree(plant.healthy, hall / name / "a")
         copyfile(first / "baseline.json", hall / name / "baseline.json")
     (hall / "m6").mkdir()
+    for name, kept in (("m7", first / "baseline.json"), ("m8", plant.map)):  # of another machine
+        copytree(OTHER, hall / name / "a")
+        copyfile(kept, hall / name / "baseline.json")
+    (hall / "m9" / "a").mkdir(parents=True)
+    copyfile(first / "baseline.json", hall / "m9" / "baseline.json")
+    (hall / "m9" / "a" / "a_0.mcap").write_bytes(b"broken")
     code, out, _ = mech_twin(*words, "--json", "--page", page)
     told = json.loads(out)
     assert code == 1 and told["machines"][0]["name"] == "m0"
@@ -113,6 +120,7 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(plan
     assert told["machines"][0]["verdict"] == "confirmed" and told["limit"] > told["confirming"] > 0.0
     assert not any(each["verdict"] for each in told["machines"][1:])
     assert "0 recordings; expected baseline.json and a recording" in told["refused"]["m6"]
+    assert "has no topic '/plant/generator'" in told["refused"]["m7"] and {"m8", "m9"} < set(told["refused"])
     assert "first_level" in page.read_text(encoding="utf-8") and "Not judged" in page.read_text(encoding="utf-8")
     other = mech_twin(*words[:5], "--set", "restitution=0.4", "--json")
     assert other[0] == 2 and "made with another configuration" in json.loads(other[1])["refused"]["m1"]
