@@ -82,7 +82,7 @@ def monitor_machine(request: MonitorVerb) -> None:
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
         write_setup(request.save_baseline, setup, force=request.force, told="written to")
-    found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped)) for run in runs]
+    found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped, run.until_s)) for run in runs]
     if request.explain is not None:
         known_fault(setup, request.explain)
         found = [run.explained(setup, runs[0].units, request.explain) for run in found]

@@ -127,6 +127,7 @@ class FeaturedRun(NamedTuple):
     monitored: MonitoredMachine
     units: Mapping[str, str]
     given: MeasurementMap
+    until_s: float
 
 
 def setup_of_runs(
@@ -158,7 +159,8 @@ def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> FeaturedRun:
     if not vectors:
         raise CommandError(f"{path}: {_no_cycle(feed, parts)}")
     units = {feature.name: feature.unit for feature in feed.features}
-    return FeaturedRun(path, vectors, feed.skipped, monitored, units, given)
+    until_s = max(float(channel.times_s[-1]) for channel in parts[-1].channels if len(channel.times_s))
+    return FeaturedRun(path, vectors, feed.skipped, monitored, units, given, until_s)
 
 
 def _no_cycle(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> str:

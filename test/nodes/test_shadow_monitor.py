@@ -39,6 +39,7 @@ from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.observer.estimate import SeenSample
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 NAME, LIMIT_S, EVERY, BURST = "vibration_crank", 60.0, 20, 50
@@ -216,6 +217,20 @@ def test_a_monitor_goes_on_judging_whatever_strangers_say(setup: MonitorSetup, t
         verdicts = [found.verdict for found in bench.findings]
         assert not monitor.has_active_fault
     assert "named" not in verdicts
+
+
+def test_a_monitor_whose_encoder_is_stuck_says_since_when_there_is_no_cycle(
+    setup: MonitorSetup, tmp_path: Path
+) -> None:
+    with MonitoredPlant(setup, tmp_path) as bench:
+        monitor, shown = bench.of(MonitorNode), noisy(run_of(8.0), 2)
+        for at_s, position, effort in zip(*shown.values(), strict=True):
+            monitor.observe(SeenSample(float(at_s), (0, 1), (float(position), float(effort))))
+        assert monitor.diagnostics.state == "healthy"
+        for at_s in np.arange(8.0, 13.0, 0.02):
+            monitor.observe(SeenSample(float(at_s), (0, 1), (float(position), 0.0)))
+        last_s = monitor.live.newest.time_s
+        assert monitor.diagnostics.state == f"no cycle since {last_s:.3f} s" and 7.0 < last_s < 8.1
 
 
 @pytest.mark.parametrize("shelve_s", [math.nan, math.inf, 0.0, -60.0, 1e300])

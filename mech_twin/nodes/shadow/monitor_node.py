@@ -26,6 +26,7 @@ from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
 from mech_twin.studies.live_monitor import LiveMonitor, changes_by_faults, fault_values, has_news
+from mech_twin.studies.monitoring.cycle_features import LONGEST_CYCLE
 from mech_twin.studies.monitoring.findings import Alert, FaultLife, Findings, alerts_of
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.observer.estimate import SeenSample
@@ -236,6 +237,12 @@ class MonitorNode(TwinNode):
             for event in found.events:
                 self.get_logger().info(event.text)
             self._tell_changes(found)
+        newest = self.live.newest
+        if (
+            newest is not None
+            and sample.time_s - newest.time_s > LONGEST_CYCLE * self.live.monitor.setup.baseline.period_s
+        ):
+            self.diagnostics.state = f"no cycle since {self._origin.clock_s(newest.time_s):.3f} s"
 
     @property
     def has_active_fault(self) -> bool:

@@ -19,7 +19,7 @@ from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixe
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.units import is_event
 from mech_twin.studies.monitoring.charts import CHARTS
-from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
+from mech_twin.studies.monitoring.cycle_features import LONGEST_CYCLE, FeatureFeed, FeatureVector, feed_channels
 from mech_twin.studies.monitoring.findings import FaultEvent, FaultLife, Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Candidate, Change, Signature, fitted_faults
@@ -81,6 +81,8 @@ class JudgedRun(NamedTuple):
         Operating variables that differ from the baseline at the end.
     events : tuple of FaultEvent
         Every change of a fault's state, as a live monitor reports it.
+    without_cycle_s : tuple of float
+        Begin and end (stamps) of the longest time without a cycle; empty if it was shorter than ten usual cycles.
     """
 
     cycles: int
@@ -89,6 +91,7 @@ class JudgedRun(NamedTuple):
     faults: tuple[FaultLife, ...]
     operating: tuple[OperatingValue, ...] = ()
     events: tuple[FaultEvent, ...] = ()
+    without_cycle_s: tuple[float, ...] = ()
 
     @property
     def has_fault(self) -> bool:
@@ -97,9 +100,10 @@ class JudgedRun(NamedTuple):
 
     @property
     def counted(self) -> str:
-        """How many cycles were judged, and how many were not, as text."""
+        """How many cycles were judged, how many were not, and when there were none, as text."""
         left = f", {self.skipped} of {self.cycles + self.skipped} not judged" if self.skipped else ""
-        return f"{self.cycles} cycles{left}"
+        silent = " to ".join(f"{each:.2f}" for each in self.without_cycle_s)
+        return f"{self.cycles} cycles{left}{silent and f', none from {silent} s'}"
 
     @property
     def became_active(self) -> tuple[FaultEvent, ...]:
@@ -107,12 +111,15 @@ class JudgedRun(NamedTuple):
         return tuple(event for event in self.events if event.state == "active")
 
 
-def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0) -> JudgedRun:
-    """Return the monitor's result for the cycles of a run."""
+def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0, until_s: float = -np.inf) -> JudgedRun:
+    """Return the monitor's result for the cycles of a run, whose samples end at ``until_s``."""
     alarms: list[Alarm] = []
     events: list[FaultEvent] = []
-    cycles, last = 0, None
+    cycles, last, ended_s = 0, None, np.inf
+    longest = 0.0, 0.0
     for vector in vectors:
+        longest = _longer(longest, (ended_s, vector.begin_s))
+        ended_s = vector.end_s
         found = monitor.observe(vector)
         events += found.events
         cycles += found.charts is not None
@@ -123,7 +130,13 @@ def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0)
             alarms[-1] = _followed(alarms[-1], found, monitor.change)
         last = found
     faults = () if last is None else last.faults
-    return JudgedRun(cycles, skipped, tuple(alarms), faults, monitor.operating, tuple(events))
+    longest = _longer(longest, (ended_s, until_s))
+    silent = longest if longest[1] - longest[0] > LONGEST_CYCLE * monitor.setup.baseline.period_s else ()
+    return JudgedRun(cycles, skipped, tuple(alarms), faults, monitor.operating, tuple(events), silent)
+
+
+def _longer(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    return other if other[1] - other[0] > one[1] - one[0] else one
 
 
 def _begun(found: Findings) -> Alarm:

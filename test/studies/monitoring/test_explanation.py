@@ -68,3 +68,10 @@ def test_a_fault_that_is_not_the_one_is_told_with_what_it_leaves_open(setup: Mon
 def test_a_fault_that_is_not_known_is_refused_with_those_that_are(setup: MonitorSetup) -> None:
     with pytest.raises(StudyError, match="fault 'gone': expected one of soft, worn"):
         explanation(setup, UNITS, alarm_of(setup, 5), "gone")
+
+
+def test_the_longest_time_without_a_cycle_is_told_where_no_gap_counts_as_one(setup: MonitorSetup) -> None:
+    every = vectors(7.0 + autoregressive(160, COEFFICIENTS, COVARIANCE, 2))
+    assert judged(Monitor(setup), every, 0, 16.5).without_cycle_s == ()
+    assert judged(Monitor(setup), every, 0, 21.0).counted.endswith(" not judged, none from 16.00 to 21.00 s")
+    assert judged(Monitor(setup), [*every[:40], *every[60:]], 0, 16.1).without_cycle_s == pytest.approx((4.0, 6.0))
