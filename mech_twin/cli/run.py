@@ -67,6 +67,8 @@ def run_machine(request: RunVerb) -> None:
         outcome = _run(request, parameters, options, directory, view.destination)
         view.tell("end", {"text": "the run is over" + ("" if directory is None else f"; recorded in {directory}")})
         _write(request, parameters, outcome, directory)
+        remarks = catalogue_entry(request.machine).build(parameters).remarks(outcome.metrics.numbers())
+        say(*(f"warning: {remark}" for remark in remarks))
         report_losses(directory)
         if request.hold:
             hold_view(view.page)

@@ -139,3 +139,14 @@ def wait_for_growth(file: Path) -> None:
             return
         time.sleep(0.05)
     raise AssertionError(f"{file} does not grow")
+
+
+def test_a_run_remarks_on_its_numbers_as_a_simulation_does() -> None:
+    page = str(Path(__file__).resolve().parents[2] / "config" / "pages" / "four_bar.yaml")
+    words = [page, "--duration", "0.1", "--set", "settle_s=0.5"]
+    told = [
+        subprocess.run([*COMMAND, *verb, *words], capture_output=True, text=True, check=True, timeout=120).stderr
+        for verb in (["simulate", "--one-step"], ["run", "--view", "none", "--no-record", "--pace", "max"])
+    ]
+    remarks = [[line for line in each.splitlines() if line.startswith("warning: ")] for each in told]
+    assert remarks[0] == remarks[1] == ["warning: settle_s = 0.5 s: the run is not longer, so it has no numbers"]
