@@ -21,6 +21,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
 from mech_twin.files.input_file import opened_input
 from mech_twin.files.output_file import plain
+from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.measurements.blocks import RunReader
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
 from mech_twin.measurements.proposal import EXACT, map_of, proposed_channels
@@ -181,12 +182,15 @@ def _no_cycle(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> str:
 
 def _own_map(built: Machine, reader: RunReader) -> MeasurementMap:
     """Return the map of a run under the twin's own names: the columns that the machine's features are made of."""
-    machine, needed = built.name, set[str]()
+    machine, needed, offered = built.name, set[str](), reader.offered()
+    words = {word for each in offered for word in (each.source.topic or "").split("/")}
+    if machine not in words and (others := sorted(words & set(CATALOGUE))):
+        raise CommandError(f"{reader.path}: a run of {' and '.join(others)}; expected one of {machine}, or --map FILE")
     if (ask := catalogue_entry(machine).capabilities.features) is not None:
         declared = ask(built.parameters)
         needed = {declared.reference.column, *(name for feature in declared.features for name in feature.needs)}
     columns = machine_columns(built)
-    known = [each for each in proposed_channels(reader.offered(), columns) if each.surety == EXACT]
+    known = [each for each in proposed_channels(offered, columns) if each.surety == EXACT]
     proposed = map_of(machine, reader.proposed_time(), [each for each in known if each.column in needed])
     if proposed is None:
         raise CommandError(f"{reader.path}: none of its channels has a name of {machine}; expected --map FILE")

@@ -208,6 +208,14 @@ def test_a_run_under_the_twins_own_names_needs_no_map(tmp_path: Path) -> None:
     assert alarm["onset_s"] == pytest.approx(8.0, abs=0.11)
 
 
+def test_a_run_of_another_machine_is_refused_without_a_map() -> None:
+    code, _, said = mech_twin("monitor", "vibration_crank", OTHER)
+    assert (code, said) == (
+        2,
+        f"mech-twin: {OTHER}: a run of mb10_breaker; expected one of vibration_crank, or --map FILE\n",
+    )
+
+
 def test_a_sensor_set_is_judged_before_it_is_bought(
     plant: Plant, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
