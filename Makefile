@@ -51,7 +51,8 @@ unexport PYTHONDONTWRITEBYTECODE
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
-test: lint kernels # every room, without the slow tests
+test: $(VENV)/.test # every room, without the slow tests
+	$(MAKE) -j2 lint kernels
 	$(BESIDE) $(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS) beside $(PYTEST) -m "$(MAIN)" $(ALONE) $(ARGS)
 	$(PYTEST) -m "$(MAIN)" $(FAULTS) $(ARGS)
 
