@@ -12,6 +12,10 @@ from typing import Any, NamedTuple
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 
+# usual sizes of a fault that is a share of a healthy value: a loss, or a change either way
+LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
+EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+
 
 class MachineFault(NamedTuple):
     """A fault of a machine.

@@ -6,11 +6,12 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from mech_twin.capabilities.sizing import SizingQuestion
+from mech_twin.capabilities.variation import scaled
 from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import press_reduced
 from mech_twin.machines.compaction_press.parameters import press_constants
-from mech_twin.machines.compaction_press.sizing import ASSUMED, flywheel_run, moved
+from mech_twin.machines.compaction_press.sizing import ASSUMED, flywheel_run
 from mech_twin.machines.vibration_crank.sizing import balance_at, box_corners, sizing
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.parameters.written_configuration import write_configuration
@@ -55,10 +56,10 @@ def test_the_flywheel_of_the_worst_case_holds_on_every_machine_of_the_box_and_th
     asked = []
     for _ in range(20):
         factors = {key: float(random.choice((0.95, 1.05, random.uniform(0.95, 1.05)))) for key in ASSUMED}
-        asked.append(own_flywheel(moved(parameters, factors)))
+        asked.append(own_flywheel(scaled(parameters, factors)))
     assert max(asked) <= flywheel * (1.0 + 1e-5)
     assert max(asked) > nominal
-    worst = moved(parameters, {k[len("worst_factor_of_") :]: v for k, v in answer.metrics.items() if "factor" in k})
+    worst = scaled(parameters, {k[len("worst_factor_of_") :]: v for k, v in answer.metrics.items() if "factor" in k})
     assert own_flywheel(worst) == pytest.approx(flywheel, rel=1e-5)
 
 

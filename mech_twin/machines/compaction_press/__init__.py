@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
@@ -36,23 +36,18 @@ def build(parameters: Parameters) -> Machine:
         p.shaft_friction,
         p.working_force.gives_back,
     ).at_rated_speed(p.full_speed_rad_per_s)
-    speed, step_s = p.drive.speed_rad_per_s, p.coupling.step_s
-    torque = press_cycle(press, stroke, speed, POSITIONS, kinks=False).drive_torque_nm
-
-    def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_metrics(p, crank_rad)
-
+    torque = press_cycle(press, stroke, p.drive.speed_rad_per_s, POSITIONS, kinks=False).drive_torque_nm
     return Machine(
         "compaction_press",
         p,
-        step_s,
+        p.coupling.step_s,
         motor,
         linkage,
         PressForces(press, float(abs(torque).max())),
         None,
         lambda sample, _: drawing(press, sample),
-        lambda: cycle_metrics(p),
-        analyse,
+        partial(cycle_metrics, p),
+        partial(position_metrics, p),
         lambda: PressObserver(p.motor_curve),
         mechanism(press),
     )

@@ -33,11 +33,13 @@ def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
     """Return ground, layer with its stroke, crank, plate, pendulum, pins, and the layer's force where it acts."""
     angle = linkage.joint("crank").position
     at = position(press.bar, angle)
-    load = loaded_point(press, angle)
+    along = (press.along_m * at.u_x - press.across_m * at.u_y) / press.bar.coupler_m
+    load = (at.a_x + along, loaded_height(press, angle)[0])
     o, a, b = (0.0, 0.0), (at.a_x, at.a_y), (at.b_x, at.b_y)
     c = (press.bar.pivot_x_m, press.bar.pivot_y_m)
     force = press_reduced(press, angle, linkage.regime).force
     length = ARROW_M * force / press.load.peak_n if force > 0.0 else 0.0
+    name = f"layer {force:.0f} N" if length else ""
     return (
         *_layer(press, load, pressed=force > 0.0),
         Shape("frame", "line", bearing(o, 0.03), GROUND, 0.004),
@@ -47,22 +49,8 @@ def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
         Shape("pendulum", "line", (c, b), FOLLOWER, 0.015, "pendulum"),
         Shape("pins", "points", (o, a, b, c), STEEL, 0.016),
         Shape("loaded_point", "points", (load,), FORCE, 0.016),
-        Shape(
-            "working_force",
-            "arrow",
-            ((load[0], load[1] - length), load),
-            FORCE,
-            0.008,
-            f"layer {force:.0f} N" if length else "",
-        ),
+        Shape("working_force", "arrow", ((load[0], load[1] - length), load), FORCE, 0.008, name),
     )
-
-
-def loaded_point(press: Press, f: float) -> tuple[float, float]:
-    """Return where the layer's force acts (m)."""
-    at = position(press.bar, f)
-    x = (press.along_m * at.u_x - press.across_m * at.u_y) / press.bar.coupler_m
-    return at.a_x + x, loaded_height(press, f)[0]
 
 
 def _layer(press: Press, load: tuple[float, float], *, pressed: bool) -> tuple[Shape, ...]:
@@ -95,18 +83,12 @@ def mechanism(press: Press) -> FrameTree:
             Bar("plate", (0.0, 0.0), (bar.coupler_m, 0.0), 0.025, (60, 90, 180)),
             Bar("pendulum", (0.0, 0.0), (bar.rocker_m, 0.0), 0.015, (90, 140, 60)),
         ),
-        inertias=(
-            inertia_about_origin(
-                "crank", press.crank.mass_kg, (press.crank.along_m, press.crank.across_m), press.crank.inertia_kg_m2
-            ),
-            Inertia(
-                "plate", press.plate.mass_kg, (press.plate.along_m, press.plate.across_m), press.plate.inertia_kg_m2
-            ),
-            Inertia(
-                "pendulum",
-                press.pendulum.mass_kg,
-                (press.pendulum.along_m, press.pendulum.across_m),
-                press.pendulum.inertia_kg_m2,
-            ),
+        inertias=tuple(
+            made(name, link.mass_kg, (link.along_m, link.across_m), link.inertia_kg_m2)
+            for made, name, link in (
+                (inertia_about_origin, "crank", press.crank),
+                (Inertia, "plate", press.plate),
+                (Inertia, "pendulum", press.pendulum),
+            )
         ),
     )

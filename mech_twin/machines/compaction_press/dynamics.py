@@ -58,12 +58,6 @@ class StrokeLoad(NamedTuple):
     exponent: float
 
 
-@kernel
-def with_peak(load: StrokeLoad, peak_n: float) -> StrokeLoad:
-    """Return the load with another peak (N)."""
-    return StrokeLoad(peak_n, load.contact_y_m, load.bottom_y_m, load.exponent)
-
-
 @embedded_kernel
 def layer_force(load: StrokeLoad, y: float) -> float:
     """Return the force (N) at height ``y`` (m) while the layer is in contact.
@@ -173,21 +167,8 @@ def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reac
     r1 = press.bar.coupler_m
     x = at.a_x + (press.along_m * at.u_x - press.across_m * at.u_y) / r1
     y = at.a_y + (press.along_m * at.u_y + press.across_m * at.u_x) / r1
-    return pin_forces(
-        press.bar,
-        press.crank,
-        press.plate,
-        press.pendulum,
-        at,
-        by,
-        e,
-        0.0,
-        -press.gravity,
-        0.0,
-        force,
-        x,
-        y,
-    )
+    links = press.crank, press.plate, press.pendulum
+    return pin_forces(press.bar, *links, at, by, e, 0.0, -press.gravity, 0.0, force, x, y)
 
 
 @step_of(mechanism_state, Press)
@@ -236,7 +217,8 @@ def press_at_crank(press: Press, f: float, regime: int) -> tuple[float, float, f
 @step_of(under_load_share, Press)
 def with_load_share(press: Press, share: float) -> Press:
     """Return the press under this share of the layer's force."""
-    load = with_peak(press.load, share * press.load.peak_n)
+    whole = press.load
+    load = StrokeLoad(share * whole.peak_n, whole.contact_y_m, whole.bottom_y_m, whole.exponent)
     return Press(
         press.bar, press.crank, press.plate, press.pendulum, press.along_m, press.across_m, load, press.gravity
     )

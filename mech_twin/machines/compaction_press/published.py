@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREEN, GREY, ORANGE, OWN, RED, Picture, sheet, turn_axis
 from mech_twin.capabilities.published import DIFFERS, Literature, PublishedRow
@@ -16,7 +15,7 @@ from mech_twin.machines.compaction_press.dynamics import Press, press_pins, pres
 from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
 from mech_twin.machines.compaction_press.sizing import flywheel_run
-from mech_twin.parts.flywheel import Tangents, wittenbauer
+from mech_twin.parts.flywheel import wittenbauer
 
 PAPER = "Asfandiyarov et al. 2019"
 WORKED = "worked for the assumed press"
@@ -79,9 +78,10 @@ def _diagrams(cycle: PressCycle, few: PressCycle) -> Picture:
 
 def _energy_mass(parameters: CompactionPress, cycle: PressCycle, few: PressCycle) -> Picture:
     delta, w = parameters.flywheel.non_uniformity, abs(parameters.drive.speed_rad_per_s)
-    cuts: Tangents = wittenbauer(cycle.work_j, cycle.inertia_kg_m2, delta, w)
+    cuts = wittenbauer(cycle.work_j, cycle.inertia_kg_m2, delta, w)
     figure, (axes,) = sheet(1, 1, 7.2, 4.8)
-    axes.plot(*_closed(cycle.inertia_kg_m2, cycle.work_j), color=BLUE, label=r"$W(I)$")
+    whole = (np.append(values, values[0]) for values in (cycle.inertia_kg_m2, cycle.work_j))
+    axes.plot(*whole, color=BLUE, label=r"$W(I)$")
     axes.plot(few.inertia_kg_m2, few.work_j, "o", color=BLUE, markersize=4.5, label="12 positions")
     width = np.array([0.0, 1.15 * cycle.inertia_kg_m2.max()])
     for cut, speed, place, name, colour in (
@@ -101,10 +101,6 @@ def _energy_mass(parameters: CompactionPress, cycle: PressCycle, few: PressCycle
         "(squares; diamonds: where they touch)."
     )
     return Picture("compaction_press_energy_mass", f"{caption} {OWN}", figure)
-
-
-def _closed(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.append(x, x[0]), np.append(y, y[0])
 
 
 def _reactions(press: Press, stroke: Stroke, speed: float) -> Picture:

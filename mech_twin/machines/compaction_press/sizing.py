@@ -3,23 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from itertools import product
+from collections.abc import Callable, Mapping
 from math import copysign, degrees, isnan, nan, pi
-from typing import Any, NamedTuple
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
-from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.capabilities.variation import corners, scaled, varied
 from mech_twin.engine.crank_state import Transmission
 from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, turn_flywheel
 from mech_twin.machines.compaction_press.dynamics import Press
 from mech_twin.machines.compaction_press.metrics import conditions
-from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
+from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.parts.flywheel import non_uniformity, start_speed, wittenbauer
 from mech_twin.parts.four_bar import Link
@@ -70,7 +69,14 @@ def sizing(
         {"nominal_flywheel_inertia_kg_m2": nominal, "machines_tried": float(worst.tried), **metrics, **worst_names},
         constraints,
         binding_of(constraints, otherwise) + (where if flywheel > 0.0 else ""),
-        _trade_off(parameters, worst.parameters),
+        tuple(
+            {
+                "non_uniformity": other,
+                "flywheel_inertia_kg_m2": max(0.0, asked_of(worst.parameters, other)),
+                "nominal_flywheel_inertia_kg_m2": max(0.0, asked_of(parameters, other)),
+            }
+            for other in TRADE
+        ),
         tolerance,
     )
 
@@ -89,24 +95,11 @@ def _shown(worst: WorstCase, flywheel: float, delta: float) -> tuple[float, dict
     }
 
 
-def _trade_off(nominal: CompactionPress, worst: CompactionPress) -> tuple[dict[str, float | str], ...]:
-    """Return flywheels for other non-uniformities, for the machine as configured and for the worst one found."""
-    return tuple(
-        {
-            "non_uniformity": delta,
-            "flywheel_inertia_kg_m2": max(0.0, asked_of(worst, delta)),
-            "nominal_flywheel_inertia_kg_m2": max(0.0, asked_of(nominal, delta)),
-        }
-        for delta in TRADE
-    )
-
-
 STROKE_KEYS = ("working_force.contact_fraction", "working_force.application_from_a_m")
 LOAD_KEYS = ("working_force.peak_n", "working_force.exponent", "drive.speed_rpm")
 BETWEEN_KEYS = (*STROKE_KEYS, "working_force.exponent")
-LINK_KEYS = tuple(
-    f"links.{link}.{size}" for link in ("crank", "plate", "pendulum") for size in ("mass_kg", "inertia_kg_m2")
-)
+LINKS = ("crank", "plate", "pendulum")
+LINK_KEYS = tuple(f"links.{link}.{size}" for link in LINKS for size in ("mass_kg", "inertia_kg_m2"))
 ASSUMED = (*STROKE_KEYS, *LOAD_KEYS, *LINK_KEYS)
 INSIDE = 40  # random points of the box
 
@@ -126,18 +119,6 @@ def asked_of(parameters: CompactionPress, delta: float) -> float:
     return turn_flywheel(press, stroke, parameters.drive.speed_rad_per_s, delta)
 
 
-def moved(parameters: CompactionPress, factors: Mapping[str, float]) -> CompactionPress:
-    """Return the configuration with these keys multiplied by their factors."""
-    return varied(parameters, {key: _value(parameters, key) * factor for key, factor in factors.items()})
-
-
-def _value(parameters: CompactionPress, key: str) -> float:
-    found: Any = configuration_tree(parameters)
-    for name in key.split("."):
-        found = found[name]
-    return float(found)
-
-
 def _active(parameters: CompactionPress, keys: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys with an effect: not 0, and no mass of a crank whose centroid lies on its axis."""
     crank = parameters.links.crank
@@ -145,12 +126,7 @@ def _active(parameters: CompactionPress, keys: tuple[str, ...]) -> tuple[str, ..
     idle = {"links.crank.mass_kg"} if balanced else set()
     if parameters.working_force.working_quarter:
         idle.add("working_force.contact_fraction")
-    return tuple(key for key in keys if key not in idle and _value(parameters, key) != 0.0)
-
-
-def _corners(keys: tuple[str, ...], tolerance: float) -> Iterator[dict[str, float]]:
-    for signs in product((1.0 + tolerance, 1.0 - tolerance), repeat=len(keys)):
-        yield dict(zip(keys, signs, strict=True))
+    return tuple(key for key in keys if key not in idle and attrgetter(key)(parameters) != 0.0)
 
 
 def _scaled(press: Press, factors: Mapping[str, float]) -> Press:
@@ -164,30 +140,22 @@ def _scaled(press: Press, factors: Mapping[str, float]) -> Press:
         peak_n=press.load.peak_n * factors.get("working_force.peak_n", 1.0),
         exponent=press.load.exponent * factors.get("working_force.exponent", 1.0),
     )
-    return press._replace(
-        crank=link("crank", press.crank),
-        plate=link("plate", press.plate),
-        pendulum=link("pendulum", press.pendulum),
-        load=load,
-    )
+    crank, plate, pendulum = (link(name, getattr(press, name)) for name in LINKS)
+    return press._replace(crank=crank, plate=plate, pendulum=pendulum, load=load)
 
 
 def _worst_corner(parameters: CompactionPress, delta: float, tolerance: float) -> tuple[float, dict[str, float], int]:
     best, where, tried = -np.inf, dict[str, float](), 0
     rest = _active(parameters, (*LOAD_KEYS, *LINK_KEYS))
     speed = parameters.drive.speed_rad_per_s
-    for outer in _corners(_active(parameters, STROKE_KEYS), tolerance):
-        press, stroke = _constants(moved(parameters, outer))
-        for inner in _corners(rest, tolerance):
+    for outer in corners(_active(parameters, STROKE_KEYS), tolerance):
+        press, stroke = press_constants(scaled(parameters, outer), fitted=False)
+        for inner in corners(rest, tolerance):
             asked = turn_flywheel(_scaled(press, inner), stroke, speed * inner.get("drive.speed_rpm", 1.0), delta)
             tried += 1
-            if asked > best:
+            if asked >= best:
                 best, where = asked, {**outer, **inner}
     return best, where, tried
-
-
-def _constants(parameters: CompactionPress) -> tuple[Press, Stroke]:
-    return press_constants(parameters, fitted=False)
 
 
 def _between(
@@ -205,7 +173,7 @@ def _between(
     return where
 
 
-def worst_case(parameters: CompactionPress, delta: float, tolerance: float, seed: int = 1) -> WorstCase:
+def worst_case(parameters: CompactionPress, delta: float, tolerance: float) -> WorstCase:
     """Return the machine of the box with the largest required flywheel: corners, a key-wise search, random points."""
     if tolerance == 0.0:
         return WorstCase(asked_of(parameters, delta), parameters, {}, 1)
@@ -215,15 +183,15 @@ def worst_case(parameters: CompactionPress, delta: float, tolerance: float, seed
     def asked(factors: dict[str, float]) -> float:
         place = tuple(factors.values())
         if place not in known:
-            known[place] = asked_of(moved(parameters, factors), delta)
+            known[place] = asked_of(scaled(parameters, factors), delta)
         return known[place]
 
     where = _between(asked, where, _active(parameters, BETWEEN_KEYS), tolerance)
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(1)
     for _ in range(INSIDE):
         factors = {key: float(random.uniform(1.0 - tolerance, 1.0 + tolerance)) for key in where}
         where = max((where, factors), key=asked)
-    return WorstCase(asked(where), moved(parameters, where), where, tried + len(known))
+    return WorstCase(asked(where), scaled(parameters, where), where, tried + len(known))
 
 
 class FlywheelRun(NamedTuple):
@@ -245,16 +213,8 @@ def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: floa
     speed, delta = parameters.drive.speed_rad_per_s, parameters.flywheel.non_uniformity
     cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)
     first = start_speed(cycle.work_j, cycle.inertia_kg_m2, delta, abs(speed), inertia_kg_m2)
-    linkage = press_linkage(
-        press,
-        stroke,
-        step_s,
-        copysign(first, speed),
-        1.0,
-        speed,
-        "contact",
-        Transmission(1.0, 1.0, inertia_kg_m2),
-    )
+    flywheel = Transmission(1.0, 1.0, inertia_kg_m2)
+    linkage = press_linkage(press, stroke, step_s, copysign(first, speed), 1.0, speed, "contact", flywheel)
     torque = mean_torque(press, stroke, speed)
     sample = linkage.start()
     crank = sample.joint("crank")
