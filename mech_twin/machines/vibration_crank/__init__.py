@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.crank_linkage import CrankLinkage
@@ -22,7 +22,7 @@ def build(parameters: Parameters) -> Machine:
     if not isinstance(parameters, VibrationCrank):
         raise TypeError(f"expected VibrationCrank parameters, got {type(parameters).__name__}")
     p, s = parameters, slider_crank_constants(parameters)
-    speed, (motor, transmission) = p.drive.speed_rad_per_s, p.drive_roles()
+    motor, transmission = p.drive_roles()
     start_speed, command = p.start_speed_and_command()
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
     linkage: LinkageRole = CrankLinkage(
@@ -45,10 +45,6 @@ def build(parameters: Parameters) -> Machine:
         ("crank_bearing", "crank_pin", "follower_pin", ground[0]),
         ("crank", "rod", ground[1], ground[1]),
     )
-
-    def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_metrics(s, speed, crank_rad)
-
     return Machine(
         "vibration_crank",
         p,
@@ -58,8 +54,8 @@ def build(parameters: Parameters) -> Machine:
         forces,
         None,
         lambda sample, _: drawing(s, sample),
-        lambda: cycle_metrics(p, s),
-        analyse,
+        partial(cycle_metrics, p, s),
+        partial(position_metrics, s, p.drive.speed_rad_per_s),
         lambda: VibrationCrankObserver(p.motor_curve),
         mechanism(s),
     )

@@ -46,26 +46,14 @@ def _slider(s: SliderCrank, joint: Point) -> list[Shape]:
     half = 0.45 * s.crank_m
     low, high = _travel(s)
     left, right = s.offset_m - 1.25 * half, s.offset_m + 1.25 * half
+    guide = hatched((right, high + half), (right, low - half), 0.3 * half)
     grip = joint[1] + half
+    tree = box(joint[0] - 0.4 * half, grip, joint[0] + 0.4 * half, grip + 3.0 * half)
     return [
         Shape("guide_left", "line", hatched((left, low - half), (left, high + half), 0.3 * half), GROUND, 0.005),
-        Shape(
-            "guide_right",
-            "line",
-            hatched((right, high + half), (right, low - half), 0.3 * half),
-            GROUND,
-            0.005,
-            "guide",
-        ),
+        Shape("guide_right", "line", guide, GROUND, 0.005, "guide"),
         Shape("slider", "line", ((joint[0] - half, joint[1]), (joint[0] + half, joint[1])), FOLLOWER, 0.07, "slider"),
-        Shape(
-            "tree",
-            "line",
-            box(joint[0] - 0.4 * half, grip, joint[0] + 0.4 * half, grip + 3.0 * half),
-            MATERIAL,
-            0.010,
-            "held tree",
-        ),
+        Shape("tree", "line", tree, MATERIAL, 0.010, "held tree"),
     ]
 
 
@@ -73,18 +61,12 @@ def _boom(s: SliderCrank, joint: Point) -> list[Shape]:
     """Return the boom on its pivot, and the held tree in its gripper."""
     pivot = (s.pivot_x_m, s.pivot_y_m)
     load = (pivot[0] + s.load_ratio * (joint[0] - pivot[0]), pivot[1] + s.load_ratio * (joint[1] - pivot[1]))
+    radius = 0.05 * max(hypot(load[0] - pivot[0], load[1] - pivot[1]), s.crank_m)
     return [
         Shape("pivot", "line", bearing(pivot, 0.28 * s.crank_m), GROUND, 0.005),
         Shape("boom", "line", (pivot, joint, load), FOLLOWER, 0.02, "boom"),
         Shape("load", "points", (load,), FOLLOWER, 0.06),
-        Shape(
-            "tree",
-            "line",
-            circle(load, 0.05 * max(hypot(load[0] - pivot[0], load[1] - pivot[1]), s.crank_m)),
-            MATERIAL,
-            0.010,
-            "held tree",
-        ),
+        Shape("tree", "line", circle(load, radius), MATERIAL, 0.010, "held tree"),
     ]
 
 

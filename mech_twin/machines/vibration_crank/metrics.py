@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.cycle import CycleFeatures, CycleReference, crank_features, harmonic, mean, swing
 from mech_twin.capabilities.faults import (
+    EITHER,
     MachineFault,
     OperatingVariable,
     added_to_key,
@@ -64,9 +65,6 @@ def features(parameters: VibrationCrank) -> CycleFeatures:
             harmonic("frame_y_cos_2_n", "N", COLUMN_Y, 2, "cos", "force on the frame along, cosine of half a turn"),
         ),
     )
-
-
-EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 
 
 def faults(parameters: VibrationCrank) -> tuple[MachineFault, ...]:
@@ -145,15 +143,14 @@ def turn(count: int = GRID) -> Array:
     return np.asarray(np.arange(count) * (2.0 * pi / count), dtype=np.float64)
 
 
-def polar_diagram(
-    parameters: VibrationCrank, fractions: tuple[float, ...] = (0.0, 0.25, 0.5, 0.75, 1.0), count: int = 360
-) -> dict[float, Array]:
-    """Return the force on the frame over a turn, rows (x, y, moment), for each balancing fraction.
+def polar_diagram(parameters: VibrationCrank) -> dict[float, Array]:
+    """Return the force on the frame at 360 angles, rows (x, y, moment), for each of five balancing fractions.
 
     The counterweight is the derived one, m_p = (m_r + kappa m_s) r/r_p, whatever mass is configured.
     """
     speed = parameters.drive.speed_rad_per_s
-    return {fraction: frame_forces(balanced(parameters, fraction), turn(count), speed) for fraction in fractions}
+    fractions = (0.0, 0.25, 0.5, 0.75, 1.0)
+    return {fraction: frame_forces(balanced(parameters, fraction), turn(360), speed) for fraction in fractions}
 
 
 def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
@@ -189,19 +186,15 @@ def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:
     }
 
 
-def peak_change(s: SliderCrank, speed: float) -> float:
-    """Return the relative change of the largest |M| by the counterweight (negative: a benefit)."""
-    return extreme(s, speed, MOMENT) / extreme(s._replace(counter_mass=0.0), speed, MOMENT) - 1.0
-
-
-def benefit_against_speed(s: SliderCrank, speeds_rpm: tuple[float, ...]) -> dict[float, float]:
-    """Return the relative change of the peak moment at crank speeds in rpm."""
-    return {rpm: peak_change(s, rpm * pi / 30.0) for rpm in speeds_rpm}
-
-
 def peaks(s: SliderCrank, speed: float) -> tuple[float, float]:
     """Return the largest |M| without and with the counterweight (N m)."""
     return extreme(s._replace(counter_mass=0.0), speed, MOMENT), extreme(s, speed, MOMENT)
+
+
+def benefit_against_speed(s: SliderCrank, speeds_rpm: tuple[float, ...]) -> dict[float, float]:
+    """Return the relative change of the largest |M| by the counterweight (negative: a benefit), by speed in rpm."""
+    both = {rpm: peaks(s, rpm * pi / 30.0) for rpm in speeds_rpm}
+    return {rpm: with_it / without - 1.0 for rpm, (without, with_it) in both.items()}
 
 
 def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, float]:

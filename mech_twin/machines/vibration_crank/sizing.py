@@ -12,12 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from itertools import product
 from math import inf
+from operator import attrgetter
 from typing import NamedTuple
 
 from scipy.optimize import minimize_scalar
 
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
-from mech_twin.capabilities.variation import varied
+from mech_twin.capabilities.variation import scaled, varied
 from mech_twin.errors import StudyError
 from mech_twin.machines.vibration_crank.metrics import FORCE, MOMENT, balanced, extreme
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
@@ -74,23 +75,14 @@ def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corne
 
 def box_corners(parameters: VibrationCrank, tolerance: float) -> tuple[Corner, ...]:
     """Return the corners of the box of assumed masses, force and speed; one if there is no tolerance."""
-    values = {key: _value(parameters, key) for group in GROUPS for key in group}
-    groups = [[key for key in group if values[key] != 0.0] for group in GROUPS]
-    groups = [group for group in groups if group]
+    there = [[key for key in group if attrgetter(key)(parameters)] for group in GROUPS]
+    groups = [group for group in there if group]
     corners = []
     for signs in product((1.0 - tolerance, 1.0 + tolerance), repeat=len(groups)) if tolerance > 0.0 else [()]:
         factors = {key: sign for group, sign in zip(groups, signs, strict=False) for key in group}
-        moved = varied(parameters, {key: values[key] * factor for key, factor in factors.items()})
+        moved = scaled(parameters, factors)
         corners.append(Corner(slider_crank_constants(moved), moved.drive.speed_rad_per_s))
     return tuple(corners)
-
-
-def _value(parameters: VibrationCrank, key: str) -> float:
-    """Return a number of the configuration, 0 where it is absent."""
-    found: object = parameters
-    for name in key.split("."):
-        found = getattr(found, name)
-    return float(found) if isinstance(found, int | float) else 0.0
 
 
 def _best_fraction(

@@ -171,8 +171,6 @@ class SliderCrankPins(NamedTuple):
     frame_x: float
     frame_y: float
     moment: float
-    acceleration_x: float
-    acceleration_y: float
 
 
 @embedded_kernel
@@ -273,16 +271,15 @@ def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankPins
     speed, rate = at.z1 * w, at.z1 * e + at.z2 * w * w
     if s.kind == BOOM:
         c, n = at.x - s.pivot_x_m, at.y - s.pivot_y_m
-        j_x, j_y = -rate * n - speed * speed * c, rate * c - speed * speed * n
         rod_x, rod_y = (at.x - a_x) / s.rod_m, (at.y - a_y) / s.rod_m
         push = (follower_inertia(s) * rate + follower_load(s, at.z)) / (c * rod_y - n * rod_x)
         pin_x, pin_y = push * rod_x, push * rod_y
         moving = s.joint_mass + s.load_mass * s.load_ratio
-        inertia_x, inertia_y = moving * j_x, moving * j_y
+        inertia_x, inertia_y = moving * (-rate * n - speed * speed * c), moving * (rate * c - speed * speed * n)
         ground_x, ground_moment = inertia_x - pin_x, 0.0
     else:
         mass = s.joint_mass + s.load_mass
-        j_x, j_y, inertia_x, inertia_y = 0.0, rate, 0.0, mass * rate
+        inertia_x, inertia_y = 0.0, mass * rate
         pin_y = mass * rate + mass * s.gravity + s.working_force
         if s.kind == INFINITE_ROD:
             pin_x, ground_moment = 0.0, -(a_x - s.offset_m) * pin_y
@@ -290,9 +287,7 @@ def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankPins
             pin_x, ground_moment = pin_y * (at.x - a_x) / (at.y - a_y), 0.0
         ground_x = -pin_x
     weight = (s.joint_mass + s.load_mass) * s.gravity + s.working_force
-    ground_y = inertia_y - pin_y + weight
-    if s.kind != BOOM:
-        ground_y = 0.0
+    ground_y = inertia_y - pin_y + weight if s.kind == BOOM else 0.0
     arm = s.rotating_mass - s.counter_mass * s.counter_m / s.crank_m
     turn_x, turn_y = arm * (-e * a_y - w * w * a_x), arm * (e * a_x - w * w * a_y)
     bearing_x = turn_x + pin_x
@@ -310,6 +305,4 @@ def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankPins
         -turn_x - inertia_x,
         -turn_y - inertia_y,
         moment,
-        j_x,
-        j_y,
     )
