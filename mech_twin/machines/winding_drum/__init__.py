@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import PrescribedSpeed
@@ -42,12 +42,6 @@ def build(parameters: Parameters) -> Machine:
         linkage_joints=JOINTS,
     )
 
-    def analyse(phi: float) -> dict[str, Any]:
-        return position_metrics(parameters, constants, phi)
-
-    def report() -> dict[str, float]:
-        return package_metrics(parameters, constants, first, last)
-
     return Machine(
         "winding_drum",
         parameters,
@@ -57,8 +51,8 @@ def build(parameters: Parameters) -> Machine:
         DrumForces(constants, first),
         None,
         lambda sample, _: package_drawing(constants, sample),
-        report,
-        analyse,
+        partial(package_metrics, parameters, constants),
+        partial(position_metrics, parameters, constants),
         DrumObserver,
         mechanism(constants, max(first, last)),
     )

@@ -43,13 +43,7 @@ def package_drawing(package: Package, sample: LinkageSample) -> tuple[Shape, ...
     sense = "winding" if winds else "unwinding"
     return (
         Shape("frame", "line", bearing((0.0, 0.0), 0.35 * package.core_m), GROUND, 0.004),
-        Shape(
-            "package",
-            "line",
-            circle((x, y), radius, 72),
-            MATERIAL,
-            0.008,
-        ),
+        Shape("package", "line", circle((x, y), radius, 72), MATERIAL, 0.008),
         *_layers(package, (x, y), radius),
         Shape("core", "line", circle((0.0, 0.0), package.core_m), STEEL, 0.006),
         Shape("mark", "line", ((0.0, 0.0), (x - radius * sin(phi), y + radius * cos(phi))), ROD, 0.003),

@@ -47,7 +47,7 @@ from mech_twin.machines.winding_drum.dynamics import (
     torque_terms,
     wound_at,
 )
-from mech_twin.machines.winding_drum.parameters import WindingDrum, WoundPackage, package_constants
+from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
 from mech_twin.machines.winding_drum.roles import place_of
 from mech_twin.samples import Frame
 
@@ -57,16 +57,28 @@ STEADY = 0.0025  # of twice the yarn's speed, by which it may differ in the halv
 # a sensor of the yarn that is stuck, or tells nonsense, tells of no package
 LEAST_OF_CORE, MOST_OF_CORE = 0.5, 1000.0
 GRID = 3600
+OF_PACKAGE = (  # of the full package at angle 0, in a report too
+    "package_inertia_kg_m2",
+    "package_mass_kg",
+    "acceleration_torque_nm",
+    "radius_torque_nm",
+    "mass_torque_nm",
+    "dynamic_torque_nm",
+)
 
 
 def features(parameters: WindingDrum) -> CycleFeatures:
     """Return the features of a turn: speed, density, torque minus the model's, and the package's run-out."""
     package = package_constants(parameters, parameters.direction == "winding")
+
+    def density(cycle: SampledCycle) -> float:
+        return _density_fit(package, cycle)[0]
+
     return CycleFeatures(
         CycleReference(DRUM),
         (
             CycleFeature("yarn_speed_m_per_s", "m/s", "mean speed of the yarn", (YARN,), _yarn_speed),
-            _density(package),
+            CycleFeature("density_share", "1", "density of the package over that configured", (YARN, TORQUE), density),
             _torque_left("torque_left_nm", package, 0, "mean torque less that of the model at this radius and density"),
             _torque_left("torque_left_cos_1_nm", package, 1, "the same, cosine of the turn"),
             _run_out("run_out_cos_1_m", "cos", "offset of the package by the drum's speed, cosine of the turn"),
@@ -104,13 +116,6 @@ def _density_fit(package: Package, cycle: SampledCycle) -> tuple[float, Array, A
     whole = weighted_sum(measured.weights, wound * wound)
     k = weighted_sum(measured.weights, wound * (measured.values - bare)) / whole if whole > 0.0 else math.nan
     return k, bare, wound
-
-
-def _density(package: Package) -> CycleFeature:
-    return CycleFeature(
-        "density_share", "1", "density of the package over that configured", (YARN, TORQUE),
-        lambda cycle: _density_fit(package, cycle)[0],
-    )  # fmt: skip
 
 
 def _torque_left(name: str, package: Package, order: int, meaning: str) -> CycleFeature:
@@ -162,7 +167,7 @@ def operating(parameters: WindingDrum) -> tuple[OperatingVariable, ...]:
     )
 
 
-def position_metrics(parameters: WoundPackage, package: Package, phi: float) -> dict[str, Any]:
+def position_metrics(parameters: WindingDrum, package: Package, phi: float) -> dict[str, Any]:
     """Return speeds and torque terms of the full package at drum angle ``phi`` (rad).
 
     Yarn speed and acceleration are the configured ones; the ideal package (e = 0) is given besides the eccentric one.
@@ -200,9 +205,9 @@ def sign_changes(values: np.ndarray) -> int:
     return int(np.count_nonzero(signs != np.roll(signs, 1)))
 
 
-def package_metrics(parameters: WoundPackage, package: Package, first: float, last: float) -> dict[str, float]:
+def package_metrics(parameters: WindingDrum, package: Package) -> dict[str, float]:
     """Return the metrics of the whole package and of one turn of the full package at the rated yarn speed."""
-    radius, theta = parameters.package_radius_m, parameters.yarn_speed_m_per_s
+    radius, theta, (first, last) = parameters.package_radius_m, parameters.yarn_speed_m_per_s, parameters.radii_m
     wound = wound_at(package, radius)
     angles = np.arange(GRID) * 2.0 * pi / GRID
     turn = np.array([torque_terms(package, wound, phi, theta, 0.0) for phi in angles])
@@ -215,12 +220,7 @@ def package_metrics(parameters: WoundPackage, package: Package, first: float, la
         "turns_of_ideal_package": (first - last) / (2.0 * pi * package.layer_m),
         "angular_speed_first_rad_per_s": theta / first,
         "angular_speed_last_rad_per_s": theta / last,
-        "package_inertia_kg_m2": now["package_inertia_kg_m2"],
-        "package_mass_kg": now["package_mass_kg"],
-        "acceleration_torque_nm": now["acceleration_torque_nm"],
-        "radius_torque_nm": now["radius_torque_nm"],
-        "mass_torque_nm": now["mass_torque_nm"],
-        "dynamic_torque_nm": now["dynamic_torque_nm"],
+        **{name: now[name] for name in OF_PACKAGE},
         "eccentric_torque_amplitude_nm": float(np.max(np.abs(eccentric))),
         "eccentric_torque_sign_changes_per_turn": float(sign_changes(eccentric)) if np.any(eccentric) else 0.0,
         "ideal_terms_sign_changes_per_turn": float(sign_changes(radial) + sign_changes(mass)),
@@ -251,8 +251,8 @@ class DrumObserver:
         torque, _, _ = linkage.effort
         now["torque_max_nm"] = max(now["torque_max_nm"], torque)
         now["torque_min_nm"] = min(now["torque_min_nm"], torque)
-        now["speed_max_rad_per_s"] = max(now["speed_max_rad_per_s"], place_of(linkage).drum_rad_per_s)
         at, memory = place_of(linkage), DrumMemory(*linkage.memory.values)
+        now["speed_max_rad_per_s"] = max(now["speed_max_rad_per_s"], at.drum_rad_per_s)
         now["turns"] = at.drum_rad / (2.0 * pi)
         now["yarn_run_m"] = at.yarn_m
         now["package_radius_m"] = at.package_radius_m

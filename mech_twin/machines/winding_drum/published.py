@@ -44,11 +44,8 @@ def pictures(parameters: WindingDrum) -> Iterator[Picture]:
 def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
     """Yield the rows, the misprinted term first."""
     package = package_constants(parameters, winding=False)
-    radius, theta, a = (
-        parameters.package_radius_m,
-        parameters.yarn_speed_m_per_s,
-        parameters.yarn_acceleration_m_per_s2,
-    )
+    radius, theta = parameters.package_radius_m, parameters.yarn_speed_m_per_s
+    a = parameters.yarn_acceleration_m_per_s2
     paper = Literature(PAPER, "eq. (24)", f"R {radius:g} m, e {package.eccentricity_m:g} m, {theta:g} m/s, {a:g} m/s2")
     wound = wound_at(package, radius)
     terms = torque_terms(package, wound, 1.0, theta, a)
@@ -59,7 +56,7 @@ def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
         terms.mass,
         "dJ/dR must carry R^3: the printed last term is a force, not a torque",
     )
-    report = package_metrics(parameters, package, *parameters.radii_m)
+    report = package_metrics(parameters, package)
     yield paper.at("eq. (25)").gated(
         "sign changes of the eccentric term in a turn",
         2.0,
