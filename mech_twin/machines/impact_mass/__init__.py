@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
-from typing import Any
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
 from mech_twin.machines.impact_mass.forces import StopReaction
-from mech_twin.machines.impact_mass.metrics import contact_metrics, cycle_metrics, position_metrics, wave_metrics
+from mech_twin.machines.impact_mass.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.roles import ForceGenerator, MassOnStop
@@ -46,25 +44,6 @@ def build(parameters: Parameters) -> Machine:
         unit = unit_blow(p.stop.wave, p.mass_kg)
         of_unit_speed = (unit.peak_force_n, unit.contact_time_s)
     motor = ForceGenerator(p.phase1_force_n, p.phase2_force_n, p.supply.rate_per_s, step_s)
-
-    def analyse(angle_rad: float) -> dict[str, Any]:
-        return position_metrics(
-            p.system,
-            p.mass_kg,
-            p.stop_position_m,
-            p.initial_gap_m,
-            p.initial_velocity_m_per_s,
-            angle_rad % (2.0 * math.pi),
-        )
-
-    def report() -> dict[str, float]:
-        metrics = cycle_metrics(p.system, p.mass_kg, p.initial_gap_m, p.initial_velocity_m_per_s)
-        if p.stop.model == "wave":
-            return metrics | wave_metrics(p.system, p.mass_kg, p.stop.wave)
-        if p.contact_stiffness_n_per_m is None:
-            return metrics
-        return metrics | contact_metrics(p.system, p.mass_kg, p.contact_stiffness_n_per_m)
-
     return Machine(
         "impact_mass",
         p,
@@ -74,8 +53,8 @@ def build(parameters: Parameters) -> Machine:
         StopReaction(p.times_s, step_s, p.contact_stiffness_n_per_m, of_unit_speed),
         None,
         lambda sample, _: mass_drawing(p.stop_position_m, sample),
-        report,
-        analyse,
+        partial(cycle_metrics, p),
+        partial(position_metrics, p),
         lambda: MassObserver(p.stop_position_m, partial(blow_numbers, p.stop.wave, p.mass_kg) if waves else None),
         mechanism(p.stop_position_m, p.mass_kg),
         rests_when_supplied=True,
@@ -88,7 +67,6 @@ def capabilities() -> Capabilities:
     """Return what the machine answers beside running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.machines.impact_mass import long_run_answers, metrics, published
-    from mech_twin.machines.impact_mass.metrics import ANCHORED_MOTION
 
     return Capabilities(
         published=published.rows,
@@ -101,5 +79,5 @@ def capabilities() -> Capabilities:
         ),
         features=metrics.features,
         faults=metrics.faults,
-        anchored_motion=ANCHORED_MOTION,
+        anchored_motion=metrics.ANCHORED_MOTION,
     )

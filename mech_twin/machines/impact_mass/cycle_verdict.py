@@ -94,28 +94,22 @@ def phase2_cycle(parameters: ImpactMass) -> OneImpactCycle:
     return cycle
 
 
-def cycle_start(cycle: OneImpactCycle) -> MassMotion:
-    """Return the motion of a cycle at the start of a period."""
-    return MassMotion(0.0, 0.0, 0.0, max(cycle.start_gap_m, 0.0), cycle.start_velocity_m_per_s, FLIGHT, 0.0, 0.0, 0.0)
-
-
 def default_box(stroke_m: float, impact_speed_m_per_s: float, starts: int, seed: int) -> StartBox:
     """Return the box gap 0 to 2 strokes, velocity -v- to v-."""
     return StartBox(2.0 * stroke_m, -impact_speed_m_per_s, impact_speed_m_per_s, starts, seed)
 
 
-def basin(system: ImpactSystem, cycle: OneImpactCycle, box: StartBox, periods: int = BASIN_PERIODS) -> Basin:
-    """Return the outcomes of the seeded random initial states of a box within a number of periods."""
+def basin(system: ImpactSystem, cycle: OneImpactCycle, box: StartBox) -> Basin:
+    """Return the outcomes of the seeded random initial states of a box within `BASIN_PERIODS`."""
     random = np.random.default_rng(box.seed)
     gaps = random.uniform(0.0, box.gap_max_m, box.starts)
     velocities = random.uniform(box.velocity_min_m_per_s, box.velocity_max_m_per_s, box.starts)
     tolerances = (NEAR * box.gap_max_m, NEAR * cycle.impact_speed_m_per_s)
-    target, batches = cycle_start(cycle), range(0, box.starts, BATCH_STARTS)
+    gap, velocity = max(cycle.start_gap_m, 0.0), cycle.start_velocity_m_per_s
+    target = MassMotion(0.0, 0.0, 0.0, gap, velocity, FLIGHT, 0.0, 0.0, 0.0)
+    batches = (slice(i, i + BATCH_STARTS) for i in range(0, box.starts, BATCH_STARTS))
     found = np.concatenate(
-        [
-            fates(gaps[i : i + BATCH_STARTS], velocities[i : i + BATCH_STARTS], system, target, tolerances, periods)
-            for i in batches
-        ]
+        [fates(gaps[part], velocities[part], system, target, tolerances, BASIN_PERIODS) for part in batches]
     )
     reached, rest, left = int(np.sum(found >= 0)), int(np.sum(found == AT_REST)), int(np.sum(found == LEFT))
     slowest = int(found.max()) if reached else 0

@@ -26,7 +26,7 @@ from mech_twin.samples import LinkageSample, Shape
 PUSH_COLOUR, PULL_COLOUR = CRANK, TOOL
 MASS_M = 0.08  # side of the drawn mass
 TRACK_M = 0.46  # drawn length of the guide
-STOP_HALF_M, STOP_DEPTH_M = 0.10, 0.03
+STOP_HALF_M = 0.10
 ARROW_M = 0.12
 SCALE_S = 0.004  # drawn height of 1 m/s in the phase portrait
 PORTRAIT_M = -0.26  # height of the portrait's axis
@@ -35,35 +35,26 @@ ARC_POINTS = 13
 
 def mass_drawing(stop_m: float, sample: LinkageSample) -> tuple[Shape, ...]:
     """Return mass, stop, an arrow for the phase of the force, and the phase portrait with its present point."""
-    memory = MassMemory.unpacked(sample.memory.values)
+    memory = MassMemory(*sample.memory.values)
     (x,), (force,) = sample.position, sample.effort
     tail, middle = x - MASS_M, x - 0.5 * MASS_M
     reach = math.copysign(ARROW_M, force) if force else 0.0
     arrow = ((tail - reach, 0.0), (tail, 0.0)) if reach >= 0.0 else ((tail, 0.0), (tail + reach, 0.0))
     colour = PUSH_COLOUR if memory.phase_1 == PHASE_1 else PULL_COLOUR
     floor = -0.5 * MASS_M - 0.006
+    ground = hatched((stop_m + 0.01, -STOP_HALF_M), (stop_m + 0.01, STOP_HALF_M), 0.02)
     gap = stop_m - x
     gap_line = (measure("gap", (x, 0.11), (stop_m, 0.11), f"gap {millimetres(gap)}", 0.03),) if gap > 0.002 else ()
     return (
         Shape("guide", "line", hatched((stop_m - TRACK_M, floor), (stop_m + 0.06, floor), 0.02), GROUND, 0.004),
         Shape("stop", "line", ((stop_m, -STOP_HALF_M), (stop_m, STOP_HALF_M)), STEEL, 0.012, "stop"),
-        Shape(
-            "stop_ground",
-            "line",
-            hatched((stop_m + 0.01, -STOP_HALF_M), (stop_m + 0.01, STOP_HALF_M), 0.02),
-            GROUND,
-            0.004,
-        ),
-        Shape("mass", "line", _square(tail, x), ROD, 0.008),
+        Shape("stop_ground", "line", ground, GROUND, 0.004),
+        Shape("mass", "line", box(tail, -MASS_M / 2.0, x, MASS_M / 2.0), ROD, 0.008),
         label("mass_name", (middle - 0.01, 0.034), "mass", ROD),
         Shape("force", "arrow", arrow, colour, 0.008, f"force {force:.0f} N" if reach else ""),
         *gap_line,
         *_portrait(stop_m, sample, memory),
     )
-
-
-def _square(x0: float, x1: float) -> tuple[tuple[float, float], ...]:
-    return box(x0, -MASS_M / 2.0, x1, MASS_M / 2.0)
 
 
 def _portrait(stop_m: float, sample: LinkageSample, memory: MassMemory) -> tuple[Shape, ...]:

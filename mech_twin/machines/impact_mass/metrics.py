@@ -22,7 +22,7 @@ from mech_twin.capabilities.cycle import (
     share_above,
     upper,
 )
-from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
+from mech_twin.capabilities.faults import LESS, MachineFault, added_to_key, share_of_key
 from mech_twin.machines.impact_mass.batch import next_period, strikes_once_a_period
 from mech_twin.machines.impact_mass.dynamics import (
     FLIGHT,
@@ -82,10 +82,7 @@ def features(parameters: ImpactMass) -> CycleFeatures:
     )
 
 
-LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
 EITHER = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
-
-
 RIGID_FAULTS = (share_of_key("restitution", "the stop's face has changed", "restitution", EITHER),)
 
 
@@ -137,18 +134,14 @@ def admissible(cycle: OneImpactCycle, system: ImpactSystem) -> bool:
 def one_impact_cycles(system: ImpactSystem) -> list[OneImpactCycle]:
     """Return the admissible one-impact motions (at most two): the blow within its phase, no further impact."""
     accelerations = (system.acceleration1, system.acceleration2)
-    found = (
-        one_impact_cycle(system.period_s, system.phase1_s, accelerations, system.restitution, phase) for phase in (0, 1)
-    )
-    return [
-        cycle
-        for cycle in found
-        if cycle is not None and 0.0 <= cycle.position_share <= 1.0 and admissible(cycle, system)
-    ]
+    times_s = system.period_s, system.phase1_s
+    found = (one_impact_cycle(*times_s, accelerations, system.restitution, phase) for phase in (0, 1))
+    return [cycle for cycle in found if cycle and 0.0 <= cycle.position_share <= 1.0 and admissible(cycle, system)]
 
 
-def cycle_metrics(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m_per_s: float) -> dict[str, float]:
-    """Return the closed-form metrics: means, stability limits, one-impact motions, the first blow."""
+def cycle_metrics(parameters: ImpactMass) -> dict[str, float]:
+    """Return the closed-form metrics: means, stability limits, one-impact motions, the first blow, and the contact."""
+    system, mass_kg = parameters.system, parameters.mass_kg
     mean = mean_level(system.period_s, system.phase1_s, system.acceleration1, system.acceleration2)
     share = phase1_chatter_share((system.acceleration1, system.acceleration2), system.restitution)
     metrics = {
@@ -168,14 +161,18 @@ def cycle_metrics(system: ImpactSystem, mass_kg: float, gap_m: float, velocity_m
         metrics[f"{name}_impact_tau_s"] = cycle.impact_tau_s
         metrics[f"{name}_largest_multiplier_1"] = abs(cycle.multipliers[0])
         metrics[f"{name}_blow_energy_j"] = 0.5 * mass_kg * cycle.impact_speed_m_per_s**2
-    motion = initial_motion(gap_m, velocity_m_per_s, system)
+    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     for _ in range(FIRST_EVENTS):
         event, motion = next_event(motion, system)
         if event.kind == IMPACT:
             metrics["first_impact_time_s"] = event.period * system.period_s + event.tau_s
             metrics["first_impact_speed_m_per_s"] = event.pre_m_per_s
             break
-    return metrics
+    if parameters.stop.model == "wave":
+        return metrics | wave_metrics(system, mass_kg, parameters.stop.wave)
+    if parameters.contact_stiffness_n_per_m is None:
+        return metrics
+    return metrics | contact_metrics(system, mass_kg, parameters.contact_stiffness_n_per_m)
 
 
 def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float) -> dict[str, float]:
@@ -204,11 +201,10 @@ def wave_metrics(system: ImpactSystem, mass_kg: float, rod: StopRod) -> dict[str
     return found
 
 
-def position_metrics(
-    system: ImpactSystem, mass_kg: float, stop_m: float, gap_m: float, velocity_m_per_s: float, angle_rad: float
-) -> dict[str, Any]:
+def position_metrics(parameters: ImpactMass, angle_rad: float) -> dict[str, Any]:
     """Return the state at phase angle 2 pi tau/T after a thousand periods from the configured start."""
-    motion = initial_motion(gap_m, velocity_m_per_s, system)
+    system, mass_kg, angle_rad = parameters.system, parameters.mass_kg, angle_rad % (2.0 * math.pi)
+    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     for _ in range(SETTLING_PERIODS):
         motion = next_period(motion, system).motion
     tau = angle_rad / (2.0 * math.pi) * system.period_s
@@ -225,7 +221,7 @@ def position_metrics(
         "time_in_period_s": tau,
         "phase": int(motion.phase) + 1,
         "regime": MODE_NAMES[int(motion.mode)],
-        "position_m": stop_m - gap,
+        "position_m": parameters.stop_position_m - gap,
         "gap_m": gap,
         "velocity_m_per_s": velocity,
         "acceleration_m_per_s2": 0.0 if stuck else a,

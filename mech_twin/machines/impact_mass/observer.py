@@ -144,7 +144,7 @@ class MassObserver:
     def observe(self, frame: Frame) -> None:
         """Update with one frame."""
         now, linkage = self._numbers, frame.linkage
-        memory = MassMemory.unpacked(linkage.memory.values)
+        memory = MassMemory(*linkage.memory.values)
         self._count_impacts(memory, linkage.events)
         for event in linkage.events:
             self._take_event(event, memory)

@@ -46,7 +46,6 @@ class OneImpactCycle(NamedTuple):
     start_gap_m: float
     start_velocity_m_per_s: float
     position_share: float
-    stability_number: float
     multipliers: tuple[complex, complex]
 
 
@@ -151,8 +150,7 @@ def one_impact_cycle(
         left = own_s - w
         gap, velocity = restitution * v * left - 0.5 * a * left * left, a * left - restitution * v
     tau = w if phase == 0 else phase1_duration_s + w
-    q = a / mean
-    return OneImpactCycle(phase, tau, v, gap, velocity, w / own_s, q, multipliers(q, restitution))
+    return OneImpactCycle(phase, tau, v, gap, velocity, w / own_s, multipliers(a / mean, restitution))
 
 
 def phase1_chatter_share(accelerations_m_per_s2: tuple[float, float], restitution: float) -> float:

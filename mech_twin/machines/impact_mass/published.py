@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
@@ -36,13 +37,12 @@ ARC = 24  # points of a parabola between two events
 
 
 class FirstPeriods(NamedTuple):
-    """First periods of a motion: impacts and first blow of each period, velocity range, when the last series ended."""
+    """First periods of a motion: impacts and first blow of each period, velocity range."""
 
     impacts: tuple[float, ...]
     blows_m_per_s: tuple[float, ...]
     low_m_per_s: float
     high_m_per_s: float
-    chatter_end_tau_s: float
 
 
 def walk(parameters: ImpactMass, periods: int) -> FirstPeriods:
@@ -50,7 +50,7 @@ def walk(parameters: ImpactMass, periods: int) -> FirstPeriods:
     system = parameters.system
     motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     impacts, blows = [0.0] * periods, [0.0] * periods
-    speeds, end = [parameters.initial_velocity_m_per_s], math.nan
+    speeds = [parameters.initial_velocity_m_per_s]
     while motion.period < periods:
         event, motion = next_event(motion, system)
         speeds += [event.pre_m_per_s, event.post_m_per_s]
@@ -59,13 +59,8 @@ def walk(parameters: ImpactMass, periods: int) -> FirstPeriods:
             blows[number] = blows[number] or event.pre_m_per_s
             impacts[number] += 1.0 if impacts[number] != ENDLESS else 0.0
         elif event.kind == CHATTER_END:
-            impacts[int(event.period)], end = ENDLESS, event.tau_s
-    return FirstPeriods(tuple(impacts), tuple(blows), min(speeds), max(speeds), end)
-
-
-def figure_case(parameters: ImpactMass, phase1_duration_s: float) -> ImpactMass:
-    """Return the case of figs. 2 and 3 with this duration of the first phase."""
-    return varied(parameters, {"phase1_duration_s": phase1_duration_s})
+            impacts[int(event.period)] = ENDLESS
+    return FirstPeriods(tuple(impacts), tuple(blows), min(speeds), max(speeds))
 
 
 def cycle_spec(parameters: ImpactMass) -> CycleSpec:
@@ -107,14 +102,7 @@ def _collapse(parameters: ImpactMass) -> Iterator[PublishedRow]:
 
 def _synthesis(parameters: ImpactMass) -> Iterator[PublishedRow]:
     spec = cycle_spec(parameters)
-    found = synthesised_cycle(
-        spec.mass_kg,
-        spec.stop_position_m,
-        spec.initial_position_m,
-        spec.initial_velocity_m_per_s,
-        spec.impact_speed_m_per_s,
-        spec.restitution,
-    )
+    found = synthesised_cycle(*astuple(spec))
     paper = Literature(
         PAPER, "Fig. 4", f"m {spec.mass_kg:g}, x0 {spec.initial_position_m:g}, v0 0, v- 20, R {spec.restitution:g}"
     )
@@ -153,7 +141,7 @@ def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
 def _missed(parameters: ImpactMass) -> Iterator[PublishedRow]:
     for panel, t1, periods in (("a", 0.025, 6), ("b", 0.03, 10)):
         figure, (*feet, top) = f"Fig. 3{panel}", AXIS_M_PER_S[panel]
-        seen = walk(figure_case(parameters, t1), periods)
+        seen = walk(varied(parameters, {"phase1_duration_s": t1}), periods)
         paper = Literature(PAPER, figure, f"as Fig. 2, t1 {t1:g} s")
         missed = float(seen.impacts.count(0.0))
         yield paper.limit(
@@ -227,7 +215,7 @@ def _figure_2(parameters: ImpactMass) -> Picture:
 
 
 def _figure_3(parameters: ImpactMass, name: str, t1: float, periods: int) -> Picture:
-    case = figure_case(parameters, t1)
+    case = varied(parameters, {"phase1_duration_s": t1})
     shown = path(case, 6)
     later = path(case, periods)
     figure = blank(8.6, 5.0)
@@ -254,20 +242,15 @@ def _figure_3(parameters: ImpactMass, name: str, t1: float, periods: int) -> Pic
 def _figure_4(parameters: ImpactMass) -> Picture:
     made = published_parameters(cycle_spec(parameters))
     rounded = made.model_copy(update={"period_s": 0.216})
-    robust = with_phase2_force(made, BLOW_M_PER_S, -20.0)
     figure, panels = sheet(3, 1, 7.2, 6.4, sharex=True)
-    for axes, case, title, colour in (
-        (panels[0], made, r"synthesised cycle, $T$ in full (Fig. 4)", RED),
-        (panels[1], rounded, r"the same, $T = 0.216$ s as printed (Fig. 4)", RED),
-        (
-            panels[2],
-            robust.model_copy(update={"period_s": 0.216}),
-            r"robust cycle, $T = 0.216$ s (own)",
-            RED,
-        ),
+    robust = with_phase2_force(made, BLOW_M_PER_S, -20.0).model_copy(update={"period_s": 0.216})
+    for axes, case, title in (
+        (panels[0], made, r"synthesised cycle, $T$ in full (Fig. 4)"),
+        (panels[1], rounded, r"the same, $T = 0.216$ s as printed (Fig. 4)"),
+        (panels[2], robust, r"robust cycle, $T = 0.216$ s (own)"),
     ):
         shown = path(case, 10)
-        axes.plot(shown.time_s, shown.velocity_m_per_s, color=colour)
+        axes.plot(shown.time_s, shown.velocity_m_per_s, color=RED)
         axes.set_ylabel(r"velocity $\dot{x}$, m/s")
         axes.set_title(title)
         axes.set_ylim(-16.0, 24.0)

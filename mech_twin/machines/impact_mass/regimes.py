@@ -27,12 +27,12 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.capabilities.variation import varied
 from mech_twin.files.output_file import written_file
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.impact_mass.batch import leaves_for_good
@@ -158,6 +158,11 @@ class PeriodTable(NamedTuple):
         """Return the last rows."""
         return PeriodTable(*(column[-periods:] for column in self))
 
+    @property
+    def blows_m_per_s(self) -> tuple[float, ...]:
+        """Hardest blow of each period with an impact."""
+        return tuple(self.hardest_m_per_s[self.impacts > 0.0].tolist())
+
 
 @dataclass(frozen=True)
 class LongRunRegime:
@@ -239,9 +244,8 @@ def release_period(table: PeriodTable) -> int:
 def _periodic(table: PeriodTable, k: int, walked: int, growth: float | None) -> LongRunRegime:
     last = table.last(k)
     impacts = tuple(-1 if ends > 0.0 else int(n) for ends, n in zip(last.chatter_ends, last.impacts, strict=True))
-    blows = tuple(float(v) for v in last.hardest_m_per_s[last.impacts > 0.0])
     completed = bool(np.any(last.chatter_ends > 0.0))
-    return LongRunRegime("periodic", k, impacts, completed, blows, None, walked, growth)
+    return LongRunRegime("periodic", k, impacts, completed, last.blows_m_per_s, None, walked, growth)
 
 
 def _released(system: ImpactSystem, table: PeriodTable, k: int, walked: int) -> LongRunRegime:
@@ -250,9 +254,7 @@ def _released(system: ImpactSystem, table: PeriodTable, k: int, walked: int) -> 
     growth = math.exp(min(exponent_log, LARGEST_LOG))
     if growth * ROUNDING <= RESOLVED:
         return _periodic(table, k, walked, growth)
-    window = table.last(WINDOW)
-    blows = tuple(float(v) for v in window.hardest_m_per_s[window.impacts > 0.0])
-    return LongRunRegime(NOT_RESOLVED, 0, (), True, blows, None, walked, growth)
+    return LongRunRegime(NOT_RESOLVED, 0, (), True, table.last(WINDOW).blows_m_per_s, None, walked, growth)
 
 
 def regime(system: ImpactSystem, motion: MassMotion, settling_periods: int = 1000) -> LongRunRegime:
@@ -287,11 +289,10 @@ def _without_period(motion: MassMotion, system: ImpactSystem, window: PeriodTabl
     motion, first = exponent(motion, system, EXPONENT_PERIODS)
     motion, second = exponent(motion, system, EXPONENT_PERIODS)
     kind = "chaotic" if min(first, second) > CHAOS_EXPONENT else "undecided"
-    blows = tuple(float(v) for v in window.hardest_m_per_s[window.impacts > 0.0])
     mean = 0.5 * (first + second)
     completed = bool(np.any(window.chatter_ends > 0.0))
     shown = mean if math.isfinite(mean) else None
-    return LongRunRegime(kind, 0, (), completed, blows, shown, walked + 2 * EXPONENT_PERIODS)
+    return LongRunRegime(kind, 0, (), completed, window.blows_m_per_s, shown, walked + 2 * EXPONENT_PERIODS)
 
 
 def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRegime:
@@ -299,12 +300,6 @@ def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRe
     system = parameters.system
     start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
     return regime(system, start, settling_periods)
-
-
-def with_value(parameters: ImpactMass, key: str, value: float) -> ImpactMass:
-    """Return the parameters with one key changed, validated anew."""
-    changes: dict[str, Any] = tree_from_flat({key: value})
-    return ImpactMass.model_validate(merged_tree(configuration_tree(parameters), changes))
 
 
 def regime_map(
@@ -336,7 +331,7 @@ def regime_map(
     """
     found = []
     for number, value in enumerate(values, 1):
-        found.append(regime_of(with_value(parameters, key, float(value)), settling_periods))
+        found.append(regime_of(varied(parameters, {key: float(value)}), settling_periods))
         if progress is not None:
             progress(number, len(values))
     return RegimeMap(key, tuple(float(v) for v in values), tuple(found))

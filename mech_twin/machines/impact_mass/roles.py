@@ -6,7 +6,7 @@ Their kernels work on rows of numbers, whose memory from step to step is named h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -80,37 +80,10 @@ class MassMemory(NamedTuple):
     restitution_1: float
     origin_step_1: float
     mass_kg: float
-    step_drive_work_j: float
-    step_stop_loss_j: float
-    step_change_work_j: float
-    step_change_momentum_ns: float
-
-    @classmethod
-    def unpacked(cls, values: Sequence[float]) -> MassMemory:
-        """Return the memory of a sample's values."""
-        return cls(*values)
-
-
-class StepEnergies(NamedTuple):
-    """Of one coupling step: work of the force, loss at the stop, energy and momentum added by a change of mass."""
-
-    drive_work_j: float
-    stop_loss_j: float
-    change_work_j: float
-    change_momentum_ns: float
-
-
-def packed(
-    motion: MassMotion,
-    counts: RunningCounts,
-    system: ImpactSystem,
-    origin_step: float,
-    mass_kg: float,
-    energies: StepEnergies,
-) -> MassMemory:
-    """Return the memory of a step."""
-    acting = (system.acceleration1, system.acceleration2, system.restitution)
-    return MassMemory(*motion, *counts, *acting, origin_step, mass_kg, *energies)
+    step_drive_work_j: float = 0.0
+    step_stop_loss_j: float = 0.0
+    step_change_work_j: float = 0.0
+    step_change_momentum_ns: float = 0.0
 
 
 MEMORY = record_of(MassMemory)
@@ -329,7 +302,8 @@ class MassOnStop(CompiledLinkage):
         system = self.system(levels)
         motion = initial_motion(self.stop_m - self.start_position_m, self.start_velocity_m_per_s, system)
         counts = RunningCounts(*(0.0,) * len(RunningCounts._fields))
-        memory = packed(motion, counts, system, float(step), self.mass_kg, StepEnergies(0.0, 0.0, 0.0, 0.0))
+        acting = (system.acceleration1, system.acceleration2, system.restitution)
+        memory = MassMemory(*motion, *counts, *acting, float(step), self.mass_kg)
         return LinkageSample(
             step,
             step * self.step_s,

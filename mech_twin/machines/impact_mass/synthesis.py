@@ -11,7 +11,7 @@ and R.  Of those the one that holds over the widest box is chosen, and certified
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 from mech_twin.capabilities.progress import tell
 from mech_twin.engine.coupling import Coupling
@@ -34,7 +34,6 @@ from mech_twin.machines.impact_mass.tolerance_box import (
     certified,
     corners,
     faces,
-    first_failure,
     inside,
     outcome,
 )
@@ -113,25 +112,17 @@ class Synthesis:
 
 def published_parameters(spec: CycleSpec) -> ImpactMass:
     """Return the configuration of the published synthesis; see `synthesised_cycle` for its errors."""
-    w = spec
-    found = synthesised_cycle(
-        w.mass_kg,
-        w.stop_position_m,
-        w.initial_position_m,
-        w.initial_velocity_m_per_s,
-        w.impact_speed_m_per_s,
-        w.restitution,
-    )
+    found = synthesised_cycle(*astuple(spec))
     return ImpactMass(
-        mass_kg=w.mass_kg,
-        stop_position_m=w.stop_position_m,
-        restitution=w.restitution,
+        mass_kg=spec.mass_kg,
+        stop_position_m=spec.stop_position_m,
+        restitution=spec.restitution,
         period_s=found.period_s,
         phase1_duration_s=found.phase1_duration_s,
         phase1_force_n=found.phase1_force_n,
         phase2_force_n=found.phase2_force_n,
-        initial_position_m=w.initial_position_m,
-        initial_velocity_m_per_s=w.initial_velocity_m_per_s,
+        initial_position_m=spec.initial_position_m,
+        initial_velocity_m_per_s=spec.initial_velocity_m_per_s,
         supply=SupplyParameters(initial_fraction=1.0, rate_per_s=2.0),
         coupling=Coupling(step_s=_handy_step(found.period_s)),
     )
@@ -217,7 +208,7 @@ def _screened(parameters: ImpactMass, box: StartBox, robustness: RobustnessSpec)
     for multiple in TOLERANCE_MULTIPLES:
         tolerance = multiple * robustness.tolerance
         points = [*corners(tolerance), *faces(tolerance), *inside(tolerance, SCREEN_INSIDE, box.seed)]
-        if first_failure(parameters, points, few, least) is not None:
+        if any(outcome(parameters, point, few).fraction < least for point in points):
             break
         widest = multiple
     return _Candidate(parameters, nominal.margin, widest)

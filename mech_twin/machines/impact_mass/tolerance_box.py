@@ -9,7 +9,7 @@ these a search climbs to slower points: a start that takes long to settle is nea
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -122,20 +122,6 @@ def inside(tolerance: float, count: int, seed: int) -> list[Deviation]:
     return [Deviation(*row) for row in random.uniform(-tolerance, tolerance, (count, len(NOMINAL))).tolist()]
 
 
-def worst_of(outcomes: Iterable[PointOutcome]) -> PointOutcome:
-    """Return the point with the smallest share, of equal ones that with the smallest margin."""
-    return min(outcomes, key=lambda point: (point.fraction, point.margin))
-
-
-def first_failure(
-    parameters: ImpactMass, points: Iterable[Deviation], starts: StartBox, fraction: float
-) -> PointOutcome | None:
-    """Return the first point whose share is below ``fraction``, or None if all hold."""
-    return next(
-        (found for found in (outcome(parameters, d, starts) for d in points) if found.fraction < fraction), None
-    )
-
-
 def climbed(
     parameters: ImpactMass, tolerance: float, tried: Sequence[PointOutcome], starts: StartBox
 ) -> list[PointOutcome]:
@@ -163,7 +149,7 @@ def certified(parameters: ImpactMass, tolerance: float, starts: StartBox, count:
     at_corners, at_faces, at_inside = points if tolerance > 0.0 else ([], [], [])
     tried = [outcome(parameters, d, starts) for d in (NOMINAL, *at_corners, *at_faces, *at_inside)]
     met = climbed(parameters, tolerance, tried, starts) if tolerance > 0.0 else []
-    worst = worst_of([*tried, *met])
+    worst = min([*tried, *met], key=lambda point: (point.fraction, point.margin))
     return Certificate(
         tolerance,
         len(at_corners),

@@ -8,7 +8,8 @@ import pytest
 from machines.impact_mass.release_reference import periods_between_releases
 from pydantic import ValidationError
 
-from mech_twin.machines.impact_mass.regimes import regime_map, regime_of, with_value, write_bifurcation_picture
+from mech_twin.capabilities.variation import varied
+from mech_twin.machines.impact_mass.regimes import regime_map, regime_of, write_bifurcation_picture
 from mech_twin.parameters.load import machine_parameters
 
 BASE = machine_parameters("impact_mass")
@@ -84,7 +85,6 @@ def test_a_map_sweeps_any_key_tells_progress_and_is_drawn(tmp_path):
 def test_a_value_that_makes_no_configuration_is_refused():
     with pytest.raises(ValidationError, match="0 < phase1_duration_s < period_s"):
         regime_map(BASE, [0.03, 0.06])
-    assert with_value(BASE, "coupling.step_s", 0.002).coupling.step_s == 0.002
 
 
 # value, period in 200 digits; the refused ones come out of doubles as 88, 42, 107, 58, 52, 45, 41, 48, 45, 98, 37
@@ -114,7 +114,7 @@ LENGTHS = [
 
 @pytest.mark.parametrize(("key", "value", "length"), LENGTHS)
 def test_a_period_is_that_of_200_digits_or_it_is_refused_with_its_growth(key, value, length):
-    parameters = with_value(BASE, key, value)
+    parameters = varied(BASE, {key: value})
     system = parameters.system
     case = {"T": system.period_s, "t1": system.phase1_s, "R": system.restitution}
     case |= {"A1": system.acceleration1, "A2": system.acceleration2}
@@ -130,5 +130,5 @@ def test_a_period_is_that_of_200_digits_or_it_is_refused_with_its_growth(key, va
 
 
 def test_of_the_twenty_lengths_those_that_are_rounding_are_refused_and_no_other():
-    refused = {(key, value) for key, value, _ in LENGTHS if regime_of(with_value(BASE, key, value)).note}
+    refused = {(key, value) for key, value, _ in LENGTHS if regime_of(varied(BASE, {key: value})).note}
     assert refused == {(key, value) for key, value, _ in LENGTHS[5:13] + LENGTHS[15:18]}
