@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import radians
-from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import KlossDrive
@@ -41,12 +41,6 @@ def build(parameters: Parameters) -> Machine:
     rod_forces = tuple(f"rod_force_{i}_n" for i in range(1, count + 1))
     forces = FormerForces(former, pin_names(count), loaded_bodies(count), (*FormerQuantities._fields, *rod_forces))
 
-    def analyse(crank_rad: float) -> dict[str, Any]:
-        return position_metrics(former, crank_rad)
-
-    def report() -> dict[str, float]:
-        return former_metrics(p, former)
-
     return Machine(
         "roller_former",
         p,
@@ -56,8 +50,8 @@ def build(parameters: Parameters) -> Machine:
         forces,
         None,
         lambda sample, _: former_drawing(former, sample),
-        report,
-        analyse,
+        partial(former_metrics, p, former),
+        partial(position_metrics, former),
         FormerObserver,
         mechanism(former),
     )

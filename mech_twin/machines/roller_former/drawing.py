@@ -66,6 +66,7 @@ def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape
     top = 0.8 * BODY_HALF_HEIGHT_M
     number = index + 1
     rollers = [(middle + side * bank.a_m, -bank.e_m) for side in (-1.0, 1.0)]
+    guides = ((middle - bank.b_m, 0.0), (middle + bank.b_m, 0.0))
     hangers = ((rollers[0][0], -top), rollers[0], (rollers[0][0], -top), (rollers[1][0], -top), rollers[1])
     return [
         Shape(f"crank_{number}", "line", ((0.0, 0.0), pin), colour, 0.03, f"crank {number}"),
@@ -77,13 +78,7 @@ def _cart_shapes(former: Former, index: int, psi: float, x: float) -> list[Shape
             Shape(f"roller_{number}_{place}", "line", circle(at, ROLLER_M, 24), colour, 0.012)
             for place, at in enumerate(rollers, 1)
         ),
-        Shape(
-            f"guide_rollers_{number}",
-            "points",
-            ((middle - bank.b_m, 0.0), (middle + bank.b_m, 0.0)),
-            STEEL,
-            0.06,
-        ),
+        Shape(f"guide_rollers_{number}", "points", guides, STEEL, 0.06),
         Shape(f"forming_rollers_{number}", "points", tuple(rollers), (90, 90, 90), 0.03),
     ]
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Any
@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from mech_twin.capabilities.variation import varied
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
-from mech_twin.machines.roller_former.steady import SteadyTurn, start_up, steady_turn
+from mech_twin.machines.roller_former.steady import start_up, steady_turn
 from mech_twin.parts.induction_motor import kloss_torque
 
 
@@ -21,9 +22,8 @@ from mech_twin.parts.induction_motor import kloss_torque
 class MotorVerdict:
     """How a motor suits the installation; torques in N m on the motor shaft.
 
-    ``rated_enough``: the rated power covers the mean demand.  ``load_peak_nm`` is the largest static load, which the
-    inertia smooths.  ``runs``: the motor settles to a steady turn under load.  The starts are computed from rest at
-    the configured crank angle, with the load applied at once or as configured.
+    ``rated_enough``: the rated power covers the mean demand.  ``runs``: the motor settles to a steady turn under load.
+    The starts are computed from rest at the configured crank angle, with the load applied at once or as configured.
     """
 
     name: str
@@ -31,10 +31,6 @@ class MotorVerdict:
     power_required_w: float
     rated_enough: bool
     kloss_standstill_nm: float
-    catalogue_start_nm: float
-    load_mean_nm: float
-    load_peak_nm: float
-    breakdown_nm: float
     runs: bool
     steady_speed_rad_per_s: float | None
     starts_as_configured: bool
@@ -63,23 +59,17 @@ def power_required_w(parameters: RollerFormer) -> float:
     return mean * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
 
 
-def motor_verdict(parameters: RollerFormer, name: str | None = None) -> MotorVerdict:
-    """Return the verdict on the motor of a configuration; ``name`` is what to call it."""
+def motor_verdict(parameters: RollerFormer) -> MotorVerdict:
+    """Return the verdict on the motor of a configuration."""
     p = parameters
     former = former_of(p)
-    constants, moments = former.motor, moment_metrics(former)
-    to_shaft = 1.0 / (former.ratio * former.efficiency)
     turn, required = steady_turn(former), power_required_w(p)
     return MotorVerdict(
-        name=name or p.motor.catalogue_name or f"{p.motor.rated_power_w / 1000.0:g} kW",
+        name=p.motor.catalogue_name or f"{p.motor.rated_power_w / 1000.0:g} kW",
         rated_power_w=p.motor.rated_power_w,
         power_required_w=required,
         rated_enough=p.motor.rated_power_w >= required,
-        kloss_standstill_nm=kloss_torque(constants, 1.0),
-        catalogue_start_nm=constants.starting_torque_nm,
-        load_mean_nm=moments["moment_mean_nm"] * to_shaft,
-        load_peak_nm=moments["moment_max_nm"] * to_shaft,
-        breakdown_nm=constants.breakdown_torque_nm,
+        kloss_standstill_nm=kloss_torque(former.motor, 1.0),
         runs=turn is not None,
         steady_speed_rad_per_s=None if turn is None else turn.mean_speed_rad_per_s,
         starts_as_configured=_starts(p),
@@ -104,14 +94,16 @@ def _starts(parameters: RollerFormer) -> bool:
     return start_up(parameters, former_of(parameters), parameters.rated_crank_speed_rad_per_s).steady
 
 
+def with_motor(parameters: RollerFormer, name: str, row: Mapping[str, Any]) -> RollerFormer:
+    """Return the configuration with another motor of a table, the torque curve kept."""
+    motor = {"catalogue_name": name, "torque_curve": parameters.motor.torque_curve, **row}
+    return type(parameters).model_validate({**configuration_tree(parameters), "motor": motor})
+
+
 def motor_selection(parameters: RollerFormer, table: Mapping[str, Mapping[str, float]]) -> tuple[MotorVerdict, ...]:
     """Return the verdict on every motor of a table, weakest first; all else stays as it is."""
-    verdicts = []
-    tree: dict[str, Any] = parameters.model_dump(mode="json", exclude_none=True)
-    for name, row in sorted(table.items(), key=lambda item: item[1]["rated_power_w"]):
-        motor = {"catalogue_name": name, "torque_curve": parameters.motor.torque_curve, **row}
-        verdicts.append(motor_verdict(RollerFormer.model_validate({**tree, "motor": motor})))
-    return tuple(verdicts)
+    by_power = sorted(table.items(), key=lambda item: item[1]["rated_power_w"])
+    return tuple(motor_verdict(with_motor(parameters, name, row)) for name, row in by_power)
 
 
 OFFSETS_DEG = {1: 0.0, 2: 90.0, 3: 120.0, 4: 90.0}
@@ -120,8 +112,6 @@ STUDIED_DAMPING = (2000.0, 8000.0)
 SWEEP_DAMPING = tuple(float(k) for k in np.geomspace(200.0, 15000.0, 25))
 SWEEP_STIFFNESS = tuple(float(c) for c in np.geomspace(20000.0, 800000.0, 41))
 
-Progress = Callable[[int, int], None]
-
 
 @dataclass(frozen=True)
 class CouplingPoint:
@@ -129,13 +119,11 @@ class CouplingPoint:
 
     stiffness_nm_per_rad: float
     damping_nms_per_rad: float
-    elastic_min_nm: float
     elastic_max_nm: float
     coupling_max_nm: float
     coupling_rms_nm: float
     coupling_rms_about_mean_nm: float
     twist_range_rad: float
-    motor_side_max_nm: float
     share_of_rated: float
 
 
@@ -167,32 +155,22 @@ def coupling_point(parameters: RollerFormer, stiffness: float, damping: float) -
     """Return the load in the coupling at a stiffness (N m/rad) and a damping (N m s/rad)."""
     changes = {"drive.stiffness_nm_per_rad": stiffness, "drive.damping_nms_per_rad": damping}
     former = former_of(varied(parameters, changes))
-    turn: SteadyTurn | None = steady_turn(former)
+    turn = steady_turn(former)
     if turn is None:
-        return CouplingPoint(stiffness, damping, nan, nan, nan, nan, nan, nan, nan, nan)
+        return CouplingPoint(stiffness, damping, nan, nan, nan, nan, nan, nan)
     f = turn_metrics(turn, former)
-    at_motor = f["coupling_moment_at_motor_max_nm"]
     return CouplingPoint(
         stiffness,
         damping,
-        f["elastic_moment_min_nm"],
         f["elastic_moment_max_nm"],
         f["coupling_moment_max_nm"],
         f["coupling_moment_rms_nm"],
         f["coupling_moment_rms_about_mean_nm"],
         f["twist_range_rad"],
-        at_motor,
-        at_motor / parameters.drive.coupling_rated_moment_nm,
+        f["coupling_moment_at_motor_max_nm"] / parameters.drive.coupling_rated_moment_nm,
     )
 
 
-def damping_sweep(
-    parameters: RollerFormer, damping: Iterable[float] = SWEEP_DAMPING, progress: Progress | None = None
-) -> tuple[CouplingPoint, ...]:
-    """Return the coupling's load against damping; ``progress(done, of)`` is called after each point."""
-    todo, points = list(damping), list[CouplingPoint]()
-    for done, value in enumerate(todo, start=1):
-        points.append(coupling_point(parameters, parameters.drive.stiffness_nm_per_rad, value))
-        if progress is not None:
-            progress(done, len(todo))
-    return tuple(points)
+def damping_sweep(parameters: RollerFormer, damping: Iterable[float]) -> tuple[CouplingPoint, ...]:
+    """Return the coupling's load against damping (N m s/rad)."""
+    return tuple(coupling_point(parameters, parameters.drive.stiffness_nm_per_rad, value) for value in damping)

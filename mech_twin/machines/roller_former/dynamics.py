@@ -45,14 +45,9 @@ class FormerState(NamedTuple):
 
 
 STATE_SIZE = len(FormerState._fields)
-
-
-SIZE = len(FormerState._fields)
 CRANK, SPEED, TWIST_RATE = (
     FormerState._fields.index(name) for name in ("crank_rad", "crank_speed_rad_per_s", "twist_rate_rad_per_s")
 )
-
-DRIVE_SPEED = 3  # where the motion has the speed of the drive, the state its twist rate
 
 
 class Former(NamedTuple):

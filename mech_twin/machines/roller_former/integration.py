@@ -17,7 +17,7 @@ from mech_twin.engine.tableaus import DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.roller_former.cart_statics import rod_weight_moment, shaft_terms, sides_of_travel
 from mech_twin.machines.roller_former.dynamics import (
-    SIZE,
+    STATE_SIZE,
     Former,
     Modes,
     coupling_moment,
@@ -94,8 +94,8 @@ def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kep
 @inline_kernel
 def former_room(carts: int) -> tuple[int, int]:
     """Return the lengths of the float and integer arrays that `advance_in` needs."""
-    size, places = room_sizes(2, LAWS, OWN_SIGNALS, SIZE)
-    return SIZE + KEPT + carts + size, 5 + places
+    size, places = room_sizes(2, LAWS, OWN_SIGNALS, STATE_SIZE)
+    return STATE_SIZE + KEPT + carts + size, 5 + places
 
 
 @borrowing_kernel
@@ -104,10 +104,10 @@ def advance_in(
     modes: Modes, log: Array, numbers: Array, marks: Indices,
 ) -> Advance:  # fmt: skip
     """Integrate as `advance_motion` does, with given work arrays."""
-    carts, y, regimes = former.bank.offset_rad.size, numbers[:SIZE], marks[:5]
-    kept, sides = numbers[SIZE : SIZE + KEPT], numbers[SIZE + KEPT : SIZE + KEPT + carts]
-    room = room_in(numbers[SIZE + KEPT + carts :], marks[5:], 2, LAWS, OWN_SIGNALS, SIZE, DORMAND_PRINCE_8)
-    for i in range(SIZE):
+    carts, y, regimes = former.bank.offset_rad.size, numbers[:STATE_SIZE], marks[:5]
+    kept, sides = numbers[STATE_SIZE : STATE_SIZE + KEPT], numbers[STATE_SIZE + KEPT : STATE_SIZE + KEPT + carts]
+    room = room_in(numbers[STATE_SIZE + KEPT + carts :], marks[5:], 2, LAWS, OWN_SIGNALS, STATE_SIZE, DORMAND_PRINCE_8)
+    for i in range(STATE_SIZE):
         y[i], room.tolerance[i] = state[i], OF_A_STEP * former.tolerances[i]
     y[DRIVE] = state[SPEED] + state[DRIVE]
     if former.viscous_nms_per_rad > 0.0:  # error control sees a crank that creeps in thick friction
@@ -118,7 +118,7 @@ def advance_in(
     motion = FormerMotion(former, torque, times[0], stop_rad, kept, sides)
     system = declared(motion, room.at)
     count = advance(system, 0.0, times[1] - times[0], y, regimes, room, log, 0)
-    for i in range(SIZE):
+    for i in range(STATE_SIZE):
         state[i] = y[i]
     state[DRIVE] = y[DRIVE] - y[SPEED]
     after = Modes(

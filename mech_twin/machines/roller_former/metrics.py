@@ -10,6 +10,7 @@ import numpy as np
 
 from mech_twin.capabilities.cycle import CycleFeatures, CycleReference, crank_features, harmonic, mean, swing
 from mech_twin.capabilities.faults import (
+    EITHER,
     MachineFault,
     OperatingVariable,
     motor_changes,
@@ -18,7 +19,7 @@ from mech_twin.capabilities.faults import (
     supply_sag,
     varying_key,
 )
-from mech_twin.machines.crank_run import on_cubic, share_at
+from mech_twin.machines.crank_run import Extremes, on_cubic, share_at
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
     cart_load,
@@ -62,26 +63,24 @@ def features(parameters: RollerFormer) -> CycleFeatures:
 
 LESS = (-0.6, -0.4, -0.2, -0.1)
 LESS_TORQUE = (-0.4, -0.3, -0.2, -0.1)
-EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
 
 
 def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
     """Return the faults of coupling, carts, guides, motor and supply."""
+
+    def weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
+        return motor_changes(parameters, torque=1.0 + size)
+
     found = [
         share_of_key("coupling_stiffness", "the coupling has gone soft", "drive.stiffness_nm_per_rad", LESS),
         share_of_key("coupling_damping", "the coupling damps less or more", "drive.damping_nms_per_rad", EITHER),
         share_of_key("cart_load", "the mix is stiffer or softer", "carts.roller_force_x_n", EITHER),
         share_of_key("guide_friction", "the guide rollers run hard", "carts.friction", (0.25, 0.5, 1.0, 2.0)),
-        MachineFault("phase_loss", "the motor has lost torque, as of a phase", "1", LESS_TORQUE, _weaker_motor),
+        MachineFault("phase_loss", "the motor has lost torque, as of a phase", "1", LESS_TORQUE, weaker_motor),
         supply_sag(),
     ]
     states = parameters.carts.cart_states
     return (*found, *(_empty(cart, states) for cart, state in enumerate(states) if state == "loaded"))
-
-
-def _weaker_motor(parameters: RollerFormer, size: float) -> dict[str, Any]:
-    """Return the motor with its torque at every slip changed by a relative amount."""
-    return motor_changes(parameters, torque=1.0 + size)
 
 
 def _empty(cart: int, states: tuple[Any, ...]) -> MachineFault:
@@ -150,11 +149,6 @@ def moment_metrics(former: Former) -> dict[str, float]:
     }
 
 
-def largest_at_motor_nm(former: Former, low_nm: float, high_nm: float) -> float:
-    """Return the largest torque in the coupling on the motor's side (N m), from the extremes of T, turning forward."""
-    return float(max(abs(at_motor(former, low_nm, 1.0)), abs(at_motor(former, high_nm, 1.0))))
-
-
 def turn_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
     """Return the dynamic metrics of a steady turn; means from the works, which are integrated with the motion."""
     columns = turn.columns
@@ -174,7 +168,7 @@ def turn_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
         "coupling_moment_mean_nm": (turn.works.load_work_j + turn.works.friction_work_j) / TURN,
         "coupling_moment_rms_nm": float(np.sqrt(np.mean(coupling**2))),
         "coupling_moment_rms_about_mean_nm": float(np.std(coupling)),
-        "coupling_moment_at_motor_max_nm": largest_at_motor_nm(former, low, high),
+        "coupling_moment_at_motor_max_nm": max(abs(at_motor(former, end, 1.0)) for end in (low, high)),
         "twist_range_rad": twist,
         "twist_rate_range_rad_per_s": rate,
         "twist_acceleration_range_rad_per_s2": bend,
@@ -264,8 +258,7 @@ class FormerObserver:
         self._turn: int | None = None
         self._first: tuple[float, TurnSums] | None = None
         self._now: tuple[float, TurnSums, TurnSums] | None = None
-        self._low = dict.fromkeys(EXTREMES, inf)
-        self._high = dict.fromkeys(EXTREMES, -inf)
+        self._extremes = Extremes()
         self._closed: dict[str, float] = {}
         self._run = {"turns": 0.0, "stalls": 0.0, "coupling_moment_max_of_run_nm": -inf, "motor_torque_max_nm": -inf}
 
@@ -315,7 +308,7 @@ class FormerObserver:
             quantities.twist_acceleration_rad_per_s2,
         )
         for name, value in zip(EXTREMES, values, strict=True):
-            self._low[name], self._high[name] = min(self._low[name], value), max(self._high[name], value)
+            self._extremes.take(name, value)
 
     def _begin_turn(
         self, angle: float, before: tuple[float, TurnSums, TurnSums] | None, now: tuple[float, TurnSums, TurnSums]
@@ -325,7 +318,7 @@ class FormerObserver:
         if self._first is not None and first[1].crank_rad - self._first[1].crank_rad > WHOLE_TURN:
             self._closed = self._metrics_of_turn(*self._first, *first)
         self._first = first
-        self._low, self._high = dict.fromkeys(EXTREMES, inf), dict.fromkeys(EXTREMES, -inf)
+        self._extremes = Extremes()
 
     def _metrics_of_turn(self, begin_s: float, before: TurnSums, end_s: float, after: TurnSums) -> dict[str, float]:
         time_s, angle = end_s - begin_s, after.crank_rad - before.crank_rad
@@ -333,10 +326,11 @@ class FormerObserver:
         metrics = {}
         for name in (elastic, coupling):
             stem = name.removesuffix("_nm")
-            metrics[f"{stem}_min_nm"], metrics[f"{stem}_max_nm"] = self._low[name], self._high[name]
+            metrics[f"{stem}_min_nm"], metrics[f"{stem}_max_nm"] = self._extremes.found[name]
         for name in ranges:
             stem, unit = name.split("_rad", 1)
-            metrics[f"{stem}_range_rad{unit}"] = self._high[name] - self._low[name]
+            least, most = self._extremes.found[name]
+            metrics[f"{stem}_range_rad{unit}"] = most - least
         squares = after.coupling_square_n2m2s - before.coupling_square_n2m2s
         metrics["coupling_moment_rms_nm"] = sqrt(squares / time_s)
         metrics["speed_rad_per_s"] = angle / time_s

@@ -25,7 +25,7 @@ from mech_twin.machines.roller_former.cart_statics import (
     shaft_terms,
     sides_of_travel,
 )
-from mech_twin.machines.roller_former.dynamics import DRIVE_SPEED, Former, may_stick, shaft_torque
+from mech_twin.machines.roller_former.dynamics import Former, may_stick, shaft_torque
 from mech_twin.parts.friction_and_gear import gear_split
 from mech_twin.parts.induction_motor import MotorInStep
 
@@ -33,7 +33,7 @@ EVENT_KINDS = ("held", "released", "load_engaged", "stall", "recovered")
 HELD_EVENT, RELEASED_EVENT, ENGAGED_EVENT, STALL_EVENT, RECOVERED_EVENT = range(len(EVENT_KINDS))
 TURN = 2.0 * np.pi
 FAR_RAD = 1e300
-CRANK, TWIST, SPEED, DRIVE = 0, 1, 2, DRIVE_SPEED  # places in the state
+CRANK, TWIST, SPEED, DRIVE = 0, 1, 2, 3  # places in the state, which has the speed of the drive for its twist rate
 CRANK_LAW, DRIVE_LAW, LOAD_ON, IS_SLOW, IS_STALLED = range(5)  # places in the regimes
 SIDE_AHEAD, SIDE_BEHIND, ENGAGES, CROSSES, IN_FULL, STALLS, STOPS = range(7)  # own signals
 # kept from piece to piece; the whole load (N m) of the instant evaluated last

@@ -85,8 +85,8 @@ def rows(parameters: RollerFormer) -> Iterator[PublishedRow]:
     yield from _trends(parameters)
 
 
-def _moments(parameters: RollerFormer, count: int, load: str = "rectified") -> dict[str, float]:
-    return moment_metrics(former_of(table_1_case(parameters, count, load)))
+def _moments(parameters: RollerFormer, count: int) -> dict[str, float]:
+    return moment_metrics(former_of(table_1_case(parameters, count)))
 
 
 def _printed_loads(parameters: RollerFormer) -> Iterator[PublishedRow]:

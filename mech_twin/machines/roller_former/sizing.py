@@ -13,7 +13,6 @@ import numpy as np
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.errors import StudyError
 from mech_twin.machines.roller_former.drive_choice import (
     SWEEP_DAMPING,
@@ -23,6 +22,7 @@ from mech_twin.machines.roller_former.drive_choice import (
     coupling_point,
     motor_selection,
     power_required_w,
+    with_motor,
 )
 from mech_twin.machines.roller_former.parameters import SET_KEYS, RollerFormer, former_of
 from mech_twin.machines.roller_former.steady import steady_turn
@@ -32,12 +32,6 @@ LIMITS: dict[str, float] = {"share_of_rated": 1.0, "twist_range_rad": 0.005, "da
 MOTOR_TABLE = "motors_4a"
 OBJECTIVES = ("coupling_max_nm",)
 USUAL_TOLERANCE = 0.05
-
-
-def with_motor(parameters: RollerFormer, name: str, row: Mapping[str, Any]) -> RollerFormer:
-    """Return the configuration with another motor of the table, the torque curve kept."""
-    motor = {"catalogue_name": name, "torque_curve": parameters.motor.torque_curve, **row}
-    return type(parameters).model_validate({**configuration_tree(parameters), "motor": motor})
 
 
 def carries(parameters: RollerFormer, tolerance: float) -> bool:
@@ -213,7 +207,7 @@ def corners(parameters: RollerFormer, tolerance: float) -> tuple[RollerFormer, .
     if tolerance == 0.0:
         return (parameters,)
     ends = (1.0 - tolerance, 1.0 + tolerance)
-    return (parameters, *_of(parameters, product(ends, repeat=3)))
+    return (parameters, *(assumed(parameters, *point) for point in product(ends, repeat=3)))
 
 
 def inside(parameters: RollerFormer, tolerance: float, seed: int = 1) -> tuple[RollerFormer, ...]:
@@ -221,8 +215,4 @@ def inside(parameters: RollerFormer, tolerance: float, seed: int = 1) -> tuple[R
     if tolerance == 0.0:
         return ()
     points = np.random.default_rng(seed).uniform(1.0 - tolerance, 1.0 + tolerance, (INSIDE, 3))
-    return _of(parameters, points.tolist())
-
-
-def _of(parameters: RollerFormer, points: Iterable[Iterable[float]]) -> tuple[RollerFormer, ...]:
-    return tuple(assumed(parameters, *point) for point in points)
+    return tuple(assumed(parameters, *point) for point in points.tolist())

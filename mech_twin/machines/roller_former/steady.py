@@ -178,16 +178,14 @@ def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int,
     return TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
 
 
-def steady_turn(
-    former: Former, crank_rad: float = 0.0, nodes: int = NODES, most_turns: int = MOST_TURNS
-) -> SteadyTurn | None:
+def steady_turn(former: Former) -> SteadyTurn | None:
     """Return the periodic motion under full load at rated supply, or None if the motor cannot keep it up.
 
     Started at synchronous speed, untwisted.  Steady means that from one passage of the starting crank angle to the
     next twist, crank speed and twist rate change by less than 1e-11 of their scales.  The scales are the twist of the
     rated moment and synchronous speed; a hundredth of the integrator's tolerance counts if it is more.  After twenty
     turns without success, Newton steps are tried as well (`closing_state`).  None too if the turn is not steady within
-    ``most_turns`` or within the budget of integration steps.
+    `MOST_TURNS` or within the budget of integration steps.
 
     Raises
     ------
@@ -195,12 +193,12 @@ def steady_turn(
         If the integration cannot go on.
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
-    y, modes, t = state_array(crank_rad, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False), 0.0
+    y, modes, t = state_array(0.0, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False), 0.0
     longest_s = LONGEST_TURN * TURN / speed
     criterion = max(CRITERION, float(np.max(former.tolerances / np.array(former.scales))) / 100.0)
-    steps = 0
-    for turns in range(1, most_turns + 1):
-        before = FormerState(*y.tolist())
+    free, steps = slice(CRANK + 1, TWIST_RATE + 1), 0
+    for turns in range(1, MOST_TURNS + 1):
+        before = y.copy()
         done = next_section(former, 1.0, t, y, modes, longest_s)
         steps += done.steps
         if (failed(done) and done.status != UNSTEADY) or steps > MOST_STEADY_STEPS:
@@ -209,11 +207,11 @@ def steady_turn(
             raise MotionError(f"roller_former: {ending(done)}")
         if not isfinite(done.time_s) or done.modes.stalled:
             return None
-        change = section_change(before, FormerState(*y.tolist()), former.scales)
+        change = float((np.abs(y - before)[free] / former.scales[free]).max())
         works, y = y, state_array(0.0, 0.0) + y * KEPT
         modes = done.modes
         if change < criterion:
-            columns = turn_columns(former, 1.0, done.time_s - t, nodes, y, modes)
+            columns = turn_columns(former, 1.0, done.time_s - t, NODES, y, modes)
             return SteadyTurn(
                 done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
             )
@@ -225,15 +223,6 @@ def steady_turn(
 
 
 KEPT = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # coordinates go on, works begin anew with each turn
-
-
-def section_change(before: FormerState, after: FormerState, scales: FormerState) -> float:
-    """Return the largest change of twist, crank speed and twist rate between two passages, over their scales."""
-    return max(
-        abs(after.twist_rad - before.twist_rad) / scales.twist_rad,
-        abs(after.crank_speed_rad_per_s - before.crank_speed_rad_per_s) / scales.crank_speed_rad_per_s,
-        abs(after.twist_rate_rad_per_s - before.twist_rate_rad_per_s) / scales.twist_rate_rad_per_s,
-    )
 
 
 @dataclass(frozen=True)

@@ -49,9 +49,3 @@ def test_the_coupling_is_well_within_its_rated_moment():
     for carts in STUDIED:
         (point,) = damping_sweep(parameters_for(carts), (8000.0,))
         assert 0.2 < point.share_of_rated < 0.5
-
-
-def test_progress_is_told_after_each_point():
-    told = []
-    damping_sweep(parameters_for(2), (2000.0, 8000.0), lambda done, of: told.append((done, of)))
-    assert told == [(1, 2), (2, 2)]
