@@ -29,10 +29,6 @@ def build(parameters: Parameters) -> Machine:
     shared = PageModel(parameters.expanded)
     shared.start_instant  # noqa: B018 # refuses what cannot start
     drawing = PageDrawing(shared)
-
-    def report() -> dict[str, float]:
-        return start_numbers(shared)
-
     return Machine(
         "page",
         parameters,
@@ -42,8 +38,8 @@ def build(parameters: Parameters) -> Machine:
         PageReactions(shared),
         None,
         lambda sample, _: drawing.shapes(sample),
-        report,
-        lambda angle: pose_numbers(shared, angle),
+        partial(start_numbers, shared),
+        partial(pose_numbers, shared),
         lambda: PageRun(shared),
         mechanism(shared),
         rests_when_supplied=True,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from math import hypot, inf
+from math import hypot
 
 import numpy as np
 
@@ -22,16 +22,14 @@ from mech_twin.capabilities.cycle import (
     event_value,
     gauge_features,
 )
-from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
+from mech_twin.capabilities.faults import LESS, MachineFault, added_to_key, share_of_key
 from mech_twin.errors import StudyError
-from mech_twin.machines.crank_run import LAST, over_last
+from mech_twin.machines.crank_run import LAST, Extremes, over_last
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import PageModel
 from mech_twin.samples import Frame, LinkageSample
-
-LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
 
 
 def features(page: Page) -> CycleFeatures:
@@ -98,7 +96,7 @@ class PageRun:
 
     def __init__(self, shared: PageModel) -> None:
         self._shared = shared
-        self._extremes: dict[str, tuple[float, float]] = {}
+        self._extremes = Extremes()
         self._blows: dict[str, list[float]] = {}  # count, largest impulse, sum of impulses, fastest, energy
         self._rods: dict[str, deque[dict[str, float]]] = {n: deque(maxlen=LAST) for n in shared.rods.rods}
         self._struck: dict[str, LinkageSample] = {}  # at the end of the step of the last blow
@@ -122,12 +120,12 @@ class PageRun:
         slides = shared.assembly.slides
         for name, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):
             unit = "m" if name in slides else "rad"
-            self._take(f"{name}_{{}}_{unit}", position)
-            self._take(f"{name}_speed_{{}}_{unit}_per_s", speed)
+            self._extremes.take(f"{name}_{{}}_{unit}", position)
+            self._extremes.take(f"{name}_speed_{{}}_{unit}_per_s", speed)
         for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
-            self._take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
+            self._extremes.take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
         for name, value in frame.forces.quantities.as_dict().items():
-            self._take(_with_place(name), value)
+            self._extremes.take(_with_place(name), value)
         for event in events:
             if event.kind == "impact":
                 self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
@@ -135,10 +133,6 @@ class PageRun:
                 self._rods[event.contact].append(shared.rods.numbers(event))
                 self._struck[event.contact] = linkage
         self._work = {name: value - self._work_before.get(name, 0.0) for name, value in work.items()}
-
-    def _take(self, name: str, value: float) -> None:
-        least, most = self._extremes.get(name, (inf, -inf))
-        self._extremes[name] = min(least, value), max(most, value)
 
     def _blow(self, contact: str, impulse: float, before: float, after: float) -> None:
         found = self._blows.setdefault(contact, [0.0, 0.0, 0.0, 0.0, 0.0])
@@ -168,7 +162,7 @@ class PageRun:
                     for ahead in (0.0, blows[-1]["blow_window_s"])
                 ]
                 out[f"last_{name}_striker_mass_change"] = masses[1] / masses[0] - 1.0
-        for name, (least, most) in self._extremes.items():
+        for name, (least, most) in self._extremes.found.items():
             if "{}" in name:  # has a sign
                 out[name.format("min")] = least + 0.0  # no -0
             out[name.format("max")] = most + 0.0

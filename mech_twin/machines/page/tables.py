@@ -86,9 +86,9 @@ def line(rows: Rows, number: Any, *, held: bool) -> Line:
     return Line(number(rows[0][0]), number(rows[0][1]), number(slope), bends)
 
 
-def scaled_rows(rows: Rows, x: float, y: float = 1.0) -> Rows:
-    """Return a table in other units."""
-    return tuple((x * a, y * b) for a, b in rows)
+def scaled_rows(rows: Rows, x: float) -> Rows:
+    """Return a table with its first column in another unit."""
+    return tuple((x * a, b) for a, b in rows)
 
 
 def repeats(rows_deg: Rows) -> bool:
