@@ -87,15 +87,10 @@ def _standing(b: Breaker, face: Point, far: Point, n: Point) -> tuple[Shape, ...
     """Return what the motion leaves where it is: tool, wall, and the ground of the spring."""
     held = _spring_end(b, n)
     across = (n[1], -n[0])
-    low, high = _moved(far, (n[1], -n[0]), -WALL_HALF_M), _moved(far, (n[1], -n[0]), WALL_HALF_M)
+    low, high = _moved(far, across, -WALL_HALF_M), _moved(far, across, WALL_HALF_M)
+    ground = hatched(_moved(held, across, -0.025), _moved(held, across, 0.025), 0.012)
     return (
-        Shape(
-            "spring_ground",
-            "line",
-            hatched(_moved(held, across, -0.025), _moved(held, across, 0.025), 0.012),
-            GROUND,
-            0.003,
-        ),
+        Shape("spring_ground", "line", ground, GROUND, 0.003),
         Shape("wall", "line", hatched(high, low, 0.02), GROUND, 0.004, "wall"),
         Shape("tool", "line", (face, far), TOOL, 0.020, "tool"),
     )

@@ -35,6 +35,8 @@ from mech_twin.capabilities.cycle import (
     upper,
 )
 from mech_twin.capabilities.faults import (
+    EITHER,
+    LESS,
     MachineFault,
     OperatingVariable,
     added_to_key,
@@ -87,11 +89,7 @@ def operating(parameters: BreakerParameters) -> tuple[OperatingVariable, ...]:
     )
 
 
-LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
 WAVE = "tool.wave"
-EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
-
-
 RIGID_FAULTS = (
     share_of_key("tool_mass", "a tool of another mass", "tool.mass_kg", EITHER),
     share_of_key("tool_restitution", "the tool's face has changed", "tool.restitution", EITHER),
@@ -214,6 +212,7 @@ def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     held_jump = pin_impulses(b, q, 0.0, held.u - u, 0.0, held.impulse)
     k = b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m / b.body_inertia_kg_m2)
     inertias = [masses_at(b, TURN * i / 360, 0.0) for i in range(360)]
+    here, there = (link_angles(position(b.bar, end))[1] for end in (b.striking_crank_rad, b.retreating_crank_rad))
     arm_angle = link_angles(position(b.bar, q))[1] + math.radians(p.linkage.striker_angle_deg)
     contact: dict[str, float] = {}
     if p.tool.model == "rigid" and p.tool.contact_stiffness_n_per_m is not None:
@@ -233,7 +232,7 @@ def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "retreating_extreme_deg": math.degrees(b.retreating_crank_rad),
         "striking_angle_deg": math.degrees(q),
         "before_extreme_deg": math.degrees(b.striking_crank_rad - q),
-        "rocker_stroke_deg": _stroke_deg(b),
+        "rocker_stroke_deg": math.degrees(abs(math.remainder(here - there, TURN))),
         "smallest_transmission_deg": min(
             math.degrees(acute_angles(position(b.bar, TURN * i / 360))[1]) for i in range(360)
         ),
@@ -261,11 +260,6 @@ def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
         "body_frequency_over_blow_frequency": k / u,
         **contact,
     }
-
-
-def _stroke_deg(b: Breaker) -> float:
-    here, there = (link_angles(position(b.bar, q))[1] for q in (b.striking_crank_rad, b.retreating_crank_rad))
-    return math.degrees(abs(math.remainder(here - there, TURN)))
 
 
 def position_metrics(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict[str, Any]:

@@ -255,16 +255,16 @@ def _spring(parameters: BreakerParameters) -> Picture:
     body, excitation = parameters.body, parameters.excitation
     figure, panels = sheet(2, 1, 7.6, 6.2, sharex=True)
     for preload, colour, style in ((0.0, BLUE, "-"), (PRELOAD_M, RED, "--")):
-        points = swing_curve(body, excitation, [float(rate) for rate in RATES], preload)
-        rates = [point.spring_rate_n_per_m / 1000.0 for point in points]
+        regimes = swing_curve(body, excitation, RATES.tolist(), preload)
+        rates = RATES / 1000.0
         label = rf"$a = {1000.0 * preload:g}$ mm"
         if preload == 0.0:
-            amplitude = [min(1000.0 * point.amplitude_rad, 1e4) for point in points]
+            amplitude = [min(1000.0 * regime.amplitude_rad, 1e4) for regime in regimes]
             panels[0].loglog(rates, amplitude, color=GREEN, label=f"periodic regime, {label}")
-        bound = [min(point.regime.largest_force_n, 1e6) for point in points]
+        bound = [min(regime.largest_force_n, 1e6) for regime in regimes]
         panels[1].loglog(rates, bound, color=colour, linestyle=style, label=f"from rest (bound of the beat), {label}")
         if preload == 0.0:
-            periodic = [min(point.largest_force_n, 1e6) for point in points]
+            periodic = [min(regime.periodic_force_n, 1e6) for regime in regimes]
             panels[1].loglog(rates, periodic, color=GREEN, label=f"periodic regime, {label}")
     constants = pressed_body(body, excitation)
     for axes in panels:

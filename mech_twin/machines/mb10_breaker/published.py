@@ -25,7 +25,6 @@ from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody,
 from mech_twin.machines.mb10_breaker.running_sizing import settled_run_metrics, with_rest_force
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.samples import Event
 
 PAPER = "Alisher, MB-10"
 WORKED = "worked for the assumed body"
@@ -242,7 +241,8 @@ def computed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
     points: list[tuple[float, float, float]] = []
     last: list[tuple[float, float, float]] = []
     for frame in frames(build(parameters), SETTLED_S):
-        lifts = {event.time_s: radius * _body_angle(event) for event in frame.linkage.events if event.pre}
+        struck = [event for event in frame.linkage.events if event.pre]
+        lifts = {event.time_s: radius * EventSide(*event.pre).body.position for event in struck}
         for load in frame.forces.loads:
             lift = lifts.get(load.time_s, 0.0)
             points.append((load.time_s, load.moment_before_nm, lift))
@@ -256,10 +256,6 @@ def computed_pulse(parameters: BreakerParameters) -> ExcitationPulse:
     begin, end = blow_times[-2:]
     times, moments, angles = np.array(last).T
     return ExcitationPulse((times - begin) / (end - begin), moments, angles, end - begin, impulse)
-
-
-def _body_angle(event: Event) -> float:
-    return EventSide(*event.pre).body.position
 
 
 def assumed_pulse(parameters: BreakerParameters) -> ExcitationPulse:

@@ -11,6 +11,7 @@ A run of the breaker from standstill until it is steady, and the breaker with an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from math import inf
 from typing import NamedTuple
 
@@ -198,10 +199,6 @@ def _metrics(found: Seating) -> dict[str, float]:
     return {name: float(getattr(found, name)) for name in NAMES}
 
 
-def _worse(found: Seating) -> tuple[float, float]:
-    return found.flight_share, found.gap_at_blow_m
-
-
 def _kept(found: Seating, limits: Mapping[str, float]) -> bool:
     return seats(found, limits) and all(float(getattr(found, name)) <= limit for name, limit in limits.items())
 
@@ -224,11 +221,12 @@ def _worst_corner(at: Run, edge_n: float, tolerance: float) -> Factors:
     """Return the corner of the box whose deviations each, alone, lengthen the flight just below the nominal limit."""
     if tolerance == 0.0:
         return {}
-    force = 0.97 * edge_n
-    return {
-        key: max((1.0 - tolerance, 1.0 + tolerance), key=lambda factor: _worse(at(force, {key: factor})))
-        for key in ASSUMED
-    }
+
+    def flight(key: str, factor: float) -> tuple[float, float]:
+        found = at(0.97 * edge_n, {key: factor})
+        return found.flight_share, found.gap_at_blow_m
+
+    return {key: max((1.0 - tolerance, 1.0 + tolerance), key=partial(flight, key)) for key in ASSUMED}
 
 
 def _least_objective(

@@ -6,19 +6,15 @@ the tolerance.  The spring's rate is the soft one, k = 0.3 of the blow frequency
 
 Preload of the breaker's body under the half sine: the worst case over every corner of the tolerances.
 
-The body over spring rate and preload: amplitude, pressing force, metrics on the collar, the rational range.
-
-First the paper's two figures: amplitude and largest pressing force against spring rate, no preload, no collar.  Then
-the same with preload.  Then the machine on its collar: gap at the blow, return speed and pressing force traded off
-over spring rate and preload.
+The body over spring rate and preload: the paper's two figures, without a collar, are amplitude and largest pressing
+force against spring rate.  On its collar gap at the blow and return speed are traded off for force.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from math import inf, pi
+from math import inf, isnan, pi
+from typing import NamedTuple
 
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import corners, inner_points, scaled, varied
@@ -29,11 +25,8 @@ from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import SwingRegime, swing_regime
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import (
     CycleMetrics,
-    PreloadRange,
-    SteadyMetrics,
     preload_range,
     steady_metrics,
-    with_preload,
 )
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
@@ -51,8 +44,9 @@ Worst = dict[str, float]
 
 def half_sine_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
     """Return the preload with the smallest objective between settling in time and never lifting (p = 1)."""
-    (span,) = rational_ranges(soft.body, soft.excitation, (soft.body.spring_rate_n_per_m,))
-    low, full = span.ratios.settled, span.never_lifts_deflection_m
+    body = pressed_body(soft.body, soft.excitation)
+    span = preload_range(body, body.k)
+    low, full = span.settled, body.amplitude / (body.rate * body.arm)
     places = [low + (1.0 - low) * i / STEPS for i in range(STEPS + 1)]
     bodies = _box(soft, tolerance)
     found = {p: _worst(bodies, p * full) for p in places}
@@ -76,9 +70,9 @@ def half_sine_sizing(soft: BreakerParameters, limits: Mapping[str, float], objec
         {
             "preload_ratio": p,
             "rest_force_n": soft.body.spring_rate_n_per_m * p * full,
-            "frequency_ratio": span.frequency_ratio,
+            "frequency_ratio": body.k * body.period / (2.0 * pi),
             "rational_from_ratio": low,
-            "first_return_before_blow_ratio": span.ratios.returned,
+            "first_return_before_blow_ratio": span.returned,
             "nominal_edge_ratio": edge,
             **{name: found[p][name] for name in NAMES},
         },
@@ -177,74 +171,13 @@ def sizing(
     return answer(soft, limits, objective, tolerance)
 
 
-@dataclass(frozen=True)
-class SwingPoint:
-    """The free swing at one spring: what the paper plots.
-
-    ``amplitude_rad`` is the periodic regime's |As|, inf where there is none; ``largest_travel_m`` is the largest travel
-    at the tool in the periodic regime; the statement of ``regime`` must stand beside every figure made of these.
-    """
-
-    spring_rate_n_per_m: float
-    preload_deflection_m: float
-    frequency_ratio: float  # k/omega
-    amplitude_rad: float
-    largest_travel_m: float
-    largest_force_n: float
-    regime: SwingRegime
-
-
-@dataclass(frozen=True)
-class CollarPoint:
-    """The body on its collar at one spring: the metrics of the steady cycle, and whether they will do."""
-
-    spring_rate_n_per_m: float
-    preload_deflection_m: float
-    frequency_ratio: float
-    preload_ratio: float
-    steady: SteadyMetrics
-    settles: bool  # before the next load begins, every cycle alike
-
-    @property
-    def metrics(self) -> CycleMetrics:
-        """The metrics of the steady cycle."""
-        return self.steady.metrics
-
-
-@dataclass(frozen=True)
-class RationalRange:
-    """The rational preload of one spring rate.
-
-    ``settled`` and ``returned`` are the numbers at the lower bound and where the first return comes before the blow;
-    between the lower bound and ``never_lifts_deflection_m`` more preload buys gap and return speed with pressing force.
-    """
-
-    spring_rate_n_per_m: float
-    frequency_ratio: float
-    ratios: PreloadRange
-    settled_deflection_m: float
-    returned_deflection_m: float
-    never_lifts_deflection_m: float
-    settled: CollarPoint
-    returned: CollarPoint
-
-
-def _ratio(body: PressedBody) -> float:
-    return body.k * body.period / (2.0 * math.pi)
-
-
-def _sprung(body: BodyParameters, excitation: ExcitationParameters, rate: float, deflection: float) -> PressedBody:
-    spring = {"spring_rate_n_per_m": rate, "preload_deflection_m": deflection}
-    return pressed_body(BodyParameters(**{**body.model_dump(), **spring}), excitation)
-
-
 def swing_curve(
     body: BodyParameters,
     excitation: ExcitationParameters,
     rates_n_per_m: Iterable[float],
     preload_deflection_m: float = 0.0,
-) -> tuple[SwingPoint, ...]:
-    """Return amplitude and largest pressing force against spring rate, without a collar.
+) -> tuple[SwingRegime, ...]:
+    """Return the swing at each spring rate, without a collar; its statement must stand beside every figure of these.
 
     Parameters
     ----------
@@ -255,58 +188,21 @@ def swing_curve(
     preload_deflection_m : float
         Preload deflection a, m; the paper's figures have 0.
     """
-    points = []
-    for rate in rates_n_per_m:
-        constants = _sprung(body, excitation, rate, preload_deflection_m)
-        regime = swing_regime(constants)
-        points.append(
-            SwingPoint(
-                spring_rate_n_per_m=rate,
-                preload_deflection_m=preload_deflection_m,
-                frequency_ratio=_ratio(constants),
-                amplitude_rad=regime.amplitude_rad,
-                largest_travel_m=constants.radius * regime.periodic_angle_rad,
-                largest_force_n=regime.periodic_force_n,
-                regime=regime,
-            )
-        )
-    return tuple(points)
+    preload = {"preload_deflection_m": preload_deflection_m}
+    sprung = (varied(body, {"spring_rate_n_per_m": rate, **preload}) for rate in rates_n_per_m)
+    return tuple(swing_regime(pressed_body(each, excitation)) for each in sprung)
+
+
+class CollarPoint(NamedTuple):
+    """The body on its collar: metrics of the steady cycle, and whether it settles before the next load every cycle."""
+
+    metrics: CycleMetrics
+    settles: bool
 
 
 def collar_point(constants: PressedBody) -> CollarPoint:
     """Return the metrics of one body on its collar."""
     steady = steady_metrics(constants)
     never_off = steady.metrics.contact_share == 1.0
-    settles = steady.repeats_after == 1 and not math.isnan(steady.metrics.settled_s)
-    return CollarPoint(
-        spring_rate_n_per_m=constants.rate,
-        preload_deflection_m=constants.deflection,
-        frequency_ratio=_ratio(constants),
-        preload_ratio=constants.preload_ratio,
-        steady=steady,
-        settles=never_off or settles,
-    )
-
-
-def rational_ranges(
-    body: BodyParameters, excitation: ExcitationParameters, rates_n_per_m: Iterable[float]
-) -> tuple[RationalRange, ...]:
-    """Return the rational preload of each spring rate, with the metrics at its bounds."""
-    ranges = []
-    for rate in rates_n_per_m:
-        constants = _sprung(body, excitation, rate, body.preload_deflection_m)
-        ratios = preload_range(constants, constants.k)
-        deflection = constants.amplitude / (constants.rate * constants.arm)
-        ranges.append(
-            RationalRange(
-                spring_rate_n_per_m=rate,
-                frequency_ratio=_ratio(constants),
-                ratios=ratios,
-                settled_deflection_m=ratios.settled * deflection,
-                returned_deflection_m=ratios.returned * deflection,
-                never_lifts_deflection_m=deflection,
-                settled=collar_point(with_preload(constants, ratios.settled)),
-                returned=collar_point(with_preload(constants, ratios.returned)),
-            )
-        )
-    return tuple(ranges)
+    settles = steady.repeats_after == 1 and not isnan(steady.metrics.settled_s)
+    return CollarPoint(steady.metrics, never_off or settles)

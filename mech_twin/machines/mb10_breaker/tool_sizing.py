@@ -29,11 +29,7 @@ from mech_twin.parts.rod_waves.struck_tool import rod_blow
 
 OBJECTIVE = "transmitted_energy_j"  # made large
 # the power is at most that of the motor
-LIMITS: dict[str, float] = {
-    "peak_stress_pa": 2.5e8,
-    "blow_power_w": inf,
-    "tool_mass_kg": inf,
-}  # power: that of the motor
+LIMITS: dict[str, float] = {"peak_stress_pa": 2.5e8, "blow_power_w": inf, "tool_mass_kg": inf}
 DIAMETERS_M = np.geomspace(0.025, 0.1, 9)
 LENGTHS_M = np.geomspace(0.15, 1.2, 7)
 STRIKERS = np.geomspace(0.5, 2.0, 7)  # of the configured inertia of crank and flywheel

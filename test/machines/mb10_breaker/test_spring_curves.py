@@ -7,8 +7,9 @@ from itertools import pairwise
 import pytest
 from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
 
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, with_preload
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.sizing import collar_point, rational_ranges, swing_curve
+from mech_twin.machines.mb10_breaker.sizing import collar_point, swing_curve
 
 RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
 
@@ -16,19 +17,19 @@ RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
 def test_without_preload_amplitude_falls_and_force_rises_between_resonances():
     points = swing_curve(*parameters(), RATES)
     assert [math.isinf(point.amplitude_rad) for point in points] == [False, False, False, True, False, False]
-    assert "resonance k = 1 omega" in points[3].regime.statement
-    assert all("never settles" in point.regime.statement for point in points if point.regime.kind == "beat")
+    assert "resonance k = 1 omega" in points[3].statement
+    assert all("never settles" in point.statement for point in points if point.kind == "beat")
     soft = points[0]
     # a soft spring: the mean pressing moment balances the mean of the load, 2 H/(mu T) ... P = 2 |H|/(pi l) (T - t1)/T
-    assert soft.largest_force_n == pytest.approx(2.0 * 60.0 / math.pi * 0.1 / 0.2, rel=0.03)
+    assert soft.periodic_force_n == pytest.approx(2.0 * 60.0 / math.pi * 0.1 / 0.2, rel=0.03)
 
 
 def test_preload_shifts_the_rest_and_adds_its_force_without_a_collar():
     bare, pressed = (swing_curve(*parameters(), RATES[:2], a) for a in (0.0, 0.01))
     for one, other in zip(bare, pressed, strict=True):
         assert other.amplitude_rad == pytest.approx(one.amplitude_rad)
-        assert other.largest_force_n == pytest.approx(one.largest_force_n)
-        assert other.largest_travel_m == pytest.approx(one.largest_travel_m - 0.25 * 0.01 / 0.2)
+        assert other.periodic_force_n == pytest.approx(one.periodic_force_n)
+        assert other.periodic_angle_rad == pytest.approx(one.periodic_angle_rad - 0.01 / 0.2)
 
 
 def test_more_preload_trades_gap_and_return_speed_for_force():
@@ -43,8 +44,10 @@ def test_more_preload_trades_gap_and_return_speed_for_force():
 
 
 def test_rational_range_is_bounded_by_settling_and_by_the_load():
-    for found in rational_ranges(*parameters(), RATES[:2]):
-        assert 0.0 < found.settled_deflection_m < found.returned_deflection_m < found.never_lifts_deflection_m
-        assert found.settled.metrics.settled_s == pytest.approx(0.09, abs=1e-9)
-        assert found.returned.metrics.gap_at_blow_m < 1e-9
-        assert found.never_lifts_deflection_m == pytest.approx(60.0 / (found.spring_rate_n_per_m * 0.2))
+    for rate in RATES[:2]:
+        body = pressed_body(*parameters(rate))
+        found = preload_range(body, body.k)
+        assert 0.0 < found.settled < found.returned < 1.0
+        assert collar_point(with_preload(body, found.settled)).metrics.settled_s == pytest.approx(0.09, abs=1e-9)
+        assert collar_point(with_preload(body, found.returned)).metrics.gap_at_blow_m < 1e-9
+        assert with_preload(body, 1.0).deflection == pytest.approx(60.0 / (rate * 0.2))

@@ -146,8 +146,6 @@ class SwingRegime:
         Amplitude of the periodic regime's free phase, |As|; inf where there is none.
     largest_angle_rad, largest_force_n : float
         Bounds approached from rest, however long it runs; inf if it grows.
-    growth_rad : float
-        What each cycle adds at a resonance, else 0.
     """
 
     kind: str
@@ -157,7 +155,6 @@ class SwingRegime:
     amplitude_rad: float
     largest_angle_rad: float
     largest_force_n: float
-    growth_rad: float
 
 
 def swing_regime(body: PressedBody) -> SwingRegime:
@@ -180,7 +177,7 @@ def swing_regime(body: PressedBody) -> SwingRegime:
         )
         force = pressing_force(body, top)
         kind = "silent resonance" if silent else "grows"
-        return SwingRegime(kind, words, top, force, math.inf, top, force, 0.0 if silent else growth)
+        return SwingRegime(kind, words, top, force, math.inf, top, force)
     rest = mapping.fixed_point
     top = largest_angle(body, rest)[1]
     if body.damping > 0.0:
@@ -191,16 +188,8 @@ def swing_regime(body: PressedBody) -> SwingRegime:
         highest = top + abs(start - rest)
         kind = "beat"
         words = f"undamped from rest: never settles, beats about the periodic regime by {abs(start - rest):.4g} rad"
-    return SwingRegime(
-        kind,
-        words,
-        top,
-        pressing_force(body, top),
-        abs(rest),
-        highest,
-        pressing_force(body, highest),
-        0.0,
-    )
+    forces = pressing_force(body, top), pressing_force(body, highest)
+    return SwingRegime(kind, words, top, forces[0], abs(rest), highest, forces[1])
 
 
 def _memory(body: PressedBody) -> int:
