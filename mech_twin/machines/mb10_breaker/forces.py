@@ -14,10 +14,8 @@ from typing import NamedTuple
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     HELD,
-    Accelerations,
     Breaker,
-    Masses,
-    loaded_accelerations,
+    accelerations,
     masses,
     spring_moment,
 )
@@ -89,31 +87,6 @@ def in_frame(phi: float, x: float, y: float) -> tuple[float, float]:
 
 
 @kernel
-def motion_in_state(
-    b: Breaker,
-    m: Masses,
-    q: float,
-    u: float,
-    phi: float,
-    p: float,
-    drive: float,
-    regime: int,
-    thrust: float,
-    crank_nm: float,
-    body_nm: float,
-) -> Accelerations:
-    """Return accelerations, collar moment and force on the tool in one state, Coulomb friction as given (N m).
-
-    A body at phi = 0 with no rate rests if its collar has to push it (R >= 0), else it is leaving.
-    """
-    still = regime == HELD or (phi == 0.0 and p == 0.0)
-    now = loaded_accelerations(b, m, q, u, phi, p, drive, still, thrust, crank_nm, body_nm)
-    if still and regime != HELD and now.collar_nm < 0.0:
-        now = loaded_accelerations(b, m, q, u, phi, p, drive, False, thrust, crank_nm, body_nm)
-    return now
-
-
-@kernel
 def pin_forces(
     b: Breaker,
     q: float,
@@ -133,8 +106,10 @@ def pin_forces(
     at = position(b.bar, q)
     by = coefficients(at)
     m = masses(b, at, by, phi)
-    now = motion_in_state(b, m, q, u, phi, p, drive, regime, thrust, crank_nm, body_nm)
-    du, dp, collar = now.crank, now.body, now.collar_nm
+    still = regime == HELD or (phi == 0.0 and p == 0.0)
+    du, dp, collar = accelerations(b, m, q, u, phi, p, drive, still, thrust, crank_nm, body_nm)
+    if still and regime != HELD and collar < 0.0:  # the collar can only push: the body is leaving it
+        du, dp, collar = accelerations(b, m, q, u, phi, p, drive, False, thrust, crank_nm, body_nm)
     g_x, g_y = b.gravity_m_per_s2 * math.sin(phi), -b.gravity_m_per_s2 * math.cos(phi)
     # coupler: relative to the body its centroid is carried by A and by its own turning
     x, y = offset(b.coupler, at.u_x, at.u_y, b.bar.coupler_m)

@@ -28,7 +28,7 @@ import numpy as np
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.dispatcher import on_processor, overload
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, moving, striker
+from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, striker
 from mech_twin.machines.mb10_breaker.state import BODY, BODY_RATE, CRANK, CRANK_RATE, TOOL_RATE
 from mech_twin.parts.contact import ContactPulse, contact_pulse, damping_ratio, damping_ratio_without_pull
 from mech_twin.parts.rod_waves.struck_tool import rod_blow
@@ -266,7 +266,9 @@ class BlowContact(NamedTuple):
 def fading(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, rests: bool) -> float:
     """Return the deceleration (m/s^2) of the closing motion at first contact, without contact force."""
     _, slope, bend = striker(b, q)
-    du, dp, _ = accelerations(b, masses_at(b, q, phi), u, phi, p, drive, rests, moving(u, p))
+    crank_nm = -b.crank_coulomb_nm if u >= 0.0 else b.crank_coulomb_nm
+    body_nm = 0.0 if rests else -b.body_coulomb_nm if p >= 0.0 else b.body_coulomb_nm
+    du, dp, _ = accelerations(b, masses_at(b, q, phi), q, u, phi, p, drive, rests, 0.0, crank_nm, body_nm)
     return -(slope * du + bend * u * u - b.tool_radius_m * dp)
 
 

@@ -99,27 +99,19 @@ def breaker(p: BreakerParameters) -> Breaker:
     # two lines touch both circles; the striker's angle says which is meant
     towards = link_angles(at)[1] + math.radians(link.striker_angle_deg) + 0.5 * math.pi
     along = math.copysign(math.sqrt(1.0 - lever * lever), math.cos(towards))
-    own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
+    sizes = ("mass_kg", "inertia_kg_m2", "centroid_along_m", "centroid_across_m")
+    crank, coupler, rocker = (
+        Link(*(getattr(link, f"{name}_{size}") for size in sizes)) for name in ("crank", "coupler", "rocker")
+    )
+    own = rocker.mass_kg * (rocker.along_m**2 + rocker.across_m**2)
     k = p.body.spring_arm_m * math.sqrt(p.body.spring_rate_n_per_m / p.body.inertia_kg_m2)
     waves = p.tool.model == "wave"
     wave = wave_grid(p.tool.wave, p.tool.wall_force_n) if waves else NO_WAVES
     return Breaker(
         bar=bar,
-        crank=Link(
-            link.crank_mass_kg, link.crank_inertia_kg_m2, link.crank_centroid_along_m, link.crank_centroid_across_m
-        ),
-        coupler=Link(
-            link.coupler_mass_kg,
-            link.coupler_inertia_kg_m2,
-            link.coupler_centroid_along_m,
-            link.coupler_centroid_across_m,
-        ),
-        rocker=Link(
-            link.rocker_mass_kg,
-            link.rocker_inertia_kg_m2 - own,
-            link.rocker_centroid_along_m,
-            link.rocker_centroid_across_m,
-        ),
+        crank=crank,
+        coupler=coupler,
+        rocker=rocker._replace(inertia_kg_m2=rocker.inertia_kg_m2 - own),
         rotor_11_kg_m2=i * i * rotor,
         rotor_12_kg_m2=-i * i * rotor if on_frame else i * rotor,
         rotor_22_kg_m2=i * i * rotor if on_frame else rotor,
