@@ -24,6 +24,7 @@ from mech_twin.machines.compaction_press.dynamics import (
     Press,
     layer_work,
     loaded_height,
+    loaded_offset,
     press_pins,
     press_reduced,
     press_weights,
@@ -325,31 +326,21 @@ def flywheel_metrics(press: Press, stroke: Stroke, speed: float, delta: float) -
 
 
 @kernel
-def _gains(press: Press, f: float) -> tuple[float, float, float]:
-    """Return k1, |V_Q . n|/(r |w1|) with n the plate's normal, and |V_Q,y|/(r |w1|)."""
-    at = position(press.bar, f)
-    alpha, _, _ = acute_angles(at)
-    r, r1 = press.bar.crank_m, press.bar.coupler_m
-    _, rate = loaded_height(press, f)
-    # velocities of A and B per unit crank speed; B's from the loop
-    g2 = -(-at.a_y * at.v_x + at.a_x * at.v_y) / at.det
-    n_x, n_y = -at.u_y / r1, at.u_x / r1
-    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
-    y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
-    normal = (-at.a_y - g2 * y) * n_x + (at.a_x + g2 * x) * n_y
-    return 1.0 / max(np.cos(alpha), 1e-300), abs(normal) / r, abs(rate) / r
-
-
-@kernel
 def gains(press: Press, f: float) -> tuple[float, float, float, float]:
     """Return k1, k2 = R1/a, exact gain of a load normal to the plate, exact gain of a vertical load.
 
     k1 k2 is the paper's, Q = P k1 k2; it holds only while B is at rest.  The exact gains are inverse velocity ratios
     and grow without bound at the dead centres (kept below 1e300).
     """
-    k1, normal, vertical = _gains(press, f)
-    k2 = press.bar.coupler_m / max(press.bar.coupler_m - press.along_m, 1e-300)
-    return k1, k2, 1.0 / max(normal, 1e-300), 1.0 / max(vertical, 1e-300)
+    at = position(press.bar, f)
+    r, r1 = press.bar.crank_m, press.bar.coupler_m
+    # velocities of A and B per unit crank speed; B's from the loop
+    g2 = -(-at.a_y * at.v_x + at.a_x * at.v_y) / at.det
+    x, y = loaded_offset(press, at)
+    normal = (-at.a_y - g2 * y) * (-at.u_y / r1) + (at.a_x + g2 * x) * (at.u_x / r1)
+    vertical = loaded_height(press, f)[1]
+    k1, k2 = 1.0 / max(np.cos(acute_angles(at)[0]), 1e-300), r1 / max(r1 - press.along_m, 1e-300)
+    return k1, k2, 1.0 / max(abs(normal) / r, 1e-300), 1.0 / max(abs(vertical) / r, 1e-300)
 
 
 @kernel

@@ -20,7 +20,7 @@ from mech_twin.capabilities.figure import (
     millimetres,
 )
 from mech_twin.capabilities.mechanism import Bar, FrameTree, Inertia, fixed, four_bar_chain, inertia_about_origin
-from mech_twin.machines.compaction_press.dynamics import Press, loaded_height, press_reduced
+from mech_twin.machines.compaction_press.dynamics import Press, loaded_offset, press_reduced
 from mech_twin.parts.four_bar import position
 from mech_twin.samples import LinkageSample, Shape
 
@@ -33,8 +33,8 @@ def drawing(press: Press, linkage: LinkageSample) -> tuple[Shape, ...]:
     """Return ground, layer with its stroke, crank, plate, pendulum, pins, and the layer's force where it acts."""
     angle = linkage.joint("crank").position
     at = position(press.bar, angle)
-    along = (press.along_m * at.u_x - press.across_m * at.u_y) / press.bar.coupler_m
-    load = (at.a_x + along, loaded_height(press, angle)[0])
+    x, y = loaded_offset(press, at)
+    load = (at.a_x + x, at.a_y + y)
     o, a, b = (0.0, 0.0), (at.a_x, at.a_y), (at.b_x, at.b_y)
     c = (press.bar.pivot_x_m, press.bar.pivot_y_m)
     force = press_reduced(press, angle, linkage.regime).force

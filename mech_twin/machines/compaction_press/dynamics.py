@@ -34,6 +34,7 @@ from mech_twin.kernels.kernel import embedded_kernel, kernel
 from mech_twin.parts.four_bar import (
     FourBar,
     Link,
+    Position,
     Reactions,
     closure_error,
     coefficients,
@@ -106,15 +107,20 @@ def is_pressed(regime: int) -> bool:
     return regime in (CONTACT, CONTACT_REVERSED)
 
 
+@embedded_kernel
+def loaded_offset(press: Press, at: Position) -> tuple[float, float]:
+    """Return where the loaded point is from A (m)."""
+    r1 = press.bar.coupler_m
+    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
+    return x, (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+
+
 @kernel
 def loaded_height(press: Press, f: float) -> tuple[float, float]:
     """Return the height of the loaded point (m) and its derivative in the crank angle (m)."""
     at = position(press.bar, f)
-    g2 = coefficients(at).g2
-    r1 = press.bar.coupler_m
-    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
-    y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
-    return at.a_y + y, at.a_x + g2 * x
+    x, y = loaded_offset(press, at)
+    return at.a_y + y, at.a_x + coefficients(at).g2 * x
 
 
 @kernel
@@ -135,9 +141,7 @@ def press_reduced(press: Press, f: float, regime: int) -> Reduced:
     at = position(press.bar, f)
     by = coefficients(at)
     inertia, slope = reduced_inertia(press.bar, press.crank, press.plate, press.pendulum, at, by)
-    r1 = press.bar.coupler_m
-    x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
-    y = (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+    x, y = loaded_offset(press, at)
     height, rate = at.a_y + y, at.a_x + by.g2 * x
     force = layer_force(press.load, height) if is_pressed(regime) else 0.0
     s1_x, _ = offset(press.crank, at.a_x, at.a_y, press.bar.crank_m)
@@ -164,11 +168,9 @@ def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reac
     """Return every pin force and the drive moment from equilibrium, under an upward force (N) on the plate."""
     at = position(press.bar, f)
     by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)
-    r1 = press.bar.coupler_m
-    x = at.a_x + (press.along_m * at.u_x - press.across_m * at.u_y) / r1
-    y = at.a_y + (press.along_m * at.u_y + press.across_m * at.u_x) / r1
+    x, y = loaded_offset(press, at)
     links = press.crank, press.plate, press.pendulum
-    return pin_forces(press.bar, *links, at, by, e, 0.0, -press.gravity, 0.0, force, x, y)
+    return pin_forces(press.bar, *links, at, by, e, 0.0, -press.gravity, 0.0, force, at.a_x + x, at.a_y + y)
 
 
 @step_of(mechanism_state, Press)

@@ -210,8 +210,6 @@ def branching_terms(
     """Return what `shaft_terms` does, for every kinematics and friction."""
     inertia, slope, moment = bank.crank_inertia_kg_m2, 0.0, 0.0
     shaft_sine, shaft_cosine = sin(crank_rad), cos(crank_rad)
-    r, ratio = bank.crank_m, bank.ratio
-    reversing, one_way = bank.load == REVERSING, bank.load in (RECTIFIED, RESIST)
     for cart in range(bank.offset_rad.size):
         sine = shaft_sine * bank.offset_cosine[cart] + shaft_cosine * bank.offset_sine[cart]
         cosine = shaft_cosine * bank.offset_cosine[cart] - shaft_sine * bank.offset_sine[cart]
@@ -219,14 +217,9 @@ def branching_terms(
         inertia += bank.mass_kg[cart] * motion.x1 * motion.x1
         slope += bank.mass_kg[cart] * motion.x1 * motion.x2
         if bank.load != NONE:
-            sense = sides[cart] * direction if reversing else 1.0
+            sense = sides[cart] * direction if bank.load == REVERSING else 1.0
             force = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
-            part = force * r * sine * (motion.rod_cosine + ratio * cosine)
-            if one_way:
-                part = part * sides[cart] if force >= 0.0 else -part * sides[cart]
-            moment += part
-    if bank.load == RESIST:
-        moment *= direction
+            moment += cart_moment(bank, force, motion, sine, cosine, sides[cart], direction)
     return inertia, slope, moment
 
 
