@@ -112,14 +112,14 @@ class RecorderNode(TwinNode):
 
     Parameters
     ----------
-    directory : Path
+    directory : path
         The recording to make.  See `TwinNode` for the other arguments.
     """
 
     def __init__(
         self,
         machine_name: str,
-        directory: Path,
+        directory: Path | str,
         parameters: Parameters | None = None,
         options: RunOptions | None = None,
     ) -> None:
@@ -139,7 +139,7 @@ class RecorderNode(TwinNode):
         self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
         with closed_first():
             self.writer = BagWriter(
-                directory,
+                Path(directory),
                 configuration=description_text(machine_name, self.initial_parameters),
                 max_loss_s=self.options.max_loss_s,
                 fsync=self.options.fsync,

@@ -115,21 +115,18 @@ class Hall:
 
     async def _begin(self, *words: str) -> str:
         async with self._turn:
-            return await self._begun(*words)
-
-    async def _begun(self, *words: str) -> str:
-        await self.close()
-        await self._clear()
-        self._process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "mech_twin", *words),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL,
-            stderr=asyncio.subprocess.PIPE,
-            cwd=self._folder,
-            env=os.environ | {BEGUN_BY: self._place},
-        )
-        self._tell("status", {"text": f"{' '.join(words[:2])} begins"})
-        self._watch = asyncio.create_task(self._watched(self._process, words[0]))
+            await self.close()
+            await self._clear()
+            self._process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "mech_twin", *words),
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.DEVNULL,
+                stderr=asyncio.subprocess.PIPE,
+                cwd=self._folder,
+                env=os.environ | {BEGUN_BY: self._place},
+            )
+            self._tell("status", {"text": f"{' '.join(words[:2])} begins"})
+            self._watch = asyncio.create_task(self._watched(self._process, words[0]))
         return " ".join(words)
 
     async def _watched(self, process: asyncio.subprocess.Process, verb: str) -> None:

@@ -18,9 +18,10 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
@@ -148,14 +149,8 @@ def answer_trials() -> None:
 SERVICE_S = 2.0  # time limit for a service to be discovered
 END_S = 2.0  # time limit for the thread of orders to end
 HALL_ORDERS = (OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST)
+Answer = Future[tuple[str, bool]]  # of a machine to an order, and whether it succeeded
 SPEED, CHANGE, PAUSE, GO_ON, IDENTIFY = "speed", "change", "pause", "go-on", "identify"
-
-
-class _Asked(NamedTuple):
-    """An order, and the receiver of its answer."""
-
-    message: Mapping[str, Any]
-    answer: Callable[[str, bool], None]
 
 
 class Orders(threading.Thread):
@@ -174,12 +169,15 @@ class Orders(threading.Thread):
     def __init__(self, namespace: str, changed: Callable[[str, Any], None], paused: Callable[[bool], None]) -> None:
         super().__init__(daemon=True, name="orders")
         self._namespace, self._changed, self._paused = namespace, changed, paused
-        self._asked: queue.Queue[_Asked] = queue.Queue()
+        self._asked: queue.Queue[tuple[Mapping[str, Any], Answer]] = queue.Queue()
         self._is_over = False
 
-    def ask(self, asked: _Asked) -> None:
+    def ask(self, message: Mapping[str, Any]) -> Answer:
         """Queue an order."""
-        self._asked.put(asked)
+        answer = Answer()
+        answer.set_running_or_notify_cancel()  # a page that has gone cancels no order
+        self._asked.put((message, answer))
+        return answer
 
     def close(self) -> None:
         """Accept no further order, and end."""
@@ -195,8 +193,8 @@ class Orders(threading.Thread):
             while not self._is_over:
                 teller.serve_until(lambda: self._is_over or not self._asked.empty())
                 while not self._asked.empty():
-                    asked = self._asked.get()
-                    asked.answer(*carried_out(teller, asked.message))
+                    message, answer = self._asked.get()
+                    answer.set_result(carried_out(teller, message))
 
 
 def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
@@ -323,13 +321,7 @@ class BenchProcess:
             return await self._hall.obey(message)
         if self._orders is None:
             raise OrderError("nothing runs that could be commanded")
-        future: asyncio.Future[tuple[str, bool]] = self._loop.create_future()
-
-        def answer(text: str, is_done: bool) -> None:
-            self._loop.call_soon_threadsafe(future.set_result, (text, is_done))
-
-        self._orders.ask(_Asked(message, answer))
-        text, is_done = await future
+        text, is_done = await asyncio.wrap_future(self._orders.ask(message))
         if not is_done:
             raise OrderError(text)
         if message["name"] in (PAUSE, GO_ON):
@@ -347,7 +339,7 @@ def main() -> None:
     settings = json.loads(sys.stdin.readline())
     end_with_parent(settings["parent"])
 
-    async def serve() -> None:
+    async def serve() -> None:  # BenchProcess needs the running loop
         await BenchProcess(settings).serve()
 
     asyncio.run(serve())

@@ -33,6 +33,7 @@ from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.nodes.roles.viewer_node import ObserverNode
 from mech_twin.nodes.run.console import attended, keep_log_apart
 from mech_twin.nodes.run.domain import NodeEndedError, ros_arguments, run_namespace
+from mech_twin.nodes.run.executables import LaunchRequest, programs
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS
@@ -247,7 +248,8 @@ def run_processes(
             folder = at_end.enter_context(tempfile.TemporaryDirectory(prefix="mech_twin-"))
             file = Path(folder) / "parameters.yaml"
             file.write_text(_parameter_file(machine_name, parameters, options), encoding="utf-8")
-            for name, arguments in _roster(catalogue_entry(machine_name).has_body, directory, place):
+            record = "" if directory is None else str(directory)
+            for name, _, arguments in programs(LaunchRequest(machine_name, record=record, view=place or "", frames="")):
                 processes[name] = _started(name, [*arguments, *rules, *ROS_FILE, str(file)])
 
             def describe() -> None:
@@ -276,14 +278,6 @@ def run_processes(
     if failed:
         raise NodeEndedError(f"ended with an error: {failed}")
     return Outcome(observer.run_metrics, {}, {})
-
-
-def _roster(has_body: bool, directory: Path | None, place: str | None) -> list[tuple[str, list[str]]]:
-    """Return the executables in starting order, with their arguments."""
-    recorder = [] if directory is None else [("recorder_node", ["--directory", str(directory)])]
-    viewer = [] if place is None else [("viewer_node", ["--place", place])]
-    roles = ["motor_node", "force_node", *(["body_node"] if has_body else []), "linkage_node"]
-    return [*recorder, *viewer, *((name, list[str]()) for name in roles)]
 
 
 def _parameter_file(machine_name: str, parameters: Parameters, options: RunOptions) -> str:

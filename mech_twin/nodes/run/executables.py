@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -228,19 +229,31 @@ def machine_of(node_name: str) -> Iterator[str]:
     )
 
 
-def _program(
-    make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, description: str, *options: str
-) -> None:
+def _program(role: str, node_name: str, description: str, option: str = "", usual: str = "") -> None:
+    """Run a node of a role class, ``module:Class``, which is loaded where a signal ends the process.
+
+    The class gets the name of the machine, and the value of the option: the usual one, with that name for ``{}``, if
+    none is given.
+    """
     parser = argparse.ArgumentParser(description=description)
-    for option in options:
+    if option:
         parser.add_argument(option)
     own, ros = parser.parse_known_args()
     if ros and ros[0] != "--ros-args":
         parser.error(f"unknown argument {ros[0]}; ROS arguments come after --ros-args")
+
+    def make() -> TwinNode:
+        with machine_of(node_name) as machine:
+            module, name = role.split(":")
+            made = getattr(import_module(f"mech_twin.nodes.roles.{module}"), name)
+            given = [value or usual.format(machine) for value in vars(own).values()]
+            node: TwinNode = made(machine, *given)
+            return node
+
     try:
         with StopSignal() as stop:
             end_with_launch()
-            _serve(lambda: _node_of_machine(make, node_name, own), ros, stop)
+            _serve(make, ros, stop)
     except SystemExit as end:
         end_at_once(end.code if isinstance(end.code, int) else EXIT_CODE)
     except Exception as error:
@@ -250,13 +263,6 @@ def _program(
         sys.stderr.write(f"{Path(sys.argv[0]).name}: {printable(line)}\n")
         raise SystemExit(EXIT_CODE) from error
     end_at_once(0)
-
-
-def _node_of_machine(
-    make: Callable[[str, argparse.Namespace], TwinNode], node_name: str, own: argparse.Namespace
-) -> TwinNode:
-    with machine_of(node_name) as machine:
-        return make(machine, own)
 
 
 def _error_line(error: Exception) -> str | None:
@@ -310,77 +316,35 @@ def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> Tw
 
 def motor_node() -> None:
     """Run the motor node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.answering_nodes import MotorNode
-
-        return MotorNode(machine)
-
-    _program(make, "motor", "motor of a machine")
+    _program("answering_nodes:MotorNode", "motor", "motor of a machine")
 
 
 def linkage_node() -> None:
     """Run the linkage node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.linkage_node import LinkageNode
-
-        return LinkageNode(machine)
-
-    _program(make, "linkage", "linkage of a machine, and time authority of its run")
+    _program("linkage_node:LinkageNode", "linkage", "linkage of a machine, and time authority of its run")
 
 
 def force_node() -> None:
     """Run the force analysis node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.answering_nodes import ForceNode
-
-        return ForceNode(machine)
-
-    _program(make, "force_analysis", "force analysis of a machine")
+    _program("answering_nodes:ForceNode", "force_analysis", "force analysis of a machine")
 
 
 def body_node() -> None:
     """Run the body node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.answering_nodes import BodyNode
-
-        return BodyNode(machine)
-
-    _program(make, "body", "body of a machine")
+    _program("answering_nodes:BodyNode", "body", "body of a machine")
 
 
 def frames_node() -> None:
     """Run the frames node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.frames_node import FramesNode
-
-        return FramesNode(machine)
-
-    _program(make, "frames", "frames of a machine for TF, and its robot description")
+    _program("frames_node:FramesNode", "frames", "frames of a machine for TF, and its robot description")
 
 
 def recorder_node() -> None:
     """Run the recorder node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.recorder_node import RecorderNode
-
-        directory = own.directory or f"recordings/{machine}-{datetime.now():%Y%m%d-%H%M%S}"
-        return RecorderNode(machine, Path(directory))
-
-    _program(make, "recorder", "recorder of a machine", "--directory")
+    usual = f"recordings/{{}}-{datetime.now():%Y%m%d-%H%M%S}"
+    _program("recorder_node:RecorderNode", "recorder", "recorder of a machine", "--directory", usual)
 
 
 def viewer_node() -> None:
     """Run the viewer node."""
-
-    def make(machine: str, own: argparse.Namespace) -> TwinNode:
-        from mech_twin.nodes.roles.viewer_node import ViewerNode
-
-        return ViewerNode(machine, own.place or f"{machine}.rrd")
-
-    _program(make, "viewer", "viewer of a machine", "--place")
+    _program("viewer_node:ViewerNode", "viewer", "viewer of a machine", "--place", "{}.rrd")

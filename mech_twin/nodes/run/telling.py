@@ -58,53 +58,6 @@ PAUSED = "paused"  # how the state of a paused run begins
 PAUSES = {"pause": True, "resume": False}  # of a run, which has one service for both
 
 
-class _Line:
-    """Calls services of a machine through a node, and waits for the answers."""
-
-    def __init__(self, node: Node, spinner: Spinner, namespace: str, wait_s: float) -> None:
-        self._node, self._spinner = node, spinner
-        self.namespace, self._wait_s = "/" + namespace.strip("/"), wait_s
-        self._clients: dict[str, Client] = {}
-
-    def ask(self, kind: Any, service: str, request: Any) -> Any:
-        """Return the answer of a service.
-
-        Raises
-        ------
-        UnansweredError
-            If it is not offered, or does not answer.
-        """
-        client = self._client(kind, service)
-        name = client.srv_name
-        if not self._until(client.service_is_ready, self._wait_s):
-            raise UnansweredError(f"{name}: nobody offers this service after {self._wait_s:g} s; does the machine run?")
-        answer = client.call_async(request)
-        if not self._until(answer.done, ANSWER_S):
-            raise UnansweredError(f"{name}: no answer within {ANSWER_S:g} s")
-        return answer.result()
-
-    def offers_first(self, first: tuple[Any, str], second: tuple[Any, str]) -> bool:
-        """Wait for one of two services, types and names; return whether the first is offered."""
-        here, there = self._client(*first), self._client(*second)
-        self.wait_until(lambda: here.service_is_ready() or there.service_is_ready())
-        return bool(here.service_is_ready())
-
-    def _client(self, kind: Any, service: str) -> Client:
-        name = f"{self.namespace}/{service}"
-        if name not in self._clients:
-            self._clients[name] = self._node.create_client(kind, name)
-        return self._clients[name]
-
-    def wait_until(self, holds: Callable[[], bool]) -> bool:
-        """Wait for a condition as long as for a service; return whether it holds."""
-        return self._until(holds, self._wait_s)
-
-    def _until(self, holds: Any, limit_s: float) -> bool:
-        end = time.monotonic() + limit_s
-        self._spinner.until(lambda: bool(holds()) or time.monotonic() > end)
-        return bool(holds())
-
-
 class _TellingNode(Node):
     """A node that is served often enough for interactive use."""
 
@@ -130,28 +83,57 @@ class Teller:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = _TellingNode("teller", namespace="mech_twin")
         self._spinner = Spinner([self.node])
-        self._line = _Line(self.node, self._spinner, namespace, wait_s)
-        command = f"{self._line.namespace}/{SPEED_COMMAND.name}"
+        self._namespace, self._wait_s = "/" + namespace.strip("/"), wait_s
+        self._clients: dict[str, Client] = {}
+        command = f"{self._namespace}/{SPEED_COMMAND.name}"
         self._speed = self.node.create_publisher(Float64, command, SPEED_COMMAND.qos)
 
     def order(self, order: str, fault: str | None = None) -> str:
         """Send a command of `ORDERS`; return the node's answer; raises as `tell` does."""
-        return _ordered(self._line, order, fault)
+        asked = ORDERS[order]
+        if order in PAUSES and self._pauses_run(asked):
+            return f"{order}: {self.pause(PAUSES[order])}"
+        if asked.of_a_fault:
+            self.change({"fault": fault or ""}, asked.service.split("/", maxsplit=1)[0])
+        request = SetBool.Request(data=True) if asked.kind is SetBool else Trigger.Request()
+        answer = self._ask(asked.kind, asked.service, request)
+        if not answer.success:
+            raise UnansweredError(f"{order}: refused: {answer.message}")
+        return f"{order}: {answer.message or 'done'}"
 
     def change(self, values: Mapping[str, Any], node: str = "linkage") -> str:
         """Change parameters of a node, all or none; return their new values; raises as `tell` does."""
-        return _changed(self._line, node, values)
+        names, known = list(values), self._parameters(node)
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise UnansweredError(unknown_name(unknown[0], known, "parameter "))
+        asked = GetParameterTypes.Request(names=names)
+        types = self._ask(GetParameterTypes, f"{node}/get_parameter_types", asked).types
+        absent = [name for name in names if values[name] is None]
+        if absent:
+            raise UnansweredError(f"{absent[0]}: has no value; expected {absent[0]}=VALUE")
+        reals = {name for name, kind in zip(names, types, strict=True) if kind == ParameterType.PARAMETER_DOUBLE}
+        numbers = {
+            name: float(value) if name in reals and isinstance(value, int) and not isinstance(value, bool) else value
+            for name, value in values.items()
+        }
+        changes = [Parameter(name, value=value).to_parameter_msg() for name, value in numbers.items()]
+        request = SetParametersAtomically.Request(parameters=changes)
+        answer = self._ask(SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
+        if not answer.successful:
+            raise UnansweredError(f"{', '.join(numbers)}: refused: {answer.reason}")
+        return ", ".join(f"{name} = {value}" for name, value in numbers.items())
 
     def values(self, node: str = "linkage") -> dict[str, Any]:
         """Return the parameters of a node and their values; raises as `tell` does."""
-        names = _known(self._line, node)
-        answer = self._line.ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+        names = self._parameters(node)
+        answer = self._ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         found = zip(names, map(parameter_value_to_python, answer.values), strict=True)
         return {name: list(value) if isinstance(value, array) else value for name, value in found if value is not None}
 
     def pause(self, wanted: bool) -> str:
         """Pause or continue a run; raises as `tell` does."""
-        return str(self._line.ask(SetBool, "pause", SetBool.Request(data=wanted)).message)
+        return str(self._ask(SetBool, "pause", SetBool.Request(data=wanted)).message)
 
     def set_speed(self, share: float) -> str:
         """Command a share of the rated speed.
@@ -163,14 +145,14 @@ class Teller:
         """
         if not 0.0 <= share <= 1.0:
             raise UnansweredError(f"speed {share:g}: expected 0 to 1 of the rated speed")
-        if not self._line.wait_until(lambda: self._speed.get_subscription_count() > 0):
+        if not self._wait(lambda: self._speed.get_subscription_count() > 0):
             raise UnansweredError(f"{self._speed.topic_name}: no motor listens; does the machine run?")
         self._speed.publish(Float64(data=share))
         return f"speed {share:.0%} of rated"
 
     def watch_parameters(self, changed: Callable[[str, Any], None], node: str = "linkage") -> None:
         """Call ``changed`` with name and value at each parameter change of a node, from ``/parameter_events``."""
-        name = f"{self._line.namespace}/{node}"
+        name = f"{self._namespace}/{node}"
 
         def on_event(event: ParameterEvent) -> None:
             if event.node == name:
@@ -181,7 +163,7 @@ class Teller:
 
     def watch_pause(self, paused: Callable[[bool], None], node: str = "linkage") -> None:
         """Call ``paused`` with whether the run is paused, about once a second, from the diagnostics of a node."""
-        name = f"{self._line.namespace}/{node}"
+        name = f"{self._namespace}/{node}"
 
         def on_diagnostics(message: DiagnosticArray) -> None:
             for status in message.status:
@@ -193,6 +175,40 @@ class Teller:
     def serve_until(self, holds: Callable[[], bool]) -> None:
         """Serve the node until a condition holds."""
         self._spinner.until(holds)
+
+    def _parameters(self, node: str) -> list[str]:
+        """Return the names of all parameters of a node."""
+        request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
+        return list(self._ask(ListParameters, f"{node}/list_parameters", request).result.names)
+
+    def _ask(self, kind: Any, service: str, request: Any) -> Any:
+        """Return the answer of a service; raises `UnansweredError`."""
+        client = self._client(kind, service)
+        name = client.srv_name
+        if not self._wait(client.service_is_ready):
+            raise UnansweredError(f"{name}: nobody offers this service after {self._wait_s:g} s; does the machine run?")
+        answer = client.call_async(request)
+        if not self._wait(answer.done, ANSWER_S):
+            raise UnansweredError(f"{name}: no answer within {ANSWER_S:g} s")
+        return answer.result()
+
+    def _pauses_run(self, other: Order) -> bool:
+        """Wait for the pause service of a run, or that of a replay; return whether the first is offered."""
+        run, replay = self._client(SetBool, "pause"), self._client(other.kind, other.service)
+        self._wait(lambda: run.service_is_ready() or replay.service_is_ready())
+        return bool(run.service_is_ready())
+
+    def _client(self, kind: Any, service: str) -> Client:
+        name = f"{self._namespace}/{service}"
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        return self._clients[name]
+
+    def _wait(self, holds: Callable[[], bool], limit_s: float | None = None) -> bool:
+        """Wait for a condition, as long as for a service if no limit (s) is given; return whether it holds."""
+        end = time.monotonic() + (self._wait_s if limit_s is None else limit_s)
+        self._spinner.until(lambda: holds() or time.monotonic() > end)
+        return holds()
 
     def __enter__(self) -> Teller:
         self._spinner.__enter__()
@@ -231,47 +247,3 @@ def tell(
     """
     with Teller(namespace, wait_s) as teller:
         return teller.change(values) if order is None else teller.order(order, fault)
-
-
-def _ordered(line: _Line, order: str, fault: str | None) -> str:
-    """Send a command; return the node's answer."""
-    asked = ORDERS[order]
-    if order in PAUSES and line.offers_first((SetBool, "pause"), (asked.kind, asked.service)):
-        return f"{order}: {line.ask(SetBool, 'pause', SetBool.Request(data=PAUSES[order])).message}"
-    if asked.of_a_fault:
-        _changed(line, asked.service.split("/", maxsplit=1)[0], {"fault": fault or ""})
-    request = SetBool.Request(data=True) if asked.kind is SetBool else Trigger.Request()
-    answer = line.ask(asked.kind, asked.service, request)
-    if not answer.success:
-        raise UnansweredError(f"{order}: refused: {answer.message}")
-    return f"{order}: {answer.message or 'done'}"
-
-
-def _known(line: _Line, node: str) -> list[str]:
-    """Return the names of all parameters of a node."""
-    request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
-    return list(line.ask(ListParameters, f"{node}/list_parameters", request).result.names)
-
-
-def _changed(line: _Line, node: str, values: Mapping[str, Any]) -> str:
-    """Change parameters of a node, all or none; return their new values."""
-    names = list(values)
-    known = _known(line, node)
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise UnansweredError(unknown_name(unknown[0], known, "parameter "))
-    types = line.ask(GetParameterTypes, f"{node}/get_parameter_types", GetParameterTypes.Request(names=names)).types
-    absent = [name for name in names if values[name] is None]
-    if absent:
-        raise UnansweredError(f"{absent[0]}: has no value; expected {absent[0]}=VALUE")
-    reals = {name for name, kind in zip(names, types, strict=True) if kind == ParameterType.PARAMETER_DOUBLE}
-    numbers = {
-        name: float(value) if name in reals and isinstance(value, int) and not isinstance(value, bool) else value
-        for name, value in values.items()
-    }
-    changes = [Parameter(name, value=value).to_parameter_msg() for name, value in numbers.items()]
-    request = SetParametersAtomically.Request(parameters=changes)
-    answer = line.ask(SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
-    if not answer.successful:
-        raise UnansweredError(f"{', '.join(numbers)}: refused: {answer.reason}")
-    return ", ".join(f"{name} = {value}" for name, value in numbers.items())
