@@ -12,7 +12,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.cli.failure import LOSS_EXIT_CODE, report_losses
 from mech_twin.messages.topics import DIAGNOSTICS
-from mech_twin.nodes.shadow.recorder import BlackBox, LoggedMessage, ShadowTopics
+from mech_twin.nodes.shadow.recorder import BlackBox, ShadowTopics
+from mech_twin.recording.bag_contents import RecentMessage
 from mech_twin.recording.bag_reader import BagReader
 
 NAME, FAULT = "winding_drum", "belt: slack"
@@ -54,7 +55,7 @@ SECOND_NS = 10**9
 def test_what_is_kept_and_written_is_of_the_machines_present_time_also_when_it_is_started_anew(box: BlackBox) -> None:
     def heard(seconds: range) -> None:
         for second in seconds:
-            box.take(LoggedMessage(DIAGNOSTICS.name, b"", second * SECOND_NS))
+            box.take(RecentMessage(DIAGNOSTICS.name, b"", second * SECOND_NS))
 
     heard(range(1000, 1030))
     assert [message.at_ns // SECOND_NS for message in box._kept] == list(range(1019, 1030))

@@ -99,7 +99,8 @@ def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowe
     shadow, identifier = shadowed
     samples = list(seen(8.0))
     for sample in samples:
-        shadow.on_sample(sample)
+        for observe in shadow.at_sample:
+            observe(sample)
         shadow.observer.take(sample)
     assert identifier.recent.span_s == pytest.approx(8.0, abs=0.05)
     identifier.set_parameters([Parameter("span_s", value=4.0)])
@@ -131,7 +132,8 @@ def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowe
 def test_the_diagnostics_of_an_identifier_have_the_time_of_the_machine(shadowed) -> None:
     shadow, identifier = shadowed
     shadow.origin.second = 1_790_000_000
-    shadow.on_sample(SeenSample(3.5, (0, 1), (0.1, 0.0)))
+    for observe in shadow.at_sample:
+        observe(SeenSample(3.5, (0, 1), (0.1, 0.0)))
     assert identifier.time_s == 1_790_000_003.5
 
 

@@ -150,16 +150,20 @@ class NodeDiagnostics:
         level = ERROR if broken or self._errors else WARN if reports or waiting or self._warnings else OK
         text = "; ".join([self.state, *broken, *self._errors, *self._warnings, *lines])
         self._errors, self._warnings = [], []
-        status = DiagnosticStatus(level=level, name=self._name, message=text, hardware_id=self.hardware)
         values = {f"worst {name}": f"{residual.worst:.6g}" for name, residual in residuals.items()}
         values |= {name: str(number) for name, number in self._statistics.totals().items()} | dict(extra)
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
-        return status, lines
+        return status_message(self._name, text, values, level=level, hardware_id=self.hardware), lines
 
 
 def _line(report: Report) -> str:
     counts = ", ".join(f"{number} {kind.replace('_', ' ')}" for kind, number in report.counts.items())
     return f"{report.topic}: {counts}" + (f"; last: {report.last_reason}" if report.last_reason else "")
+
+
+def status_message(name: str, text: str, values: Mapping[str, str], **fields: Any) -> DiagnosticStatus:
+    """Return a diagnostics status with these values; ``fields`` are its level and the ``hardware_id``."""
+    listed = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticStatus(name=name, message=text, values=listed, **fields)
 
 
 def array_message(time_s: float, status: DiagnosticStatus) -> DiagnosticArray:

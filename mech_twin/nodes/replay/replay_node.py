@@ -10,7 +10,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
-from mech_twin.nodes.exchange.counting import array_message
+from mech_twin.nodes.exchange.counting import array_message, status_message
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
 from mech_twin.recording.bag_contents import stamp_ns
@@ -341,6 +341,5 @@ class ReplayNode(Node):
             values |= {f"published {name}": str(output.published), f"refused {name}": str(output.refused)}
         values |= {f"malformed {name}": str(number) for name, number in self._source.malformed.items()}
         values |= {f"left out {name}": why for name, why in self._source.unknown.items()}
-        status = DiagnosticStatus(level=level, name=self.get_fully_qualified_name(), message=text)
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        status = status_message(self.get_fully_qualified_name(), text, values, level=level)
         self._diagnostics_out.publish(array_message(self.position_ns * 1e-9, status))

@@ -14,7 +14,6 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,12 +22,12 @@ from std_srvs.srv import SetBool
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DECISIONS, RECOMMENDATION, SPEED_COMMAND
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.counting import status_message
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
     AdviceState,
     AdviceStep,
-    Decision,
     Recommendation,
     Setting,
     accepted,
@@ -110,9 +109,8 @@ class AdvisorNode(TwinNode):
         namespace: str,
         columns: Sequence[str],
         parameters: Parameters | None = None,
-        options: RunOptions | None = None,
     ) -> None:
-        super().__init__("advisor", machine_name, parameters, options)
+        super().__init__("advisor", machine_name, parameters)
         self.model = advice_model(catalogue_entry(machine_name), self.initial_parameters, wish, columns)
         self.wish, self.state, self.number = wish, AdviceState(), 0
         self._now_s = 0.0  # end of the newest cycle, on the time base of the samples
@@ -244,24 +242,10 @@ class AdvisorNode(TwinNode):
             self.number += 1
         pending = self.number if self.state.phase == "offered" else 0
         self.set_parameters([Parameter(PENDING, value=pending)])
-        self._decisions.send(_decision_status(self.get_fully_qualified_name(), self.number, decision))
-        self._recommendation.send(self._advice_status(self.state.advice or before.advice, decision))
-
-    def _advice_status(self, advice: Recommendation | None, decision: Decision) -> DiagnosticStatus:
-        status = DiagnosticStatus(
-            name=f"{self.get_fully_qualified_name()}: advice {self.number}", message=decision.what
-        )
-        status.hardware_id = self.diagnostics.hardware
-        values = (
-            {} if advice is None else {name.replace("_", " "): f"{value}" for name, value in advice._asdict().items()}
-        )
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
-        return status
-
-
-def _decision_status(name: str, number: int, decision: Decision) -> DiagnosticStatus:
-    status = DiagnosticStatus(name=f"{name}: advice {number}", message=f"{decision.what}: {decision.reason}")
-    sent = "" if decision.sent is None else f"{decision.sent.key} = {decision.sent.value:.6g}"
-    values = {"time s": f"{decision.time_s:.3f}", "decision": decision.what, "sent": sent}
-    status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
-    return status
+        name, advice = f"{self.get_fully_qualified_name()}: advice {self.number}", self.state.advice or before.advice
+        sent = "" if decision.sent is None else f"{decision.sent.key} = {decision.sent.value:.6g}"
+        decided = {"time s": f"{decision.time_s:.3f}", "decision": decision.what, "sent": sent}
+        self._decisions.send(status_message(name, f"{decision.what}: {decision.reason}", decided))
+        parts = {} if advice is None else {key.replace("_", " "): f"{value}" for key, value in advice._asdict().items()}
+        own = self.diagnostics.hardware
+        self._recommendation.send(status_message(name, decision.what, parts, hardware_id=own))

@@ -20,7 +20,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MeasurementError, MotionError, StudyError
 from mech_twin.measurements.measurement_map import Channel
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.process.interruption import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
@@ -99,9 +99,8 @@ class IdentifierNode(TwinNode):
         keys: Sequence[str],
         bounds: dict[str, tuple[float, float]],
         parameters: Parameters | None = None,
-        options: RunOptions | None = None,
     ) -> None:
-        super().__init__("identifier", machine_name, parameters, options)
+        super().__init__("identifier", machine_name, parameters)
         self.model = self.initial_parameters
         KeyedConfiguration(machine_name, self.model, tuple(keys)).check()
         self.keys, self._bounds = tuple(keys), dict(bounds)

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -21,7 +21,8 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.cdr import Header, StepMessage, encoded
 from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.counting import status_message
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
@@ -209,9 +210,8 @@ class MonitorNode(TwinNode):
         columns: Sequence[str],
         origin: StampOrigin,
         parameters: Parameters | None = None,
-        options: RunOptions | None = None,
     ) -> None:
-        super().__init__("monitor", machine_name, parameters, options)
+        super().__init__("monitor", machine_name, parameters)
         ask = catalogue_entry(machine_name).capabilities.features
         if ask is None:
             raise ConfigurationError(f"{machine_name} declares no features of a cycle; expected a machine that does")
@@ -284,24 +284,20 @@ class MonitorNode(TwinNode):
             self._send_faults(found)
         for life in found.faults:
             if life.state == "active" and self._states.get(life.name) != "active":
-                self.get_logger().warning(f"{life.name} is active" + (" (shelved)" if self._is_shelved(life) else ""))
+                shelved = "" if life.is_announced(self._now_s) else " (shelved)"
+                self.get_logger().warning(f"{life.name} is active{shelved}")
                 self.on_active(life)
         self._states = states
 
-    def _is_shelved(self, life: FaultLife) -> bool:
-        return not life.is_announced(self._now_s)
-
     def _send_faults(self, found: Findings) -> None:
-        message = DiagnosticArray()
+        message, setup = DiagnosticArray(), self.live.monitor.setup
         message.header.stamp.sec, message.header.stamp.nanosec = self._origin.stamp(found.time_s)
         for life in self.live.monitor.lives.values():
-            status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: {life.name}", message=life.state)
-            status.hardware_id = self.diagnostics.hardware
+            name, values = f"{self.get_fully_qualified_name()}: {life.name}", fault_values(setup, life, found)
             seen = life.is_announced(self._now_s)
-            status.level = LEVELS.get(life.state, DiagnosticStatus.OK) if seen else DiagnosticStatus.OK
-            values = fault_values(self.live.monitor.setup, life, found)
-            status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
-            message.status.append(status)
+            level = LEVELS.get(life.state, DiagnosticStatus.OK) if seen else DiagnosticStatus.OK
+            own = self.diagnostics.hardware
+            message.status.append(status_message(name, life.state, values, level=level, hardware_id=own))
         if message.status:
             self._faults.send(message)
         origin_s = self._origin.clock_s(0.0)

@@ -10,15 +10,13 @@ from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
 
-from rclpy.qos import QoSProfile
-
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, Topic, type_name
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.shadow_node import FOLLOWED
 from mech_twin.parameters.load import description_text
-from mech_twin.recording.bag_contents import stamp_ns
+from mech_twin.recording.bag_contents import RecentMessage, stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import SECOND_NS
@@ -34,14 +32,6 @@ class UntimedMessage(NamedTuple):
     topic: str
     raw: bytes
     led_ns: int | None
-
-
-class LoggedMessage(NamedTuple):
-    """A serialized message: full topic name, and log time (ns)."""
-
-    topic: str
-    raw: bytes
-    at_ns: int
 
 
 class ShadowTopics(NamedTuple):
@@ -69,9 +59,8 @@ class ShadowListener(TwinNode):
         machine_name: str,
         topics: ShadowTopics,
         parameters: Parameters | None = None,
-        options: RunOptions | None = None,
     ) -> None:
-        super().__init__(name, machine_name, parameters, options)
+        super().__init__(name, machine_name, parameters)
         self.admission = StampGate[UntimedMessage]()
         self._jumps = self._logged_ns = 0
         followed = tuple(each.topic for each in topics.followed)
@@ -80,10 +69,11 @@ class ShadowListener(TwinNode):
         self.topics = {self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *followed)}
         self.described = description_text(machine_name, self.initial_parameters)
         for full, topic in self.topics.items():
-            self._listen(full, topic, FOLLOWED if topic in followed else EVERY)
+            received = partial(self._on_message, full, type_name(topic))
+            self.subscribe(topic, received, qos=FOLLOWED if topic in followed else EVERY, raw=True)
         self.every(TICK_S, self.tick_writer)
 
-    def take(self, message: LoggedMessage) -> None:
+    def take(self, message: RecentMessage) -> None:
         """Store a message."""
         raise NotImplementedError
 
@@ -101,9 +91,6 @@ class ShadowListener(TwinNode):
         for full, topic in self.topics.items():
             writer.add_topic(full, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
         return writer
-
-    def _listen(self, full: str, topic: Topic, qos: QoSProfile) -> None:
-        self.subscribe(topic, partial(self._on_message, full, type_name(topic)), qos=qos, raw=True)
 
     @property
     def newest_s(self) -> float:
@@ -136,7 +123,7 @@ class ShadowListener(TwinNode):
         if self._jumps == self.admission.clock.jumps:
             at_ns = max(at_ns, self._logged_ns)
         self._jumps, self._logged_ns = self.admission.clock.jumps, at_ns
-        self.take(LoggedMessage(found.item.topic, found.item.raw, at_ns))
+        self.take(RecentMessage(found.item.topic, found.item.raw, at_ns))
 
 
 class ShadowRecorder(ShadowListener):
@@ -159,7 +146,7 @@ class ShadowRecorder(ShadowListener):
         """Number of messages received, by full topic name."""
         return {name: row.received for name, row in self.writer.counters.items()}
 
-    def take(self, message: LoggedMessage) -> None:
+    def take(self, message: RecentMessage) -> None:
         """Write a message."""
         self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
@@ -195,7 +182,7 @@ class BlackBox(ShadowListener):
         self.bags: list[Path] = []
         self.failed: list[str] = []
         self._directory = directory
-        self._kept: deque[LoggedMessage] = deque()
+        self._kept: deque[RecentMessage] = deque()
         self._writer: BagWriter | None = None
         self._since_ns, self._until_ns = 0, 0
         self.diagnostics.state = "no fault yet"
@@ -220,7 +207,7 @@ class BlackBox(ShadowListener):
             if message.at_ns >= self._since_ns:
                 self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
-    def take(self, message: LoggedMessage) -> None:
+    def take(self, message: RecentMessage) -> None:
         """Store a message, and write it near a fault."""
         self._kept.append(message)
         while not 0 <= message.at_ns - self._kept[0].at_ns <= round(BEFORE_S * SECOND_NS):

@@ -16,7 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
+from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
@@ -123,7 +123,7 @@ def follow(
         at_end.callback(destroy_nodes, nodes)
         starting.enter_context(signal.interrupting())
         guard = at_end.enter_context(NameGuard([f"/{own}/{topic.name}" for topic in (ESTIMATED, RESIDUALS)]))
-        node = ShadowNode(machine_name, setup, parameters, RunOptions())
+        node = ShadowNode(machine_name, setup, parameters)
         nodes.append(node)
         guard.check(own_publishers=1)
         starting.close()
@@ -143,15 +143,13 @@ def follow(
 def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, company: Company) -> list[TwinNode]:
     """Return recorder, monitor, black box, advisor, identifier and viewer of a shadow, connected to it."""
     machine = catalogue_entry(machine_name).build(parameters)
-    topics = ShadowTopics(
-        shadow_topics(machine.forces.pins, machine.body is not None),
-        tuple(node.followed),
-    )
+    topics = ShadowTopics(shadow_topics(machine.forces.pins, machine.body is not None), tuple(node.followed))
     found: list[TwinNode] = []
+    monitor = advisor = identifier = None
     if company.monitor is not None:
         monitor = MonitorNode(machine_name, company.monitor, node.columns, node.origin, parameters)
         monitor.outlets = company.outlets
-        node.on_sample = monitor.observe
+        node.at_sample.append(monitor.observe)
         node.at_other_time.append(monitor.live.begin_anew)
         found.append(monitor)
         if company.black_box is not None:
@@ -159,16 +157,19 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
             monitor.on_active = lambda life: box.trigger(life.name, node.origin.clock_s(life.since_s))
             found.append(box)
     if company.advice is not None:
-        found.append(advisor_beside(machine_name, node, parameters, company.advice, found))
-    identifier = None if company.free is None else identifier_beside(machine_name, node, parameters, company.free)
-    if identifier is not None:
+        advisor = advisor_beside(machine_name, node, parameters, company.advice, monitor)
+        found.append(advisor)
+    if company.free is not None:
+        free = company.free
+        identifier = IdentifierNode(machine_name, node.channels, free.keys, free.bounds, parameters)
+        feed(node, identifier)
+        node.on_command = identifier.recent.command
+        node.at_other_time.append(identifier.recent.forget)
         found.append(identifier)
     if company.view is not None:
         from mech_twin.nodes.shadow.viewer_node import ShadowViewerNode
 
-        advisor = next((each for each in found if isinstance(each, AdvisorNode)), None)
-        viewer = ShadowViewerNode(machine_name, company.view, node, monitor_among(found), advisor, parameters)
-        viewer.identifier = identifier
+        viewer = ShadowViewerNode(machine_name, company.view, node, monitor, advisor, identifier, parameters)
         node.on_estimate = viewer.take
         found.append(viewer)
     if company.record is not None:  # after all that may refuse: a failed start leaves no recording
@@ -184,43 +185,24 @@ def taken_over(nodes: Sequence[TwinNode], parameters: Parameters) -> None:
         each.adopt(parameters)
 
 
-def monitor_among(nodes: Sequence[TwinNode]) -> MonitorNode | None:
-    """Return the monitor, if there is one."""
-    return next((each for each in nodes if isinstance(each, MonitorNode)), None)
+def feed(node: ShadowNode, beside: AdvisorNode | IdentifierNode) -> None:
+    """Let a node beside a shadow observe each of its samples, at the machine's time."""
 
+    def observe(sample: SeenSample) -> None:
+        beside.time_s = node.origin.clock_s(sample.time_s)
+        beside.observe(sample)
 
-def identifier_beside(machine_name: str, node: ShadowNode, parameters: Parameters, free: FreeKeys) -> IdentifierNode:
-    """Return the identifier of a shadow, fed with its samples and commands."""
-    identifier = IdentifierNode(machine_name, node.channels, free.keys, free.bounds, parameters)
-    before = node.on_sample
-
-    def on_sample(sample: SeenSample) -> None:
-        before(sample)
-        identifier.time_s = node.origin.clock_s(sample.time_s)
-        identifier.observe(sample)
-
-    node.on_sample = on_sample
-    node.on_command = identifier.recent.command
-    node.at_other_time.append(identifier.recent.forget)
-    return identifier
+    node.at_sample.append(observe)
 
 
 def advisor_beside(
-    machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, others: Sequence[TwinNode]
+    machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, monitor: MonitorNode | None
 ) -> AdvisorNode:
     """Return the advisor of a shadow, fed with its samples and with the faults of the monitor, if there is one."""
     advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, parameters)
-    before = node.on_sample
-
-    def on_sample(sample: SeenSample) -> None:
-        before(sample)
-        advisor.time_s = node.origin.clock_s(sample.time_s)
-        advisor.observe(sample)
-
-    node.on_sample = on_sample
+    feed(node, advisor)
     node.at_other_time.append(advisor.begin_anew)
     node.is_obeyed = lambda: advisor.state.in_force
-    monitor = monitor_among(others)
     if monitor is not None:
         advisor.has_fault = lambda: monitor.has_news
         advisor.known_changes = lambda: monitor.known_changes

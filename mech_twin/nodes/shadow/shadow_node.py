@@ -240,7 +240,7 @@ class ShadowNode(TwinNode):
         self.level = "model"
         self.setup = setup
         self.is_obeyed: Callable[[], bool] = lambda: False
-        self.on_sample: Callable[[SeenSample], None] = lambda sample: None
+        self.at_sample: list[Callable[[SeenSample], None]] = []
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.at_other_time: list[Callable[[], None]] = []
         self.on_command: Callable[[float], None] = lambda share: None
@@ -311,7 +311,8 @@ class ShadowNode(TwinNode):
         self._received_s, self._stale = arrived_s, False
         if self._command in sample.channels:
             self.observer.command(sample.values[sample.channels.index(self._command)])
-        self.on_sample(sample)
+        for observe in self.at_sample:
+            observe(sample)
         if followed.of_events:
             return
         estimate = self.observer.take(sample)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from mech_twin.declarations.captions import titled
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.units import column_unit, joint_column, shown_unit, sliding_in
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.shadow.monitor_node import MonitorNode
 from mech_twin.nodes.shadow.shadow_node import ShadowNode
 from mech_twin.parameters.load import catalogue_entry
@@ -64,6 +64,8 @@ class ShadowViewerNode(TwinNode):
         Source of the faults.
     advisor : AdvisorNode, optional
         Source of the advice.
+    identifier : IdentifierNode, optional
+        Source of the identified keys.
     """
 
     def __init__(
@@ -73,12 +75,11 @@ class ShadowViewerNode(TwinNode):
         shadow: ShadowNode,
         monitor: MonitorNode | None = None,
         advisor: AdvisorNode | None = None,
+        identifier: IdentifierNode | None = None,
         parameters: Parameters | None = None,
-        options: RunOptions | None = None,
     ) -> None:
-        super().__init__("shadow_viewer", machine_name, parameters, options)
-        self._shadow, self._monitor, self._advisor = shadow, monitor, advisor
-        self.identifier: IdentifierNode | None = None
+        super().__init__("shadow_viewer", machine_name, parameters)
+        self._shadow, self._monitor, self._advisor, self._identifier = shadow, monitor, advisor, identifier
         self.adopt(self.initial_parameters)
         self._largest_sigma = 0.0
         self._shown = ""
@@ -113,8 +114,7 @@ class ShadowViewerNode(TwinNode):
 
     def _tick(self) -> None:
         """Show a changed state while no estimates arrive."""
-        fit = None if self.identifier is None else shown_fit(self.identifier)
-        is_new = fit != self._shown_fit or self._banner() != self._shown
+        is_new = self._fit() != self._shown_fit or state_line(self._state()) != self._shown
         if self._shadow.diagnostics.state != "locked" and is_new and self.scene.is_due():
             self._show(self._picture())
 
@@ -128,7 +128,10 @@ class ShadowViewerNode(TwinNode):
         cards = (Card("level", state.level), Card(name, f"{largest:.1f} sigma", name, largest, "sigma", GATE**0.5))
         faults = () if self._monitor is None else shown_faults(self._monitor.live)
         known = state_line(state), state.observer, cards, faults, self._advice()
-        return ShadowPicture(model, measured, *known, None if self.identifier is None else shown_fit(self.identifier))
+        return ShadowPicture(model, measured, *known, self._fit())
+
+    def _fit(self) -> ShownFit | None:
+        return None if self._identifier is None else shown_fit(self._identifier)
 
     def _advice(self) -> tuple[tuple[str, str], ...]:
         advisor = self._advisor
@@ -136,17 +139,12 @@ class ShadowViewerNode(TwinNode):
             return ()
         return advice_rows(advisor.state.advice, dry_run=advisor.wish.dry_run)
 
-    def _banner(self) -> str:
-        return state_line(self._state())
-
     def _state(self) -> ShadowState:
         shadow, monitor = self._shadow, self._monitor
         faults = None if monitor is None else tuple(monitor.live.monitor.lives.values())
         time_s = None if shadow.estimate is None else shadow.estimate.time_s
-        reported, now = shadow.diagnostics.state, shadow.observer.state.value
-        observer = (
-            reported if reported.startswith("waiting") else now
-        )  # the diagnostics are as old as the last peer check
+        observer = shadow.diagnostics.state  # as old as the last peer check
+        observer = observer if observer.startswith("waiting") else shadow.observer.state.value
         return ShadowState(observer, shadow.level, time_s, self._largest_sigma, faults)
 
 
