@@ -109,7 +109,7 @@ def export_fmu(
         for platform in platforms
     }
     content = {
-        "modelDescription.xml": described(unit, version, unit.name, token),
+        "modelDescription.xml": described(unit, version, token),
         "resources/configuration.yaml": description_text(machine.name, machine.parameters).encode(),
         **libraries,
     }
@@ -225,15 +225,8 @@ _NAMED = {
 TOOL = f"mech_twin {__version__}"
 
 
-class BaseUnit(NamedTuple):
-    """A unit as powers of base units and a factor."""
-
-    powers: dict[str, int]
-    factor: float
-
-
-def base_unit(unit: str) -> BaseUnit | None:
-    """Return a unit such as ``N.m/rad`` or ``kg m2`` in base units; None if a part of it is unknown."""
+def base_unit(unit: str) -> tuple[dict[str, int], float] | None:
+    """Return the powers of base units and the factor of ``N.m/rad`` or ``kg m2``; None if a part is unknown."""
     powers: dict[str, int] = {}
     factor, sign = 1.0, 1
     for token in re.findall(r"/|[A-Za-z]+-?\d*|\d+", unit):
@@ -251,10 +244,10 @@ def base_unit(unit: str) -> BaseUnit | None:
                     powers[base] = powers.get(base, 0) + whole * int(exponent or 1)
             else:
                 return None
-    return BaseUnit({name: power for name, power in powers.items() if power}, factor)
+    return {name: power for name, power in powers.items() if power}, factor
 
 
-def described(unit: MachineUnit, version: int, identifier: str, token: str) -> bytes:
+def described(unit: MachineUnit, version: int, token: str) -> bytes:
     """Return the model description (XML) of a unit.
 
     Parameters
@@ -263,12 +256,12 @@ def described(unit: MachineUnit, version: int, identifier: str, token: str) -> b
         The machine.
     version : int
         Version of the FMI standard, 2 or 3.
-    identifier, token : str
-        Name of the library without its suffix; GUID that links the library to this description.
+    token : str
+        GUID that links the library to this description.
     """
     name, step_s = unit.name, repr(float(unit.machine.coupling_step_s))
     able = {
-        "modelIdentifier": identifier,
+        "modelIdentifier": unit.name,
         "canHandleVariableCommunicationStepSize": "true",
         "canBeInstantiatedOnlyOncePerProcess": "false",
     }
@@ -289,10 +282,7 @@ def described(unit: MachineUnit, version: int, identifier: str, token: str) -> b
     _units(root, variables)
     SubElement(SubElement(root, "LogCategories"), "Category", {"name": "logStatusError"})
     SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": "1", "stepSize": step_s})
-    if version == 2:
-        _variables_2(root, variables)
-    else:
-        _variables_3(root, variables)
+    _variables(root, variables, version)
     indent(root)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root)
 
@@ -303,8 +293,9 @@ def _units(root: Element, variables: Iterable[Variable]) -> None:
         entry = SubElement(definitions, "Unit", {"name": name})
         base = base_unit(name)
         if base is not None:
-            powers = {key: str(power) for key, power in base.powers.items()}
-            SubElement(entry, "BaseUnit", powers | ({} if base.factor == 1.0 else {"factor": repr(base.factor)}))
+            powers, factor = base
+            scale = {} if factor == 1.0 else {"factor": repr(factor)}
+            SubElement(entry, "BaseUnit", {key: str(power) for key, power in powers.items()} | scale)
 
 
 def _numbers(variable: Variable) -> dict[str, str]:
@@ -327,32 +318,26 @@ def _about(variable: Variable) -> dict[str, str]:
     return about | ({"initial": "exact"} if variable.causality == "parameter" else {})
 
 
-def _variables_2(root: Element, variables: tuple[Variable, ...]) -> None:
-    element = {"real": "Real", "count": "Integer", "truth": "Boolean"}
+ELEMENTS = {
+    2: {"real": "Real", "count": "Integer", "truth": "Boolean"},
+    3: {"real": "Float64", "count": "Int32", "truth": "Boolean"},
+}
+
+
+def _variables(root: Element, variables: tuple[Variable, ...], version: int) -> None:
+    """Add the variables, and which are outputs: these respond to inputs only a coupling step later."""
     listed = SubElement(root, "ModelVariables")
     for v in variables:
-        SubElement(SubElement(listed, "ScalarVariable", _about(v)), element[v.kind], _numbers(v) | _start(v))
+        kind, numbers = ELEMENTS[version][v.kind], _numbers(v) | _start(v)
+        if version == 2:
+            SubElement(SubElement(listed, "ScalarVariable", _about(v)), kind, numbers)
+        else:
+            SubElement(listed, kind, _about(v) | numbers)
     structure = SubElement(root, "ModelStructure")
-    for group in ("Outputs", "InitialUnknowns"):
-        unknowns = SubElement(structure, group)
+    for group, dependence in (("Output", {"dependencies": ""}), ("InitialUnknown", {})):
+        unknowns = SubElement(structure, f"{group}s") if version == 2 else structure
         for place, v in enumerate(variables, 1):
-            if v.causality == "output":
-                SubElement(unknowns, "Unknown", {"index": str(place)} | _no_dependence(group))
-
-
-def _no_dependence(group: str) -> dict[str, str]:
-    """Return an empty list of dependencies for outputs: they respond to inputs only a coupling step later."""
-    return {"dependencies": ""} if group == "Outputs" else {}
-
-
-def _variables_3(root: Element, variables: tuple[Variable, ...]) -> None:
-    element = {"real": "Float64", "count": "Int32", "truth": "Boolean"}
-    listed = SubElement(root, "ModelVariables")
-    for v in variables:
-        SubElement(listed, element[v.kind], _about(v) | _numbers(v) | _start(v))
-    structure = SubElement(root, "ModelStructure")
-    for group in ("Output", "InitialUnknown"):
-        for v in variables:
-            if v.causality == "output":
-                dependence = {"dependencies": ""} if group == "Output" else {}
-                SubElement(structure, group, {"valueReference": str(v.reference)} | dependence)
+            if v.causality == "output" and version == 2:
+                SubElement(unknowns, "Unknown", {"index": str(place)} | dependence)
+            elif v.causality == "output":
+                SubElement(unknowns, group, {"valueReference": str(v.reference)} | dependence)

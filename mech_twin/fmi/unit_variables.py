@@ -15,6 +15,7 @@ from mech_twin.declarations.configuration_tree import (
     merged_tree,
     tree_from_flat,
 )
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_machine import CompiledMachine, PackedModels, compiled_machine, packed_models
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.sample_vectors import Array
@@ -102,7 +103,7 @@ def unit_of(machine: Machine, compiled: CompiledMachine) -> MachineUnit:
     kinds = (*layout.linkage.events.kinds, *(f"body_{kind}" for kind in of_body))
     first = layout.places.motor + 3
     efforts = tuple(first + 3 * joint for joint in range(len(frame.motor.joints)) if _feels(machine, frame, joint))
-    return MachineUnit(machine, compiled, packed, row, tuple(_adjustable(machine, packed, row)), efforts, kinds)
+    return MachineUnit(machine, compiled, packed, row, tuple(_adjustable(_Built(machine, packed, row))), efforts, kinds)
 
 
 def _first_frame(machine: Machine) -> Frame:
@@ -117,14 +118,14 @@ def _feels(machine: Machine, frame: Frame, joint: int) -> bool:
     return machine.linkage.advance(frame.linkage, stronger, frame.body) != alike
 
 
-def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[Adjustable]:
+def _adjustable(built: _Built) -> Iterator[Adjustable]:
     """Yield the keys whose value appears unchanged in the kernels' constants, for all tried values in its range.
 
     Other keys enter derived constants or the first frame; to change those, export the machine again.  A live key may
     enter the first frame: it changes only while the unit runs, as in a run.  Two keys are allowed together at every
     pair of their bounds.
     """
-    before: list[Adjustable] = []
+    machine, before = built.machine, list[Adjustable]()
     for key in keys(machine.parameters):
         if type(key.value) is not float or key.value == 0.0:
             continue
@@ -132,57 +133,53 @@ def _adjustable(machine: Machine, packed: PackedModels, row: Array) -> Iterator[
         values = []
         for factor in TRIED:
             value = key.value * factor
-            beside = [{}, *({each.key.name: bound} for each in before for bound in (each.least, each.greatest))]
-            if not all(_allowed(machine, {key.name: value, **others}) for others in beside):
+            beside = [{each.key.name: bound} for each in before for bound in (each.least, each.greatest)]
+            alone = _configured(machine, {key.name: value})
+            if alone is None or any(_configured(machine, {key.name: value, **others}) is None for others in beside):
                 continue
-            other = _other(machine, key.name, value)
+            other = _built(machine.name, alone)
             if other is not None:
                 values.append(value)
-                found.add(_places(machine, packed, row, other, key._replace(value=value), key.value))
+                found.add(_places(built, other, key._replace(value=value), key.value))
         places = found.pop() if len(found) == 1 else None
         if places:
             before.append(Adjustable(key, places, min((key.value, *values)), max((key.value, *values))))
             yield before[-1]
 
 
-class _Other(NamedTuple):
-    """A machine with another value of a key: its constants and first frame."""
+class _Built(NamedTuple):
+    """A machine, its constants and first frame."""
 
     machine: Machine
     packed: PackedModels
     row: Array
 
 
-def _allowed(machine: Machine, values: Mapping[str, float]) -> bool:
-    """Return whether a configuration with other values of some keys is valid."""
+def _configured(machine: Machine, values: Mapping[str, float]) -> Parameters | None:
+    """Return the configuration with other values of some keys; None if it is not valid."""
     tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat(values, "unit"))
     try:
-        validated(catalogue_entry(machine.name), tree, "unit")
+        return validated(catalogue_entry(machine.name), tree, "unit")
     except ConfigurationError:
-        return False
-    return True
+        return None
 
 
-def _other(machine: Machine, key: str, value: float) -> _Other | None:
-    """Return the machine with another value of a key; None if the configuration does not allow it."""
-    entry = catalogue_entry(machine.name)
-    tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat({key: value}, key))
+def _built(name: str, parameters: Parameters) -> _Built | None:
+    """Return the machine of a configuration; None if it cannot be built."""
     try:
-        built = entry.build(validated(entry, tree, key))
+        built = catalogue_entry(name).build(parameters)
         compiled = compiled_machine(built)
         if compiled is None:
             return None
-        return _Other(built, packed_models(compiled.models, generated_at), compiled.layout.row(_first_frame(built)))
+        return _Built(built, packed_models(compiled.models, generated_at), compiled.layout.row(_first_frame(built)))
     except (ConfigurationError, ValueError, ArithmeticError):
         return None
 
 
-def _places(
-    machine: Machine, packed: PackedModels, row: Array, other: _Other, key: Key, old: float
-) -> tuple[int, ...] | None:
+def _places(built: _Built, other: _Built, key: Key, old: float) -> tuple[int, ...] | None:
     """Return the indices of the value in the real constants; None if anything else has changed too."""
-    theirs = other.packed
-    if other.machine.coupling_step_s != machine.coupling_step_s:
+    packed, theirs = built.packed, other.packed
+    if other.machine.coupling_step_s != built.machine.coupling_step_s:
         return None
     if (packed.expression, packed.wholes, packed.flags) != (theirs.expression, theirs.wholes, theirs.flags):
         return None
@@ -191,7 +188,7 @@ def _places(
     apart = np.flatnonzero((ours != found) & ~(np.isnan(ours) & np.isnan(found)))  # NaN: unused
     if not (np.all(ours[apart] == old) and np.all(found[apart] == new)):
         return None
-    if not live and not np.array_equal(row, other.row, equal_nan=True):
+    if not live and not np.array_equal(built.row, other.row, equal_nan=True):
         return None  # a live key acts from the first step on; the first frame stays
     return tuple(apart.tolist())
 

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from mech_twin.declarations.configuration_tree import ConfigurationError, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.parameters.errors import Key, keys
+from mech_twin.parameters.errors import PURE, Key, keys
 from mech_twin.parameters.load import MACHINE_KEY, is_of_ros, validated
 
 UNBOUNDED = 1.7e308
@@ -33,9 +33,7 @@ def _is_float(annotation: Any) -> bool:
 
 def descriptor(key: Key) -> ParameterDescriptor:
     """Return the ROS parameter descriptor of a key: description with unit, range, and whether it is read-only."""
-    extra = key.field.json_schema_extra
-    unit = extra.get("unit") if isinstance(extra, dict) else None
-    text = f"{key.field.description or key.name} [{unit}]" if unit else key.field.description or key.name
+    text = f"{key.field.description or key.name}{f' [{key.unit}]' if key.unit else ''}"
     described = ParameterDescriptor(name=key.name, description=text, read_only=not key.live)
     choices = _choices(key.field.annotation)
     bounds = [str(bound) for bound in key.field.metadata]
@@ -64,16 +62,18 @@ def live_keys(parameters: Parameters) -> list[dict[str, Any]]:
     for key in keys(parameters):
         if not key.live or key.value is None or isinstance(key.value, list):
             continue
-        extra = key.field.json_schema_extra
-        unit = extra.get("unit") if isinstance(extra, dict) else None
         low, high = _bounds(key.field)
-        described = {
-            "name": key.name,
-            "meaning": key.field.description or "",
-            "unit": "" if unit in (None, "1") else unit,
-        }
-        bounds = {"low": low, "high": high, "choices": _choices(key.field.annotation)}
-        found.append({**described, **bounds, "value": key.value})
+        found.append(
+            {
+                "name": key.name,
+                "meaning": key.field.description or "",
+                "unit": "" if key.unit == PURE else key.unit,
+                "low": low,
+                "high": high,
+                "choices": _choices(key.field.annotation),
+                "value": key.value,
+            }
+        )
     return found
 
 
@@ -168,15 +168,10 @@ def _declare(node: Node, key: Key, override: Any) -> Any:
         default = override.value
     try:
         return node.declare_parameter(key.name, default, descriptor(key)).value
-    except InvalidParameterTypeException as error:
-        expected = type(default).__name__
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        of_type = isinstance(error, InvalidParameterTypeException)
+        expected = type(default).__name__ if of_type else ", ".join(map(str, key.field.metadata))
         given = override.value if override is not None else default
         raise ConfigurationError(
             f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {expected}"
-        ) from error
-    except InvalidParameterValueException as error:
-        given = override.value if override is not None else default
-        bounds = ", ".join(str(bound) for bound in key.field.metadata)
-        raise ConfigurationError(
-            f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {bounds}"
         ) from error

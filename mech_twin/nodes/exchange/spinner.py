@@ -54,19 +54,6 @@ class Ticking(Protocol):
         ...
 
 
-@runtime_checkable
-class Exchanging(Protocol):
-    """A node that exchanges steps, as objects with nodes of the same executor."""
-
-    def join(self, hand_over: HandOver) -> None:
-        """Exchange objects through this hand-over from now on."""
-        ...
-
-    def leave(self) -> None:
-        """Exchange serialized bytes only."""
-        ...
-
-
 class Spinner:
     """A context in which nodes are served.
 
@@ -95,14 +82,14 @@ class Spinner:
         """Add a node to the executor."""
         self.nodes.append(node)
         self._executor.add_node(node)
-        if isinstance(node, Exchanging):
+        if isinstance(node, TwinNode):
             node.join(self._steps)
 
     def remove(self, node: Node) -> None:
         """Stop serving a node; a patient one still receives the steps queued for it."""
         self._serve_patient()
         self.nodes.remove(node)
-        if isinstance(node, Exchanging):
+        if isinstance(node, TwinNode):
             node.leave()
         self._executor.remove_node(node)
 
