@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial, wraps
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from pydantic import ValidationError
 from rclpy.clock import Clock
@@ -85,6 +85,7 @@ class RunOptions(Parameters):
 
 WINDOW_S = 1.0
 PULSE_S = 0.1
+Made = TypeVar("Made", bound=CountingPublisher)
 
 
 class TwinNode(Node):
@@ -271,14 +272,12 @@ class TwinNode(Node):
     def output(self, topic: Topic, peers: int = 0, *, recorded: bool = True) -> CountingPublisher:
         """Return a new counted publisher; ``peers`` subscribers and the recorder must match before the first step."""
         listeners = peers + (recorded and self.options.recorder)
-        return self._added(CountingPublisher(self, topic, listeners, self._incompatibility_handler(topic)))
+        return self._added(CountingPublisher(self, topic, listeners, self._unfit_subscriber(topic)))
 
     def step_output(self, topic: Topic, peers: int) -> StepPublisher:
         """Return the publisher of a step message, to which viewer and observer subscribe as well."""
         listeners = peers + self.options.recorder + self.options.viewer + self.options.observer
-        made = StepPublisher(self, topic, listeners, self._incompatibility_handler(topic))
-        self._added(made)
-        return made
+        return self._added(StepPublisher(self, topic, listeners, self._unfit_subscriber(topic)))
 
     def decimated_output(
         self,
@@ -289,20 +288,16 @@ class TwinNode(Node):
         exclusive: bool = False,
     ) -> DecimatedPublisher:
         """Return a new publisher of the messages that a window passes."""
-        listeners = int(self.options.recorder)
-        made = DecimatedPublisher(
-            self, topic, listeners, window, message, self._incompatibility_handler(topic), exclusive=exclusive
-        )
-        self._added(made)
-        return made
+        listeners, unfit = int(self.options.recorder), self._unfit_subscriber(topic)
+        return self._added(DecimatedPublisher(self, topic, listeners, window, message, unfit, exclusive=exclusive))
 
-    def _added(self, made: CountingPublisher) -> CountingPublisher:
+    def _added(self, made: Made) -> Made:
         self.outputs.append(made)
         if self._hand_over is not None:
             made.join(self._hand_over.channel(self.resolve_topic_name(made.name)))
         return made
 
-    def _incompatibility_handler(self, topic: Topic) -> Callable[[Any], None]:
+    def _unfit_subscriber(self, topic: Topic) -> Callable[[Any], None]:
         return partial(self._on_incompatible, topic.name, "subscriber")
 
     @property

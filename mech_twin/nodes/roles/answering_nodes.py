@@ -29,7 +29,6 @@ from mech_twin.messages.scene import TOOL_FRAME, frame_id
 from mech_twin.messages.step_message import TARGET, MessageError, Row, marked
 from mech_twin.messages.step_message import body as body_messages
 from mech_twin.messages.step_message import force as force_messages
-from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
@@ -89,10 +88,6 @@ class MotorNode(FollowerNode):
         self.subscribe(REJOIN_MOTOR, self._on_last_sample)
         self.create_service(Trigger, "start", self._on_start)
         self.create_service(Trigger, "stop", self._on_stop)
-
-    def decoded(self, message: StepMessage) -> LinkageSample:
-        """Return the linkage sample of a message."""
-        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
         """Return the drive at the linkage's step; a restarted motor first asks for its last command."""
@@ -209,10 +204,6 @@ class ForceNode(FollowerNode):
     def residual_limits(self) -> dict[str, float]:
         """Return the limits of the power balance and similar residuals."""
         return dict(self.machine.forces.residual_limits)
-
-    def decoded(self, message: StepMessage) -> LinkageSample:
-        """Return the linkage sample of a message."""
-        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: LinkageSample, previous: ForceSample | None) -> ForceSample:
         """Return the forces of the linkage's step."""

@@ -14,6 +14,7 @@ from std_msgs.msg import String
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import ConfigurationMark
+from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import Step
@@ -149,8 +150,8 @@ class FollowerNode(RoleNode):
     # -- to be defined by a subclass --------------------------------------------------------------------------------
 
     def decoded(self, message: StepMessage) -> Any:
-        """Return the sample of a question."""
-        raise NotImplementedError
+        """Return the sample of a question, of the linkage if a subclass says nothing else."""
+        return linkage_messages.received(message.raw, self.machine.coupling_step_s, self.machine.linkage.joints)
 
     def answer(self, question: Any, previous: Any) -> Any:
         """Return the answer to a new step, or None if not possible yet; ``previous`` is the last step's answer."""

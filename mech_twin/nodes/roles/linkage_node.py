@@ -74,10 +74,6 @@ class LiveParameters:
         return pending
 
 
-def _nobody_waits() -> None:
-    """Do nothing: no executor slice to interrupt yet."""
-
-
 class LinkageNode(RoleNode):
     """Node of the linkage role; see `TwinNode` for the arguments."""
 
@@ -86,7 +82,7 @@ class LinkageNode(RoleNode):
     ) -> None:
         super().__init__("linkage", machine_name, parameters, options)
         self.sample: LinkageSample | None = None
-        self.interrupt: Callable[[], None] = _nobody_waits
+        self.interrupt: Callable[[], None] = lambda: None  # no executor slice yet
         self._born_s = time.monotonic()
         self.paused = False
         self._reset_asked: str | None = None
@@ -101,7 +97,7 @@ class LinkageNode(RoleNode):
         self._barrier = self._in.barrier
         self.create_service(Trigger, "reset", self._on_reset)
         self.create_service(SetBool, "pause", self._on_pause)
-        self._stepping = SteppingServices(self, self, self._on_answer)
+        self._stepping = SteppingServices(self, self._on_answer)
         answer_later(self.create_service(Trigger, "step", self._stepping.on_step))
         self.create_service(Trigger, "get_state", self._stepping.on_get_state)
         self.create_service(Trigger, "get_features", self._stepping.on_get_features)

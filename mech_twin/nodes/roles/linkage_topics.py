@@ -178,11 +178,10 @@ class LinkageRejoin:
             self._motor.send(JointState() if self.last_motor is None else self.last_motor.raw)
 
 
-TOPICS = {"motor": STEP_MOTOR, "body": STEP_BODY, "force_analysis": STEP_FORCES}
-CONVERTERS: dict[str, StepCodec[Any]] = {
-    "motor": motor_messages,
-    "body": body_messages,
-    "force_analysis": force_messages,
+PEERS: dict[str, tuple[Topic, StepCodec[Any]]] = {
+    "motor": (STEP_MOTOR, motor_messages),
+    "body": (STEP_BODY, body_messages),
+    "force_analysis": (STEP_FORCES, force_messages),
 }
 
 
@@ -213,7 +212,7 @@ class LinkageInputs:
     ) -> None:
         peers = ("motor", "body") if node.machine.body is not None else ("motor", "force_analysis")
         self.barrier = SteppingBarrier(peers)
-        self.topics: dict[str, Topic] = {peer: TOPICS[peer] for peer in peers}
+        self.topics: dict[str, Topic] = {peer: PEERS[peer][0] for peer in peers}
         self._node, self._rejoin, self._wait = node, rejoin, wait
         self._step, self._on_answer = step, on_answer
         self._locks = {peer: SourceLock() for peer in peers}
@@ -232,28 +231,18 @@ class LinkageInputs:
         if fault is not None:
             self._node.statistics.count(topic, fault.kind, fault.reason)
             return
-        self._remember(peer, message, sample)
-        self._on_answer()
-
-    def _decoded(self, peer: str, message: StepMessage) -> Answer:
-        sample: Answer = CONVERTERS[peer].from_message(message, self._node.machine.coupling_step_s)
-        joints = self._joints(peer)
-        if joints is None:
-            return sample
-        in_order: Answer = arranged(sample, joints)
-        return in_order
-
-    def _joints(self, peer: str) -> tuple[str, ...] | None:
-        machine = self._node.machine
-        if peer == "motor":
-            return machine.motor.joints
-        return machine.body.joints if peer == "body" and machine.body is not None else None
-
-    def _remember(self, peer: str, message: Step, sample: Answer) -> None:
         if peer == "motor":
             self._rejoin.last_motor = message
         elif peer == "body":
             self._rejoin.last_body = self.barrier.body
+        self._on_answer()
+
+    def _decoded(self, peer: str, message: StepMessage) -> Answer:
+        machine, (_, codec) = self._node.machine, PEERS[peer]
+        role = {"motor": machine.motor, "body": machine.body}.get(peer)
+        sample: Answer = codec.from_message(message, machine.coupling_step_s)
+        in_order: Answer = sample if role is None else arranged(sample, role.joints)
+        return in_order
 
     def _is_followed(self, peer: str, who: float) -> bool:
         """Return whether this publisher is the followed peer: the first one, until the run waits for it."""

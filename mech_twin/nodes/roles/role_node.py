@@ -156,10 +156,6 @@ def _loaded(name: str, place: RolePlace) -> Callable[..., Any]:
 RETRY_S = 0.02
 
 
-def _unobserved(sample: Sample) -> None:
-    """Discard a sample: there is no observer."""
-
-
 class RoleNode(TwinNode):
     """Base of a node with one role of a machine; see `TwinNode` for the arguments."""
 
@@ -175,7 +171,7 @@ class RoleNode(TwinNode):
         self.revision = 0
         self.described_by = ANONYMOUS
         self.description = ""
-        self.on_sample: Callable[[Sample], None] = _unobserved
+        self.on_sample: Callable[[Sample], None] = lambda sample: None
         self._adopting = False
         self._marked: tuple[int, float] | None = None
         self._marks: tuple[Row, ...] = ()

@@ -13,11 +13,13 @@ from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.roles.linkage_node import LinkageNode
 
 LOGGED_FROM_S = 0.5  # smallest reported lag
 GIVEN_UP_FROM_S = 10.0  # a larger lag is not caught up
@@ -167,43 +169,19 @@ class RequestOutcome(NamedTuple):
         return self.result == "RESULT_OK"
 
 
-class Stepped(Protocol):
-    """Interface of the linkage for stepping from outside."""
-
-    paused: bool
-
-    def step_text(self) -> str:
-        """Return step and time."""
-        ...
-
-    def pause(self, held: bool) -> str:
-        """Pause or continue the run, which ends a request for steps."""
-        ...
-
-    def reset(self) -> RequestOutcome:
-        """Request the initial state, or that of ``run.reset_state``, at the next step."""
-        ...
-
-    def stored(self) -> RequestOutcome:
-        """Return the state as text."""
-        ...
-
-
 class SteppingServices:
     """Services of a run that is stepped from outside; the linkage creates those of std_srvs.
 
     Parameters
     ----------
-    node : Node
-        The linkage's node.
-    run : Stepped
-        The same, as the interface for stepping.
+    run : LinkageNode
+        The linkage's node, which steps.
     wake : callable
         Called when steps are requested.
     """
 
-    def __init__(self, node: Node, run: Stepped, wake: Callable[[], object]) -> None:
-        self._node, self._run, self._wake = node, run, wake
+    def __init__(self, run: LinkageNode, wake: Callable[[], object]) -> None:
+        self._run, self._wake = run, wake
         self._left = 0
         self._taken: Callable[[RequestOutcome], None] | None = None
         if find_spec(STANDARD) is not None:
@@ -243,7 +221,7 @@ class SteppingServices:
 
     def on_step(self, request: Trigger.Request, response: Trigger.Response) -> Any:
         """Take ``run.step_count`` steps of a paused run; the response is a future."""
-        return self._take(self._node.get_parameter("run.step_count").value, partial(_with_outcome, response))
+        return self._take(self._run.get_parameter("run.step_count").value, partial(_with_outcome, response))
 
     def on_get_state(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Return the state."""
@@ -265,7 +243,7 @@ class SteppingServices:
             ("reset_simulation", "ResetSimulation", self._reset),
             ("step_simulation", "StepSimulation", self._step),
         ):
-            answer_later(self._node.create_service(getattr(services, kind), name, call))
+            answer_later(self._run.create_service(getattr(services, kind), name, call))
 
     def _features(self, request: Any, response: Any) -> Any:
         known = self._messages.SimulatorFeatures
