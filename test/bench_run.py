@@ -1,40 +1,80 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A machine's nodes on a bench: spun by the test itself, with a client beside them."""
+"""Nodes on a bench: spun by the test itself, with a client beside them; role nodes, or a shadow and its company."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import rclpy
 from catalogue import built
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
+from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import Topic, full_name
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.run.composition import role_nodes
+from mech_twin.nodes.shadow.session import Company, nodes_beside
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.samples import LinkageSample
 
 LIMIT_S = 15.0
 
 
-class BenchRun:
-    """Role nodes of a machine, and a client node that is none of them."""
+class Bench:
+    """Nodes of the twin, made by a call, and a client node that is none of them."""
 
     limit_s = LIMIT_S
 
-    def __init__(self, name: str, **options: Any) -> None:
+    def __init__(self, namespace: str, make: Callable[[], list[TwinNode]]) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.nodes = make()
+        self.client = rclpy.create_node("client", namespace=namespace)
+        self.spinner = Spinner([*self.nodes, self.client])
+
+    def add(self, node: Any) -> None:
+        """Serve a further node."""
+        self.nodes.append(node)
+        self.spinner.add(node)
+
+    def until(self, predicate: Callable[[], bool]) -> None:
+        """Spin until something holds; fail if it does not within the limit."""
+        end = time.monotonic() + self.limit_s
+        self.spinner.until(lambda: predicate() or time.monotonic() > end)
+        assert predicate(), "did not happen within the limit"
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Return a service's answer."""
+        client = self.client.create_client(kind, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.spinner.__exit__(kind, error, trace)
+        destroy_nodes(self.nodes)
+        self.client.destroy_node()
+        rclpy.try_shutdown()
+
+
+class BenchRun(Bench):
+    """Role nodes of a machine."""
+
+    def __init__(self, name: str, **options: Any) -> None:
         self.name = name
         self.options = RunOptions(pace="max", **options)
-        self.nodes: list[TwinNode] = [*role_nodes(name, built(name).parameters, self.options)]
-        self.client = rclpy.create_node("client", namespace=f"/{name}")
-        self._spinner = Spinner([*self.nodes, self.client])
+        super().__init__(f"/{name}", lambda: [*role_nodes(name, built(name).parameters, self.options)])
         self.samples: list[LinkageSample] = []
         self._watch(self.linkage)
 
@@ -48,12 +88,6 @@ class BenchRun:
     def _watch(self, linkage: LinkageNode) -> None:
         linkage.on_sample = self.samples.append
 
-    def until(self, predicate: Callable[[], bool]) -> None:
-        """Spin until something holds; fail if it does not within the limit."""
-        end = time.monotonic() + self.limit_s
-        self._spinner.until(lambda: predicate() or time.monotonic() > end)
-        assert predicate(), "did not happen within the limit"
-
     def steps(self, number: int) -> None:
         """Spin until so many further steps are taken."""
         goal = len(self.samples) + number
@@ -62,15 +96,7 @@ class BenchRun:
     def spin_for(self, seconds: float) -> None:
         """Spin for a time, whatever happens."""
         end = time.monotonic() + seconds
-        self._spinner.until(lambda: time.monotonic() > end)
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Return a service's answer."""
-        client = self.client.create_client(kind, service)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
+        self.spinner.until(lambda: time.monotonic() > end)
 
     def set_parameters(self, node: str, **values: float) -> Any:
         """Return the results of setting parameters on a node, as a user would."""
@@ -92,26 +118,34 @@ class BenchRun:
         self.nodes.remove(node)
         for output in node.outputs:
             output.send = lambda message: None  # what the executor still holds for it must not speak
-        self._spinner.remove(node)
+        self.spinner.remove(node)
         self.spin_for(0.05)
         destroy_nodes([node])
 
     def revive(self, make: Callable[[str, Any, RunOptions], TwinNode]) -> TwinNode:
         """Bring a node back, as new as a restarted process."""
         node = make(self.name, built(self.name).parameters, self.options)
-        self.nodes.append(node)
-        self._spinner.add(node)
+        self.add(node)
         if isinstance(node, LinkageNode):
             self._watch(node)
         return node
 
-    def __enter__(self) -> BenchRun:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._spinner.__exit__(kind, error, trace)
-        destroy_nodes(self.nodes)
-        self.client.destroy_node()
-        rclpy.try_shutdown()
+class ShadowBench(Bench):
+    """A shadow that follows ``/plant`` by a map, with its company, and a client in the place of the machine."""
+
+    limit_s = 60.0
+
+    def __init__(self, name: str, given: MeasurementMap, company: Company, **options: Any) -> None:
+        parameters = built(name).parameters
+
+        def make() -> list[TwinNode]:
+            shadow = ShadowNode(name, ShadowSetup("/plant", given), parameters, RunOptions(**options))
+            return [shadow, *nodes_beside(name, shadow, parameters, company)]
+
+        super().__init__("/plant", make)
+        self.shadow = self.of(ShadowNode)
+
+    def of(self, kind: type[Any]) -> Any:
+        """Return the node of this class."""
+        return next(node for node in self.nodes if isinstance(node, kind))

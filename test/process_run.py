@@ -35,6 +35,21 @@ LIMIT_S = 30.0
 PROGRAMS = {"motor": "motor_node", "force_analysis": "force_node", "body": "body_node", "linkage": "linkage_node"}
 
 
+def parameter_file(folder: Path, machine: Machine, options: RunOptions) -> Path:
+    """Return a file with the whole configuration of a run."""
+    tree = {"machine": machine.name, **configuration_tree(machine.parameters), "run": configuration_tree(options)}
+    path = folder / "parameters.yaml"
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": tree}}), encoding="utf-8")
+    return path
+
+
+def program(role: str, parameters: Path, *arguments: str) -> list[str]:
+    """Return the command of a node's program."""
+    name = PROGRAMS.get(role, f"{role}_node")
+    code = f"from mech_twin.nodes.run.executables import {name}; {name}()"
+    return [sys.executable, "-c", code, *arguments, "--ros-args", "--params-file", str(parameters)]
+
+
 class ProcessRun:
     """Role nodes of a machine in processes of their own.
 
@@ -68,7 +83,7 @@ class ProcessRun:
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._engine = frames(self.machine, 1e6)
         self._hears_steps = hears_steps
-        self._parameters = self._parameter_file()
+        self._parameters = parameter_file(folder, self.machine, self.options)
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.witness = rclpy.create_node("witness", namespace=f"/{name}")
         if hears_steps:
@@ -158,13 +173,6 @@ class ProcessRun:
 
     # -- processes --------------------------------------------------------------------------------------------------
 
-    def _parameter_file(self) -> Path:
-        tree = {"machine": self.name, **configuration_tree(self.machine.parameters)}
-        tree["run"] = configuration_tree(self.options)
-        path = self.folder / "parameters.yaml"
-        path.write_text(yaml.safe_dump({"/**": {"ros__parameters": tree}}), encoding="utf-8")
-        return path
-
     @property
     def roles(self) -> list[str]:
         """Roles of this machine."""
@@ -172,9 +180,7 @@ class ProcessRun:
 
     def start(self, role: str, *arguments: str, environment: dict[str, str] | None = None) -> None:
         """Start a node's program; one that was there before is replaced."""
-        program = PROGRAMS.get(role, f"{role}_node")
-        code = f"from mech_twin.nodes.run.executables import {program}; {program}()"
-        command = [sys.executable, "-c", code, *arguments, "--ros-args", "--params-file", str(self._parameters)]
+        command = program(role, self._parameters, *arguments)
         if self.sim_time:
             command += ["-p", "use_sim_time:=true"]
         with (self.folder / f"{role}.log").open("ab") as log:

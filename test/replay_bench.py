@@ -6,17 +6,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
-import rclpy
+from bench_run import Bench
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from mech_twin.messages.topics import DIAGNOSTICS, EVERY, EVERY_LATCHED
-from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.nodes.replay.replay_node import ReplayNode, ReplayOptions
 from mech_twin.nodes.replay.source import ReplaySource
 from mech_twin.recording.bag_reader import BagReader
@@ -31,7 +28,7 @@ class Heard(NamedTuple):
     raw: bytes
 
 
-class ReplayBench:
+class ReplayBench(Bench):
     """A replay node and a listener to each of its topics, in one process, through real DDS."""
 
     def __init__(
@@ -44,14 +41,12 @@ class ReplayBench:
         listeners: int = 1,
         **options: Any,
     ) -> None:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        super().__init__("", list)
         self.reader = BagReader(bag)
         self.source = ReplaySource(self.reader, list(topics), start_s, duration_s)
-        self.client = rclpy.create_node("listener")
         self.heard: list[Heard] = []
         self.announced: list[tuple[int, str]] = []
         self.client.create_timer(0.002, lambda: None)  # wakes the executor, so that turns come often enough
-        self._spinner = Spinner([self.client])
         if options.get("clock"):
             self.source.without_clock()
         self.source.topics.pop(DIAGNOSTICS.name, None)  # where the replay speaks of itself
@@ -59,17 +54,13 @@ class ReplayBench:
             self.listen(name, topic.kind, latched=topic.latched)
         self.client.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, self._on_diagnostics, EVERY)
         self.node = ReplayNode(self.source, ReplayOptions(listeners=listeners, **options))
-        self._spinner.add(self.node)
+        self.add(self.node)
 
     def listen(self, name: str, kind: Any, *, latched: bool = False) -> Any:
         def take(raw: bytes) -> None:
             self.heard.append(Heard(name, raw))
 
         return self.client.create_subscription(kind, name, take, EVERY_LATCHED if latched else EVERY, raw=True)
-
-    def add(self, node: Any) -> None:
-        """Serve a further node."""
-        self._spinner.add(node)
 
     def _on_diagnostics(self, message: Any) -> None:
         for status in message.status:
@@ -89,7 +80,7 @@ class ReplayBench:
                 self.node.turn()
             return predicate() or time.monotonic() > end
 
-        self._spinner.until(turned)
+        self.spinner.until(turned)
         assert predicate(), "did not happen within the limit"
 
     def for_a_while(self, seconds: float) -> None:
@@ -104,30 +95,13 @@ class ReplayBench:
 
     def ask(self, service: str) -> Any:
         """Return the answer of one of the replay's services."""
-        client = self.client.create_client(Trigger, f"/replay/{service}")
-        self.until(client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done)
-        return future.result()
+        return self.call(Trigger, f"/replay/{service}", Trigger.Request())
 
     def set_parameter(self, name: str, value: float) -> Any:
         """Return the result of setting a parameter of the replay."""
-        client = self.client.create_client(SetParameters, "/replay/set_parameters")
-        self.until(client.service_is_ready)
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result().results[0]
+        return self.call(SetParameters, "/replay/set_parameters", request).results[0]
 
-    def __enter__(self) -> ReplayBench:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        nodes = list(self._spinner.nodes)
-        self._spinner.__exit__(kind, error, trace)
-        for node in nodes:
-            node.destroy_node()
+    def __exit__(self, *of_error: Any) -> None:
+        super().__exit__(*of_error)
         self.reader.close()
-        rclpy.try_shutdown()

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
+from bench_run import ShadowBench
 from catalogue import built
 from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,15 +25,14 @@ from std_srvs.srv import SetBool
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
-from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
+from mech_twin.nodes.exchange.spinner import destroy_nodes
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.session import Company, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
-NAME, LIMIT_S = "vibration_crank", 60.0
+NAME = "vibration_crank"
 HIDDEN = ("masses.boom_kg=36.0", "masses.extra_kg=9.0")
 SOURCE = {"topic": "joint_states", "joint": "crank"}
 MAP = MeasurementMap.model_validate(
@@ -69,44 +68,22 @@ def plant() -> Iterator[subprocess.Popen[bytes]]:
             process.terminate()
 
 
-class AdvisedMachine:
+class AdvisedMachine(ShadowBench):
     """Shadow and advisor of the plant, and an operator who hears them."""
 
     def __init__(self, *, dry_run: bool) -> None:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        parameters = built(NAME).parameters
-        shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
-        wish = AdviceWish.model_validate({**WISH, "dry_run": dry_run})
-        self.shadow = shadow
-        self.nodes: list[TwinNode] = [shadow, *nodes_beside(NAME, shadow, parameters, Company(advice=wish))]
-        self.operator = rclpy.create_node("operator")
+        super().__init__(NAME, MAP, Company(advice=AdviceWish.model_validate({**WISH, "dry_run": dry_run})))
+        self.advisor: AdvisorNode = self.of(AdvisorNode)
         self.commands: list[Float64] = []
         self.decisions: list[str] = []
         self.offers: list[DiagnosticStatus] = []
-        self.operator.create_subscription(Float64, "/plant/motor/speed_command", self.commands.append, DATA)
-        self.operator.create_subscription(
-            DiagnosticStatus, full_name(NAME, DECISIONS), lambda heard: self.decisions.append(heard.message), DATA
-        )
-        self.operator.create_subscription(
-            DiagnosticStatus, full_name(NAME, RECOMMENDATION), self.offers.append, LATCHED
-        )
-        self.spinner = Spinner([*self.nodes, self.operator])
-
-    @property
-    def advisor(self) -> AdvisorNode:
-        return next(node for node in self.nodes if isinstance(node, AdvisorNode))
-
-    def until(self, predicate: Callable[[], bool]) -> None:
-        end = time.monotonic() + LIMIT_S
-        self.spinner.until(lambda: predicate() or time.monotonic() > end)
-        assert predicate(), f"did not happen within the limit; decisions {self.decisions}"
+        subscribe, said = self.client.create_subscription, DiagnosticStatus
+        subscribe(Float64, "/plant/motor/speed_command", self.commands.append, DATA)
+        subscribe(said, full_name(NAME, DECISIONS), lambda heard: self.decisions.append(heard.message), DATA)
+        subscribe(said, full_name(NAME, RECOMMENDATION), self.offers.append, LATCHED)
 
     def answer(self, service: str) -> SetBool.Response:
-        client = self.operator.create_client(SetBool, f"/{NAME}/advisor/{service}")
-        self.until(client.service_is_ready)
-        future = client.call_async(SetBool.Request(data=True))
-        self.until(future.done)
-        return future.result()
+        return self.call(SetBool, f"/{NAME}/advisor/{service}", SetBool.Request(data=True))
 
     def figure(self) -> float:
         """Return the mean figure of the next cycles."""
@@ -119,12 +96,6 @@ class AdvisedMachine:
         self.until(lambda: self.advisor.state.phase == "offered")
         self.until(lambda: any("offered" in text for text in self.decisions))
         return self
-
-    def __exit__(self, *_: object) -> None:
-        self.spinner.__exit__(None, None, None)
-        destroy_nodes(self.nodes)
-        self.operator.destroy_node()
-        rclpy.try_shutdown()
 
 
 @pytest.mark.slow
@@ -152,7 +123,7 @@ def test_refused_and_dry_advice_changes_nothing_and_a_lost_advisor_leaves_the_ma
         bench.until(lambda: bench.advisor.state.phase == "offered")
         assert "dry run" in bench.answer("accept").message
         after = bench.figure()
-        assert bench.operator.count_publishers("/plant/motor/speed_command") == 0
+        assert bench.client.count_publishers("/plant/motor/speed_command") == 0
         assert bench.commands == []
         speed = bench.shadow.observer.columns["linkage.crank.velocity"]
         told = bench.shadow.estimate

@@ -32,9 +32,7 @@ def test_a_run_under_all_commands_is_recorded_and_computed_again_to_the_bit(name
     effort = 0.4 * effort_limit(built(name))
     held = (1.5, 3.0, 0.25)
     with BenchRun(name, recorder=True, stream_rate_hz=20.0) as run:
-        recorder = RecorderNode(name, tmp_path / "bag", built(name).parameters, run.options)
-        run.nodes.append(recorder)
-        run._spinner.add(recorder)
+        run.add(RecorderNode(name, tmp_path / "bag", built(name).parameters, run.options))
         run.steps(20)
         run.publisher(EFFORT_COMMAND).publish(Float64(data=effort))
         run.until(lambda: asked_in(run) == EffortCommand(effort))

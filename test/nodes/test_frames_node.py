@@ -74,9 +74,7 @@ class Heard:
 def running(name: str, **options: Any) -> Iterator[tuple[BenchRun, Heard]]:
     with BenchRun(name, **options) as run:
         heard = Heard(run)
-        node = FramesNode(name, built(name).parameters, run.options)
-        run.nodes.append(node)
-        run._spinner.add(node)
+        run.revive(FramesNode)
         yield run, heard
 
 
@@ -110,9 +108,7 @@ def test_frames_are_those_of_the_joint_states_of_their_time(name: str) -> None:
 def test_frames_are_made_only_while_somebody_listens() -> None:
     name, heard = "winding_drum", list[TransformStamped]()
     with BenchRun(name) as run:
-        node = FramesNode(name, built(name).parameters, run.options)
-        run.nodes.append(node)
-        run._spinner.add(node)
+        node = run.revive(FramesNode)
         run.until(lambda: node.diagnostics.state == "running" and node.time_s > 0.1)
         frames = next(output for output in node.outputs if output.name == FRAMES.name)
         assert frames.sent == 0

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import rclpy
+from bench_run import ShadowBench
 from catalogue import built
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -22,11 +23,9 @@ from mech_twin.declarations.configuration_tree import (
 )
 from mech_twin.engine.rollout import roll_out
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.exchange.spinner import destroy_nodes
 from mech_twin.nodes.shadow.identifier_node import IdentifierNode
-from mech_twin.nodes.shadow.session import Company, FreeKeys, nodes_beside
-from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.session import Company, FreeKeys
+from mech_twin.nodes.shadow.shadow_node import ShadowNode
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.studies.observer.estimate import SeenSample
 from mech_twin.studies.observer.observer import PhaseLockedObserver
@@ -49,14 +48,8 @@ MAP = MeasurementMap.model_validate(
 @pytest.fixture
 def shadowed() -> Iterator[tuple[ShadowNode, IdentifierNode]]:
     """Provide a shadow and its identifier, wired as in a session; nothing spins them."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    parameters = built(NAME).parameters
-    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
-    nodes: list[TwinNode] = [shadow]
-    nodes += nodes_beside(NAME, shadow, parameters, Company(free=FreeKeys((KEY,), {})))
-    yield shadow, next(node for node in nodes if isinstance(node, IdentifierNode))
-    destroy_nodes(nodes)
-    rclpy.try_shutdown()
+    with ShadowBench(NAME, MAP, Company(free=FreeKeys((KEY,), {}))) as bench:
+        yield bench.shadow, bench.of(IdentifierNode)
 
 
 def seen(duration_s: float) -> Iterator[SeenSample]:

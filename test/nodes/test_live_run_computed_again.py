@@ -24,9 +24,7 @@ pytestmark = pytest.mark.usefixtures("ros_domain")
 def recorded_run(name: str, directory: Path) -> None:
     """Record a run whose supply is turned down, whose parameters change twice, and which is reset."""
     with BenchRun(name, recorder=True, stream_rate_hz=20.0) as run:
-        recorder = RecorderNode(name, directory, built(name).parameters, run.options)
-        run.nodes.append(recorder)
-        run._spinner.add(recorder)
+        run.add(RecorderNode(name, directory, built(name).parameters, run.options))
         run.steps(30)
         run.publisher(SPEED_COMMAND).publish(Float64(data=0.7))
         run.steps(30)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Collection
 from pathlib import Path
@@ -13,14 +12,12 @@ from types import TracebackType
 from typing import Any
 
 import pytest
-import yaml
 from bench_run import BenchRun
 from catalogue import built
-from process_run import PROGRAMS
+from process_run import parameter_file, program
 from sensor_msgs.msg import JointState
 from step_samples import PARTS, recorded_samples
 
-from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.coupling import next_body
 from mech_twin.engine.run import frames
 from mech_twin.messages.step_message import body as body_messages
@@ -64,12 +61,8 @@ class MixedRun(BenchRun):
         for node in self.nodes:
             self._watch(node)
         if recorder == "here":
-            made = RecorderNode(NAME, self.bag, built(NAME).parameters, self.options)
-            self.nodes.append(made)
-            self._spinner.add(made)
-        self._parameters = folder / "parameters.yaml"
-        tree = {"machine": NAME, **configuration_tree(built(NAME).parameters), "run": configuration_tree(self.options)}
-        self._parameters.write_text(yaml.safe_dump({"/**": {"ros__parameters": tree}}), encoding="utf-8")
+            self.add(RecorderNode(NAME, self.bag, built(NAME).parameters, self.options))
+        self._parameters = parameter_file(folder, built(NAME), self.options)
         for role in apart:
             self.start(role)
         if recorder == "elsewhere":
@@ -81,10 +74,7 @@ class MixedRun(BenchRun):
 
     def start(self, role: str, *arguments: str) -> None:
         """Start a role in a process of its own."""
-        program = PROGRAMS.get(role, f"{role}_node")
-        code = f"from mech_twin.nodes.run.executables import {program}; {program}()"
-        command = [sys.executable, "-c", code, *arguments, "--ros-args", "--params-file", str(self._parameters)]
-        self._processes[role] = subprocess.Popen(command)
+        self._processes[role] = subprocess.Popen(program(role, self._parameters, *arguments))
 
     def end(self, role: str) -> None:
         """End the process of a role as a power cut would, once it has sent its answers (docs/proof/reliability.md)."""

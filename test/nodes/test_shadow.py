@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,10 +10,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-import rclpy
+from bench_run import ShadowBench
 from catalogue import PAGES, built
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.signals import SignalHandlerOptions
 from rrd_tables import rrd_tables
 from sensor_msgs.msg import JointState
 
@@ -40,13 +37,10 @@ from mech_twin.messages.topics import (
     type_name,
     virtual_pin,
 )
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
-from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import NameInUseError
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.nodes.shadow.inputs import sensed_channels
-from mech_twin.nodes.shadow.session import Company, followed_namespace, nodes_beside
-from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.session import Company, followed_namespace
 from mech_twin.nodes.shadow.viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
@@ -60,37 +54,26 @@ MAP = MeasurementMap.model_validate({"machine": NAME, "channels": [CHANNEL]})
 HIDDEN = {"masses.boom_kg": 34.0, "drive.speed_rpm": 151.0}
 EPOCH_S = 1.7e9
 RATE_HZ = 100.0
-LIMIT_S = 30.0
 
 
-class FollowedMachine:
+class FollowedMachine(ShadowBench):
     """A foreign publisher of a machine's wheel, a shadow beside it, and a witness of all that is said."""
 
     def __init__(self, directory: Path | None = None, silence_s: float = 1000.0, view: Path | None = None) -> None:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         tree = merged_tree(configuration_tree(built(NAME).parameters), tree_from_flat(HIDDEN))
         entry = catalogue_entry(NAME)
         self.run = roll_out(entry.build(entry.parameters.model_validate(tree)), 2.5)
-        self.shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), options=RunOptions(peer_timeout_s=silence_s))
-        self.nodes: list[TwinNode] = [self.shadow]
         company = Company(directory, view=None if view is None else str(view))
-        self.nodes += nodes_beside(NAME, self.shadow, built(NAME).parameters, company)
-        self.plant = rclpy.create_node("plc", namespace="/plant")
-        self.wheel = self.plant.create_publisher(JointState, "wheel", DATA)
+        super().__init__(NAME, MAP, company, peer_timeout_s=silence_s)
+        self.wheel = self.client.create_publisher(JointState, "wheel", DATA)
         self.heard: dict[str, list[Any]] = {}
-        self.spinner = Spinner([*self.nodes, self.plant])
         self.random = np.random.default_rng(5)
 
     def listen(self, name: str, kind: Any) -> list[Any]:
         heard = self.heard[name] = []
-        self.plant.create_subscription(kind, name, heard.append, DATA)
-        self.until(lambda: self.plant.count_publishers(name) > 0)
+        self.client.create_subscription(kind, name, heard.append, DATA)
+        self.until(lambda: self.client.count_publishers(name) > 0)
         return heard
-
-    def until(self, predicate: Callable[[], bool]) -> None:
-        end = time.monotonic() + LIMIT_S
-        self.spinner.until(lambda: predicate() or time.monotonic() > end)
-        assert predicate(), "did not happen within the limit"
 
     def show(self, row: int, shift_s: float = 0.0) -> None:
         """Publish what the wheel shows at a row of the run."""
@@ -126,12 +109,6 @@ class FollowedMachine:
         self.until(lambda: self.wheel.get_subscription_count() >= len(listening))
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.spinner.__exit__(None, None, None)
-        destroy_nodes(self.nodes)
-        self.plant.destroy_node()
-        rclpy.try_shutdown()
-
 
 ROWS = range(400, 1400, round(1000 / RATE_HZ))
 
@@ -145,7 +122,7 @@ def test_a_foreign_machine_with_hidden_parameters_is_followed(tmp_path: Path) ->
         pin_sigma = bench.listen(full_name(NAME, sigma_of(virtual_pin("crank_pin"))), virtual_pin("any").type)
         bench.play(ROWS)
         bench.until(lambda: len(pin_sigma) > 50 and len(residuals) == len(estimated) == len(sigma))
-        published = dict(bench.plant.get_publisher_names_and_types_by_node("shadow", f"/{NAME}"))
+        published = dict(bench.client.get_publisher_names_and_types_by_node("shadow", f"/{NAME}"))
         bench.spinner.until(lambda: bench.nodes[1].received.get(full_name(NAME, ESTIMATED), 0) >= len(estimated))
     assert not [name for name in published if name.startswith("/plant")]
     stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec - EPOCH_S for message in estimated[20:]]

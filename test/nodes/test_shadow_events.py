@@ -3,17 +3,14 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
+from bench_run import ShadowBench
 from catalogue import built
 from geometry_msgs.msg import Vector3Stamped
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -22,13 +19,10 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA
-from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.shadow.inputs import followed_topics
 from mech_twin.nodes.shadow.monitor_node import MonitorNode
 from mech_twin.nodes.shadow.recorder import ShadowRecorder
-from mech_twin.nodes.shadow.session import Company, nodes_beside
-from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.session import Company
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.monitoring.baseline import fitted_baseline
@@ -39,7 +33,7 @@ from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import Seen, seen_roll_out
 from mech_twin.studies.observer.estimate import SeenSample
 
-NAME, LIMIT_S, STEP_S, BURST = "impact_mass", 60.0, 1e-3, 50
+NAME, BURST = "impact_mass", 50
 JOINTS = {"generator": "motor.generator.effort", "mass": "linkage.mass.position"}
 FIELDS = {"stamp": "time", "vector.x": "pre_velocity", "vector.y": "post_velocity"}
 IMPACT = "stop/impact"
@@ -90,49 +84,35 @@ def messages_of(channels: Seen) -> list[tuple[float, str, Any]]:
     return sorted(told, key=lambda each: each[0])
 
 
-def until(spinner: Spinner, predicate: Callable[[], bool]) -> None:
-    end = time.monotonic() + LIMIT_S
-    spinner.until(lambda: predicate() or time.monotonic() > end)
-    assert predicate(), "did not happen within the limit"
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("ros_domain")
 def test_features_of_events_are_judged_live_as_of_the_recording(tmp_path: Path) -> None:
     baseline, innovations = fitted_baseline(vectors_of(seen(20.0, 1)))
     assert {"impact_share", "impact_speed_m_per_s", "speed_ratio"} <= set(baseline.names)
     setup = MonitorSetup(NAME, baseline, chart_limits(baseline, innovations, 1000.0), ())
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    parameters, findings = built(NAME).parameters, list[Findings]()
-    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
-    nodes: list[TwinNode] = [shadow, *nodes_beside(NAME, shadow, parameters, Company(tmp_path / "bag", setup))]
-    live = next(node for node in nodes if isinstance(node, MonitorNode)).live
-    recorder = next(node for node in nodes if isinstance(node, ShadowRecorder))
-    take, heard = live.take, list[float]()
+    findings = list[Findings]()
+    with ShadowBench(NAME, MAP, Company(tmp_path / "bag", setup)) as bench:
+        live, recorder = bench.of(MonitorNode).live, bench.of(ShadowRecorder)
+        take, heard = live.take, list[float]()
 
-    def told(sample: SeenSample) -> list[Findings]:
-        heard.append(sample.time_s)
-        findings.extend(take(sample))
-        return []
+        def told(sample: SeenSample) -> list[Findings]:
+            heard.append(sample.time_s)
+            findings.extend(take(sample))
+            return []
 
-    live.take = told  # type: ignore[method-assign]
-    foreign = rclpy.create_node("foreign")
-    publishers = {
-        "joints": foreign.create_publisher(JointState, "/plant/joints", DATA),
-        "impacts": foreign.create_publisher(Vector3Stamped, "/plant/impacts", DATA),
-    }
-    with Spinner([*nodes, foreign]) as spinner:
-        until(spinner, lambda: all(each.get_subscription_count() >= 2 for each in publishers.values()))
-        messages = messages_of(seen(5.0, 2))
-        for sent, (_, topic, message) in enumerate(messages, 1):
+        live.take = told
+        publishers = {
+            "joints": bench.client.create_publisher(JointState, "/plant/joints", DATA),
+            "impacts": bench.client.create_publisher(Vector3Stamped, "/plant/impacts", DATA),
+        }
+        bench.until(lambda: all(each.get_subscription_count() >= 2 for each in publishers.values()))
+        for sent, (_, topic, message) in enumerate(messages_of(seen(5.0, 2)), 1):
             publishers[topic].publish(message)
-            if sent % BURST == 0 or sent == len(messages):
-                until(spinner, lambda sent=sent: min(len(heard), sum(recorder.received.values())) >= sent)  # type: ignore[misc]
-        columns = [channel.column for channel in shadow.observer.channels]
-        estimate = shadow.estimate
-    destroy_nodes(nodes)
-    foreign.destroy_node()
-    rclpy.try_shutdown()
+            if sent % BURST == 0:
+                bench.until(lambda sent=sent: min(len(heard), sum(recorder.received.values())) >= sent)
+        bench.until(lambda: min(len(heard), sum(recorder.received.values())) >= sent)
+        columns = [channel.column for channel in bench.shadow.observer.channels]
+        estimate = bench.shadow.estimate
     assert columns == list(JOINTS.values())
     assert estimate is not None
     with opened_run(tmp_path / "bag") as reader:

@@ -4,18 +4,15 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
+from bench_run import ShadowBench
 from catalogue import built
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -25,12 +22,9 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
-from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.shadow.monitor_node import FAULT, SHELVE_S, MonitorNode
 from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder
-from mech_twin.nodes.shadow.session import Company, nodes_beside
-from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.session import Company
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.results.opened_runs import opened_run
@@ -42,7 +36,7 @@ from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.observer.estimate import SeenSample
 
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
-NAME, LIMIT_S, EVERY, BURST = "vibration_crank", 60.0, 20, 50
+NAME, EVERY, BURST = "vibration_crank", 20, 50
 SOURCE = {"topic": "/plant/wheel", "joint": "main_shaft"}
 MAP = MeasurementMap.model_validate(
     {
@@ -86,15 +80,11 @@ def setup() -> MonitorSetup:
     return MonitorSetup(NAME, baseline, chart_limits(baseline, innovations, 1000.0), (), settling_cycles=1)
 
 
-class MonitoredPlant:
+class MonitoredPlant(ShadowBench):
     """A foreign publisher, a shadow with monitor, recorder and black box, and an operator."""
 
     def __init__(self, setup: MonitorSetup, folder: Path) -> None:
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        parameters = built(NAME).parameters
-        shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
-        company = Company(folder / "bag", setup, folder / "faults")
-        self.nodes: list[TwinNode] = [shadow, *nodes_beside(NAME, shadow, parameters, company)]
+        super().__init__(NAME, MAP, Company(folder / "bag", setup, folder / "faults"))
         self.findings: list[Findings] = []
         take = self.of(MonitorNode).live.take
 
@@ -103,22 +93,12 @@ class MonitoredPlant:
             self.findings += found
             return found
 
-        self.of(MonitorNode).live.take = told  # type: ignore[method-assign]
-        self.operator = rclpy.create_node("operator")
-        self.wheel = self.operator.create_publisher(JointState, "/plant/wheel", DATA)
+        self.of(MonitorNode).live.take = told
+        self.wheel = self.client.create_publisher(JointState, "/plant/wheel", DATA)
         self.standard: list[JointState] = []
         self.said: list[DiagnosticArray] = []
-        self.operator.create_subscription(JointState, full_name(NAME, STANDARD_RESIDUALS), self.standard.append, DATA)
-        self.operator.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self.said.append, DATA)
-        self.spinner = Spinner([*self.nodes, self.operator])
-
-    def of(self, kind: type[Any]) -> Any:
-        return next(node for node in self.nodes if isinstance(node, kind))
-
-    def until(self, predicate: Callable[[], bool]) -> None:
-        end = time.monotonic() + LIMIT_S
-        self.spinner.until(lambda: predicate() or time.monotonic() > end)
-        assert predicate(), "did not happen within the limit"
+        self.client.create_subscription(JointState, full_name(NAME, STANDARD_RESIDUALS), self.standard.append, DATA)
+        self.client.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self.said.append, DATA)
 
     def play(self, shown: dict[str, np.ndarray], from_s: float) -> None:
         recorder = self.of(ShadowRecorder)
@@ -129,23 +109,13 @@ class MonitoredPlant:
             if i % BURST == 0:
                 self.until(lambda: recorder.received.get("/plant/wheel", 0) >= self.sent)
 
-    def call(self, service: str) -> Trigger.Response:
-        client = self.operator.create_client(Trigger, f"/{NAME}/monitor/{service}")
-        self.until(client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        self.until(future.done)
-        return future.result()
+    def answer(self, service: str) -> Trigger.Response:
+        return self.call(Trigger, f"/{NAME}/monitor/{service}", Trigger.Request())
 
     def __enter__(self) -> MonitoredPlant:
         self.sent = 0
         self.until(lambda: self.wheel.get_subscription_count() >= 3)
         return self
-
-    def __exit__(self, *_: object) -> None:
-        self.spinner.__exit__(None, None, None)
-        destroy_nodes(self.nodes)
-        self.operator.destroy_node()
-        rclpy.try_shutdown()
 
 
 def test_live_is_what_a_recording_says_and_a_fault_is_told_kept_and_acknowledged(
@@ -155,17 +125,17 @@ def test_live_is_what_a_recording_says_and_a_fault_is_told_kept_and_acknowledged
         monitor = bench.of(MonitorNode)
         bench.play(noisy(run_of(16.0), 2), 0.0)
         assert not monitor.has_active_fault
-        assert bench.call("acknowledge").success is False
+        assert bench.answer("acknowledge").success is False
         heavy = run_of(36.0, masses__extra_kg=10.0)
         bench.play({name: values[801:] for name, values in noisy(heavy, 3).items()}, 0.0)
         assert monitor.has_active_fault
         bench.until(lambda: any(s.name.endswith(": unknown") for array in bench.said for s in array.status))
         status = [s for array in bench.said for s in array.status if s.name.endswith(": unknown")][-1]
         monitor.set_parameters([Parameter(FAULT, value="another")])
-        refused = bench.call("shelve")
+        refused = bench.answer("shelve")
         monitor.set_parameters([Parameter(FAULT, value="unknown")])
-        assert bench.call("acknowledge").success
-        assert bench.call("shelve").message == "shelved: unknown"
+        assert bench.answer("acknowledge").success
+        assert bench.answer("shelve").message == "shelved: unknown"
         bench.until(lambda: len(bench.standard) >= len(bench.findings))
         live, boxes = bench.findings, bench.of(BlackBox).bags
         (life,) = monitor.live.monitor.lives.values()

@@ -9,17 +9,14 @@ from typing import Any
 
 import pytest
 from catalogue import NAMES, built
-from step_samples import PARTS, recorded_samples
+from step_samples import assert_equal_engine
 
-from mech_twin.engine.run import frames
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.run.composition import Outcome, run_in_process, run_processes
 from mech_twin.parameters.load import machine
-from mech_twin.roles import Machine
 
 RUN_S = 0.4
-
-
+RECORDED = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
 # its lists are a vector and rows of a table, its groups hold empty ones
 PAGE = """
 name: block_in_soil
@@ -31,19 +28,10 @@ contacts: {soil: {point: block, line: ground.soil, normal_deg: 90.0, layer_m_n: 
 """
 
 
-def assert_equal_engine(name: str, bag: Path, duration_s: float, machine: Machine | None = None) -> None:
-    expected = list(frames(machine or built(name), duration_s))
-    for topic, samples in recorded_samples(name, bag).items():
-        assert sorted({sample.step for sample in samples}) == list(range(len(expected))), topic
-        for sample in samples:  # one that was asked again, when the machine stalled, stands there twice
-            assert sample == getattr(expected[sample.step], PARTS[topic]), topic
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_topics_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Path) -> None:
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
-    outcome = run_in_process(name, built(name).parameters, options, tmp_path / "bag", None)
-    assert_equal_engine(name, tmp_path / "bag", RUN_S)
+    outcome = run_in_process(name, built(name).parameters, RECORDED, tmp_path / "bag", None)
+    assert_equal_engine(tmp_path / "bag", built(name), RUN_S)
     assert_every_message_heard(outcome)
 
 
@@ -55,9 +43,8 @@ def assert_every_message_heard(outcome: Outcome) -> None:
 @pytest.mark.parametrize("name", ["mb10_breaker", "winding_drum"])
 @pytest.mark.slow
 def test_nodes_in_processes_of_their_own_equal_engine_to_the_bit(name: str, ros_domain: int, tmp_path: Path) -> None:
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
-    run_processes(name, built(name).parameters, options, tmp_path / "bag", None)
-    assert_equal_engine(name, tmp_path / "bag", RUN_S)
+    run_processes(name, built(name).parameters, RECORDED, tmp_path / "bag", None)
+    assert_equal_engine(tmp_path / "bag", built(name), RUN_S)
 
 
 @pytest.mark.parametrize("run", [run_in_process, pytest.param(run_processes, marks=pytest.mark.slow)])
@@ -65,6 +52,5 @@ def test_a_page_over_topics_equals_engine_to_the_bit(run: Callable[..., Any], ro
     file = tmp_path / "block.yaml"
     file.write_text(PAGE, encoding="utf-8")
     block = machine(str(file))
-    options = RunOptions(pace="max", duration_s=RUN_S, recorder=True, exclusive=False)
-    run("page", block.parameters, options, tmp_path / "bag", None)
-    assert_equal_engine("page", tmp_path / "bag", RUN_S, block)
+    run("page", block.parameters, RECORDED, tmp_path / "bag", None)
+    assert_equal_engine(tmp_path / "bag", block, RUN_S)

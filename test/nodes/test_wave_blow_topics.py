@@ -12,14 +12,14 @@ from rclpy.serialization import deserialize_message
 from recordings import entries_of
 from replay_bench import ReplayBench
 from sensor_msgs.msg import JointState
+from step_samples import assert_equal_engine
 from trajectory_msgs.msg import JointTrajectory
 
 from mech_twin.capabilities.blow_gauge import BlowGauge
 from mech_twin.engine.run import frames
 from mech_twin.messages.impacts import curve_message, numbers_bytes
-from mech_twin.messages.topics import BLOW_GAUGE, BLOW_WAVE, full_name, step_topics
+from mech_twin.messages.topics import BLOW_GAUGE, BLOW_WAVE, full_name
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.roles.viewer_node import DECODERS
 from mech_twin.nodes.run.composition import run_in_process
 from mech_twin.parameters.load import machine
 from mech_twin.recording.bag_reader import BagReader
@@ -42,14 +42,9 @@ def test_topics_equal_engine_to_the_bit(ros_domain: int, tmp_path: Path, name: s
     built = machine(name, None, settings)
     options = RunOptions(pace="max", duration_s=0.4, recorder=True, exclusive=False)
     run_in_process(built.name, built.parameters, options, tmp_path / "bag", None)
-    expected = list(frames(built, 0.4))
-    with BagReader(tmp_path / "bag") as reader:
-        for topic in step_topics(built.body is not None):
-            for row in reader.messages(topics=[full_name(built.name, topic)]):
-                sample = DECODERS[topic.name](deserialize_message(row.raw, JointState))
-                assert sample == getattr(expected[sample.step], topic.name.removeprefix("step/"))
+    assert_equal_engine(tmp_path / "bag", built, 0.4)
     assert built.gauge is not None
-    told = blows(expected, built.gauge)
+    told = blows(list(frames(built, 0.4)), built.gauge)
     assert told[0]
     assert recorded_blows(tmp_path / "bag", built.name) == told
     with ReplayBench(tmp_path / "bag") as bench:
