@@ -42,16 +42,11 @@ def to_message(event: Event) -> Vector3Stamped:
     return message
 
 
-def numbers_message(gauge: BlowGauge, event: Event) -> StepMessage:
-    """Return the numbers of a blow as named efforts; positions and velocities are 0."""
+def numbers_bytes(gauge: BlowGauge, event: Event) -> bytes:
+    """Return the numbers of a blow as CDR of named efforts; positions and velocities are 0."""
     numbers = gauge.numbers(event)
     zeros = (0.0,) * len(numbers)
-    return StepMessage(Header(stamp_of(event.time_s)), tuple(GAUGE_UNITS), zeros, zeros, numbers)
-
-
-def numbers_bytes(gauge: BlowGauge, event: Event) -> bytes:
-    """Return `numbers_message` as CDR bytes."""
-    return encoded(numbers_message(gauge, event))
+    return encoded(StepMessage(Header(stamp_of(event.time_s)), tuple(GAUGE_UNITS), zeros, zeros, numbers))
 
 
 def curve_message(gauge: BlowGauge, event: Event) -> JointTrajectory:

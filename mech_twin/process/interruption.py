@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Iterator
 from contextlib import suppress
 from signal import SIG_IGN, SIGHUP, SIGINT, SIGTERM, Signals, getsignal, pthread_kill, raise_signal
 from types import FrameType
@@ -45,11 +46,7 @@ def is_in_compiler(frame: FrameType | None) -> bool:
     The compiler calls Python from finalizers and C callbacks, which drop an exception: the process would continue to
     compile, or continue without the kernel.
     """
-    while frame is not None:
-        if str(frame.f_globals.get("__name__", "")).partition(".")[0] in COMPILER:
-            return True
-        frame = frame.f_back
-    return False
+    return any(module.partition(".")[0] in COMPILER for module in _modules(frame))
 
 
 def is_importing(frame: FrameType | None) -> bool:
@@ -58,11 +55,14 @@ def is_importing(frame: FrameType | None) -> bool:
     An exception there may be dropped by a callback of the import system, or replaced by another one when a class is
     being created.
     """
+    return IMPORTING in _modules(frame)
+
+
+def _modules(frame: FrameType | None) -> Iterator[str]:
+    """Yield the names of the modules that a frame and its callers are of."""
     while frame is not None:
-        if frame.f_globals.get("__name__") == IMPORTING:
-            return True
+        yield str(frame.f_globals.get("__name__", ""))
         frame = frame.f_back
-    return False
 
 
 class UninterruptedLock:

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64, String
 from mech_twin.capabilities.mechanism import urdf
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import impacts, scene, topics
-from mech_twin.messages.cdr import StepMessage, encoded, stamped_bytes, wrench_bytes
+from mech_twin.messages.cdr import stamped_bytes, wrench_bytes
 from mech_twin.messages.scene import TOOL_FRAME, frame_id, transforms
 from mech_twin.messages.step_message import REVISION, Row, StepCodec, motor, set_stamp
 from mech_twin.messages.step_message import body as body_messages
@@ -171,7 +171,7 @@ class FrameRecorder:
         for event in frame_events(frame):
             self._put(topics.IMPACTS, impacts.to_bytes(event))
         for gauge, event in impacts.gauged_blows(self._machine.gauge, linkage.events):
-            self._put(topics.BLOW_GAUGE, impacts.numbers_message(gauge, event))
+            self._put(topics.BLOW_GAUGE, impacts.numbers_bytes(gauge, event))
             if event.contact in gauge.sent:
                 self._put(topics.BLOW_WAVE, impacts.curve_message(gauge, event))
         self._write_joint_states(frame)
@@ -232,6 +232,5 @@ class FrameRecorder:
 
     def _put(self, topic: topics.Topic, message: Any) -> None:
         name = topics.full_name(self._machine.name, topic)
-        if not isinstance(message, bytes):
-            message = encoded(message) if isinstance(message, StepMessage) else serialize_message(message)
-        self._writer.write(name, message, self._now_ns, self._now_ns, latched=topic.qos is topics.LATCHED)
+        raw = message if isinstance(message, bytes) else serialize_message(message)
+        self._writer.write(name, raw, self._now_ns, self._now_ns, latched=topic.qos is topics.LATCHED)

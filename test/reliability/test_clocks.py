@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 import mech_twin
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import CLOCK, DIAGNOSTICS, JOINT_STATES, STEP_LINKAGE, STEP_MOTOR, Topic
-from mech_twin.nodes.exchange.peers import clock_publishers
+from mech_twin.nodes.exchange.peers import other_publishers
 from mech_twin.nodes.roles.answering_nodes import MotorNode
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_reader import BagReader
@@ -142,7 +142,7 @@ def test_who_publishes_the_shared_clock_before_or_after_a_run_begins_has_it_alon
         assert run.linkage.count_publishers(CLOCK.name) == 1
         run.client.create_publisher(CLOCK.type, CLOCK.name, CLOCK.qos)
         run.until(lambda: run.linkage.diagnostic_values()["clock"] == f"/{DRUM}/clock")
-        run.until(lambda: clock_publishers(run.client) == set())
+        run.until(lambda: other_publishers(run.client, CLOCK.name) == set())
         before = len(heard)
         run.steps(50)
         run.until(lambda: len(heard) > before)

@@ -35,12 +35,12 @@ class Report(NamedTuple):
     last_reason: str
 
 
-class SequenceFault(NamedTuple):
-    """A kind of `KINDS`, an explanation, and the number of steps concerned."""
+class StepFault(NamedTuple):
+    """Why a step is not used or missed: a kind of `KINDS`, an explanation, and the number of steps concerned."""
 
     kind: str
     reason: str
-    number: int
+    number: int = 1
 
 
 class StepSequence:
@@ -50,7 +50,7 @@ class StepSequence:
         self.first: int | None = None
         self.last: int | None = None
 
-    def take(self, step: int) -> SequenceFault | None:
+    def take(self, step: int) -> StepFault | None:
         """Update with a step; return its fault, if any."""
         last, self.last = self.last, step if self.last is None else max(step, self.last)
         if last is None:
@@ -59,8 +59,8 @@ class StepSequence:
             return None
         reason = f"step {step} after {last}"
         if step > last:
-            return SequenceFault("missing", reason, step - last - 1)
-        return SequenceFault("repeated" if step == last else "late", reason, 1)
+            return StepFault("missing", reason, step - last - 1)
+        return StepFault("repeated" if step == last else "late", reason)
 
 
 class TopicStatistics:

@@ -19,13 +19,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from enum import Enum
-from typing import NamedTuple
 
 import rclpy
 from rclpy.node import Node
 
 from mech_twin.messages.step_message import ANONYMOUS
 from mech_twin.messages.topics import CLOCK
+from mech_twin.nodes.exchange.counting import StepFault
 from mech_twin.samples import BodySample, ForceSample, MotorSample
 
 SOURCE_BITS = 48  # a float64 holds it exactly
@@ -106,13 +106,6 @@ class HeardSource:
 Answer = MotorSample | ForceSample | BodySample
 
 
-class AnswerFault(NamedTuple):
-    """Reason why an answer is not used: a kind of `counting.KINDS`, and an explanation."""
-
-    kind: str
-    reason: str
-
-
 class SteppingBarrier:
     """Collects the answers of the peers to one step.
 
@@ -159,23 +152,23 @@ class SteppingBarrier:
         """Start a new step."""
         self._previous, self._answers = self._answers, {}
 
-    def take(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
+    def take(self, peer: str, sample: Answer, step: int) -> StepFault | None:
         """Store a peer's answer to this step; for any other message return the reason why it is not used."""
         fault = self._fault(peer, sample, step)
         if fault is None:
             self._answers[peer] = sample
         return fault
 
-    def _fault(self, peer: str, sample: Answer, step: int) -> AnswerFault | None:
+    def _fault(self, peer: str, sample: Answer, step: int) -> StepFault | None:
         known = self._answers.get(peer) if sample.step == step else None
         if known is None and sample.step == step - 1:
             known = self._previous.get(peer)
         if known is not None and known == sample:
-            return AnswerFault("repeated", f"step {sample.step}")
+            return StepFault("repeated", f"step {sample.step}")
         if known is not None:
-            return AnswerFault("conflicting", f"another answer to step {sample.step}")
+            return StepFault("conflicting", f"another answer to step {sample.step}")
         if sample.step != step:
-            return AnswerFault("late" if sample.step < step else "early", f"step {sample.step} at step {step}")
+            return StepFault("late" if sample.step < step else "early", f"step {sample.step} at step {step}")
         return None
 
 
@@ -243,18 +236,17 @@ class PeerWait:
 def other_clocks(node: Node) -> str:
     """Return a warning that names other publishers of a node's clock and the remedy; empty if there is none."""
     topic = node.resolve_topic_name(CLOCK.name)
-    others = clock_publishers(node)
+    others = other_publishers(node, topic)
     if not others or len(node.get_publishers_info_by_topic(topic)) == len(others):  # this node does not publish it
         return ""
     names = ", ".join(sorted(others))
     return f"{topic} is published by {names} as well: with --namespace a replay has a clock of its own"
 
 
-def clock_publishers(node: Node) -> set[str]:
-    """Return the full names of the other nodes that publish the node's ``/clock``."""
-    topic = node.resolve_topic_name(CLOCK.name)
-    found = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in node.get_publishers_info_by_topic(topic)}
-    return found - {node.get_fully_qualified_name()}
+def other_publishers(node: Node, topic: str) -> set[str]:
+    """Return the full names of the other nodes that publish a topic, as the node resolves its name."""
+    ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
+    return {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends} - {node.get_fully_qualified_name()}
 
 
 FORGOTTEN_S = 30.0  # the middleware drops a silent participant after 10 s to 20 s

@@ -58,7 +58,7 @@ from mech_twin.nodes.exchange.peers import (
     PeerWait,
     SourceLock,
     SteppingBarrier,
-    clock_publishers,
+    other_publishers,
 )
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.parameters.load import Description, description
@@ -286,7 +286,7 @@ class SharedClock:
         if shared == self._node.resolve_topic_name(OWN_CLOCK.name):
             return
         self._claim = HostClaims([shared]) if sys.platform == "linux" else None
-        others = clock_publishers(self._node)
+        others = other_publishers(self._node, CLOCK.name)
         if others or (self._claim and self._claim.holder):
             self._leave(others)
         else:
@@ -294,7 +294,7 @@ class SharedClock:
 
     def check(self) -> None:
         """Give the clock up if another publisher has precedence."""
-        others = set() if self._output is None else clock_publishers(self._node)
+        others = set() if self._output is None else other_publishers(self._node, CLOCK.name)
         own = self._node.get_fully_qualified_name()
         if self._output is not None and any(not other.endswith(LINKAGE) or other < own for other in others):
             self._output.withdraw(self._node)

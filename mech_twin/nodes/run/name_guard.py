@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
-from mech_twin.nodes.exchange.peers import HostClaims
+from mech_twin.nodes.exchange.peers import HostClaims, other_publishers
 from mech_twin.nodes.run.domain import DISCOVERY, THIS_HOST, NameInUseError
 
 DISCOVERY_S = 3.5  # usually 0.1 s; if that fails, discovery takes until the next announcement, sent every 3 s
@@ -125,15 +125,12 @@ class NameGuard:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         alive = {status.name for status in message.status}
         for name in self._topics:
-            for endpoint in self._node.get_publishers_info_by_topic(name):
-                if f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" in alive:
-                    self._conflict = self._conflict or _published(name)
+            if other_publishers(self._node, name) & alive:
+                self._conflict = self._conflict or _published(name)
 
     def _claimants(self) -> str:
         """Return the other nodes that publish claims; the middleware does not reveal which one sent a message."""
-        found = self._node.get_publishers_info_by_topic(CLAIMS)
-        names = {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in found}
-        others = sorted(names - {self._node.get_fully_qualified_name()})
+        others = sorted(other_publishers(self._node, CLAIMS))
         return f"of node {' or '.join(others)}" if others else "of a node that has gone"
 
     def __enter__(self) -> NameGuard:

@@ -62,15 +62,6 @@ FIELDS = ("position", "velocity", "effort")
 Output = Callable[[Topic], CountingPublisher]
 
 
-class JointTable(NamedTuple):
-    """Joints of a machine, each once, and the indices of position, velocity and effort in a row."""
-
-    names: tuple[str, ...]
-    position: tuple[int, ...]
-    velocity: tuple[int, ...]
-    effort: tuple[int, ...]
-
-
 class VirtualSensor(NamedTuple):
     """One virtual sensor: its publisher and that of its sigma, and the indices of force x, force y and moment."""
 
@@ -82,16 +73,18 @@ class VirtualSensor(NamedTuple):
     moment: int | None
 
 
-def joint_table(columns: Mapping[str, int]) -> JointTable:
-    """Return the joints of a machine; for joints of a body its own values are used, not the linkage's copy."""
+def joint_places(columns: Mapping[str, int]) -> tuple[tuple[str, ...], list[list[int]]]:
+    """Return the joints of a machine, each once, and the indices of their positions, velocities and efforts in a row.
+
+    For joints of a body its own values are used, not the linkage's copy.
+    """
     found: dict[str, str] = {}
     for role in ("body", "linkage", "motor"):
         for column in columns:
             parts = joint_column(column)
             if parts is not None and parts.role == role and parts.field == "position":
                 found.setdefault(parts.joint, role)
-    places = [tuple(columns[f"{role}.{joint}.{field}"] for joint, role in found.items()) for field in FIELDS]
-    return JointTable(tuple(found), *places)
+    return tuple(found), [[columns[f"{role}.{joint}.{field}"] for joint, role in found.items()] for field in FIELDS]
 
 
 class ShadowOutputs:
@@ -120,7 +113,7 @@ class ShadowOutputs:
         stamp: Callable[[float], Stamp],
     ) -> None:
         self._stamp = stamp
-        self._joints = joint_table(columns)
+        self._joints, self._places = joint_places(columns)
         self._columns = columns
         self._estimated, self._sigma = output(ESTIMATED), output(sigma_of(ESTIMATED))
         self._residuals, self._impacts = output(RESIDUALS), output(DETECTED_IMPACTS)
@@ -170,9 +163,8 @@ class ShadowOutputs:
                 self._impacts.send(message)
 
     def _joint_message(self, time_s: float, row: Array) -> StepMessage:
-        names, *places = self._joints
-        position, velocity, effort = (tuple(row[list(of_field)].tolist()) for of_field in places)
-        return StepMessage(Header(self._stamp(time_s)), names, position, velocity, effort)
+        position, velocity, effort = (tuple(row[of_field].tolist()) for of_field in self._places)
+        return StepMessage(Header(self._stamp(time_s)), self._joints, position, velocity, effort)
 
 
 def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> WrenchStamped:
