@@ -103,12 +103,20 @@ def ellipse(t):
     return np.array([c - e, root * s, -s * fast, root * c * fast])
 
 
+def finished_step(system, method, t, y, h):
+    """Return the workspace after a step with all that its dense output needs."""
+    work = workspace(method, len(y))
+    start_step(system, t, y, work)
+    take_step(system, t, y, h, work)
+    finish_step(system, t, h, work)
+    prepare_dense_output(system, t, y, h, work)
+    return work
+
+
 def error_after(planet, span, steps):
-    system, work, y, h = planet(1.0), workspace(METHODS[planet], 4), ellipse(0.0), span / steps
+    y, h = ellipse(0.0), span / steps
     for i in range(steps):
-        start_step(system, i * h, y, work)
-        take_step(system, i * h, y, h, work)
-        y = work.end.copy()
+        y = finished_step(planet(1.0), METHODS[planet], i * h, y, h).end.copy()
     return np.abs(y - ellipse(span)).max()
 
 
@@ -121,13 +129,10 @@ def test_error_falls_with_the_order_of_the_method(planet):
 
 @every_method
 def test_dense_output_meets_both_ends_and_falls_with_its_order(planet):
-    system, work, out, y = planet(1.0), workspace(METHODS[planet], 4), np.empty(4), ellipse(0.7)
+    system, out, y = planet(1.0), np.empty(4), ellipse(0.7)
     errors = []
     for h in {3: (0.1, 0.05), 4: (0.1, 0.05), 7: (0.4, 0.2)}[DENSE_ORDER[planet]]:
-        start_step(system, 0.0, y, work)
-        take_step(system, 0.0, y, h, work)
-        finish_step(system, 0.0, h, work)
-        prepare_dense_output(system, 0.0, y, h, work)
+        work = finished_step(system, METHODS[planet], 0.0, y, h)
         interpolate(system, y, h, 0.0, work, out)
         assert out == pytest.approx(y, abs=1e-15)
         interpolate(system, y, h, 1.0, work, out)
@@ -138,16 +143,6 @@ def test_dense_output_meets_both_ends_and_falls_with_its_order(planet):
             worst = max(worst, np.abs(out - ellipse(0.7 + share * h)).max())
         errors.append(worst)
     assert math.log2(errors[0] / errors[1]) == pytest.approx(DENSE_ORDER[planet] + 1, abs=0.6)
-
-
-def finished_step(system, method, t, y, h):
-    """Return the workspace after a step with all that its dense output needs."""
-    work = workspace(method, len(y))
-    start_step(system, t, y, work)
-    take_step(system, t, y, h, work)
-    finish_step(system, t, h, work)
-    prepare_dense_output(system, t, y, h, work)
-    return work
 
 
 @every_tide
@@ -235,14 +230,10 @@ def test_an_error_never_falls_where_the_rates_grow(planet):
 
 @every_method
 def test_error_estimate_falls_with_its_order(planet):
-    system, work, y = planet(1.0), workspace(METHODS[planet], 4), ellipse(0.3)
-    estimates = []
-    for h in (0.2, 0.1):
-        start_step(system, 0.0, y, work)
-        take_step(system, 0.0, y, h, work)
-        finish_step(system, 0.0, h, work)
-        estimates.append(step_error(system, h, np.full(4, 1.0), work))
-    assert math.log2(estimates[0] / estimates[1]) == pytest.approx(METHODS[planet].error_order + 1, abs=0.6)
+    system, method, y = planet(1.0), METHODS[planet], ellipse(0.3)
+    steps = ((h, finished_step(system, method, 0.0, y, h)) for h in (0.2, 0.1))
+    estimates = [step_error(system, h, np.full(4, 1.0), work) for h, work in steps]
+    assert math.log2(estimates[0] / estimates[1]) == pytest.approx(method.error_order + 1, abs=0.6)
 
 
 @every_method
