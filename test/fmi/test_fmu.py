@@ -45,6 +45,19 @@ def same_as_run(found: np.ndarray, run: Any) -> list[str]:
     return [name for name in run.columns if name != "time_s" and found[name].tobytes() != run[name].tobytes()]
 
 
+def assert_same_events(found: np.ndarray, run: Any) -> None:
+    """Compare number, times and impulses of each kind of event of a unit with those of a run, to the bit."""
+    events = run.event_numbers
+    for kind in set(events.kind.tolist()):
+        of_kind = events.kind == kind
+        key = kind if f"event.{kind}.count" in found.dtype.names else f"body_{kind}"
+        last = np.flatnonzero(np.diff(events.step[of_kind], append=np.inf))
+        told = np.flatnonzero(np.diff(found[f"event.{key}.count"], prepend=0))
+        assert found[f"event.{key}.count"][-1] == of_kind.sum()
+        assert found[f"event.{key}.time_s"][told].tolist() == events.time_s[of_kind][last].tolist()
+        assert found[f"event.{key}.impulse_ns"][told].tolist() == events.impulse_ns[of_kind][last].tolist()
+
+
 @pytest.mark.parametrize(
     ("name", "version"),
     [
@@ -57,14 +70,7 @@ def same_as_run(found: np.ndarray, run: Any) -> list[str]:
 def test_every_number_and_event_of_a_unit_is_that_of_a_run_to_the_bit(unit: Any, name: str, version: int) -> None:
     found, run = in_fmpy(unit(name, version)), mt.rollout(name, DURATION_S)
     assert same_as_run(found, run) == []
-    for kind in set(run.event_numbers.kind.tolist()):
-        of_kind = run.event_numbers.kind == kind
-        key = kind if f"event.{kind}.count" in found.dtype.names else f"body_{kind}"
-        last = np.flatnonzero(np.diff(run.event_numbers.step[of_kind], append=np.inf))
-        told = np.flatnonzero(np.diff(found[f"event.{key}.count"], prepend=0))
-        assert found[f"event.{key}.count"][-1] == of_kind.sum()
-        assert found[f"event.{key}.time_s"][told].tolist() == run.event_numbers.time_s[of_kind][last].tolist()
-        assert found[f"event.{key}.impulse_ns"][told].tolist() == run.event_numbers.impulse_ns[of_kind][last].tolist()
+    assert_same_events(found, run)
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -284,11 +290,7 @@ def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(tmp_path: Pat
     file = export_fmu(built_machine(page), tmp_path / "unit.fmu", 3).file
     found, run = in_fmpy(file), mt.rollout(page, DURATION_S)
     assert same_as_run(found, run) == []
-    for kind in set(run.event_numbers.kind.tolist()):
-        of_kind = run.event_numbers.kind == kind
-        last = np.flatnonzero(np.diff(run.event_numbers.step[of_kind], append=np.inf))
-        told = np.flatnonzero(np.diff(found[f"event.{kind}.count"], prepend=0))
-        assert found[f"event.{kind}.time_s"][told].tolist() == run.event_numbers.time_s[of_kind][last].tolist()
+    assert_same_events(found, run)
     assert (run.event_numbers.kind == "impact").sum() > 0
     assert validate_fmu(str(file)) == []
     assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == "rammer"
