@@ -136,8 +136,8 @@ def _body(shape: Shape) -> bytes:
     return POSE_TO_POINTS.pack(*numbers) + struct.pack(f"<{3 * len(points)}d", *places)
 
 
-def from_message(message: MarkerArray, step: int = 0) -> Drawing:
-    """Return the drawing of a marker array, which does not contain the step.
+def from_message(message: MarkerArray) -> Drawing:
+    """Return the drawing of a marker array, which does not contain the step: its is 0.
 
     Raises
     ------
@@ -146,12 +146,12 @@ def from_message(message: MarkerArray, step: int = 0) -> Drawing:
     """
     markers = message.markers
     if not markers:
-        return Drawing(step, 0.0, ())
+        return Drawing(0, 0.0, ())
     points = sum(len(marker.points) for marker in markers)
     if len(markers) > MOST_MARKERS or points > MOST_POINTS:
         found = f"{len(markers)} markers with {points} points"
         raise MessageError(f"{found}; expected at most {MOST_MARKERS} with {MOST_POINTS}")
-    return Drawing(step, stamp_s(markers[0].header), tuple(_shape(marker) for marker in markers))
+    return Drawing(0, stamp_s(markers[0].header), tuple(_shape(marker) for marker in markers))
 
 
 def _shape(marker: Marker) -> Shape:

@@ -88,9 +88,10 @@ MIB = 1024.0 * 1024.0
 
 
 class StepInput:
-    """One topic of step messages: the followed publisher and the last step."""
+    """One topic of step messages: its full name, the followed publisher and the last step."""
 
-    def __init__(self, silence_s: float) -> None:
+    def __init__(self, topic: Topic, name: str, silence_s: float) -> None:
+        self.topic, self.name = topic, name
         self.source = HeardSource(silence_s)
         self.sequence = StepSequence()
         self.publishers = LivingPublishers()
@@ -133,7 +134,10 @@ class RecorderNode(TwinNode):
         self._snapshots = 0
         self.create_service(Trigger, "~/snapshot", self._on_snapshot)
         has_body = catalogue_entry(machine_name).has_body
-        self._steps = {topic.name: StepInput(self.options.peer_timeout_s) for topic in step_topics(has_body)}
+        self._steps = {
+            topic.name: StepInput(topic, self.resolve_topic_name(topic.name), self.options.peer_timeout_s)
+            for topic in step_topics(has_body)
+        }
         self._recorded: set[str] = set()
         self._optional = {self.resolve_topic_name(topic.name): topic for topic in OPTIONAL}
         self._wrench_prefix = self.resolve_topic_name(WRENCHES) + "/"
@@ -200,10 +204,8 @@ class RecorderNode(TwinNode):
         """
         for topic, of_topic in self._steps.items():
             if of_topic.living > 1:
-                publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
-                names = ", ".join(sorted(f"{each.node_namespace}/{each.node_name}" for each in publishers))
+                names = ", ".join(sorted(name for name, _ in self._known_publishers(of_topic)))
                 self.diagnostics.warn(f"{topic} is published by {names}: the first to sign is followed")
-
         super().report()
 
     def close(self) -> None:
@@ -225,7 +227,7 @@ class RecorderNode(TwinNode):
             self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED, raw=True)
         elif topic.name in self._steps:
             of_topic = self._steps[topic.name]
-            handed, received = (partial(call, topic, name, of_topic) for call in (self._on_handed, self._on_step))
+            handed, received = (partial(call, of_topic) for call in (self._on_handed, self._on_step))
             of_topic.listener = self.listen(topic, handed, received, patient=True, qos=EVERY)
         else:
             received = partial(self._on_bytes, topic, name)
@@ -255,25 +257,25 @@ class RecorderNode(TwinNode):
         if topic is DIAGNOSTICS and self._recent is not None:
             self._heed_alarms(raw)
 
-    def _on_handed(self, topic: Topic, name: str, of_topic: StepInput, step: HandedStep) -> None:
+    def _on_handed(self, of_topic: StepInput, step: HandedStep) -> None:
         self._last_received_s = time.monotonic()
         stamp, number = stamp_of(step.sample.time_s), step.sample.step
-        self._record_step(topic, name, of_topic, stamp, number, step.source, step.raw)
+        self._record_step(of_topic, stamp, number, step.source, step.raw)
 
-    def _on_step(self, topic: Topic, name: str, of_topic: StepInput, received: ReceivedBytes) -> None:
+    def _on_step(self, of_topic: StepInput, received: ReceivedBytes) -> None:
         self._last_received_s = time.monotonic()
         raw = received.raw
         try:
             message = received_message(raw)
             number, who = step_index(message), marked(message, SOURCE)
         except (CdrError, MessageError) as error:
-            self.statistics.count(topic.name, "malformed", str(error))
-            self._write(name, raw, self._time.now_ns)
+            self.statistics.count(of_topic.topic.name, "malformed", str(error))
+            self._write(of_topic.name, raw, self._time.now_ns)
             return
         if of_topic.listener is None or of_topic.listener.believed(who, received) == who:
-            self._record_step(topic, name, of_topic, message.header.stamp, number, who, raw)
+            self._record_step(of_topic, message.header.stamp, number, who, raw)
         else:
-            self._record_copy(topic, f"{name}/{COPIED}", raw)
+            self._record_copy(of_topic.topic, f"{of_topic.name}/{COPIED}", raw)
 
     def _record_copy(self, topic: Topic, name: str, raw: bytes) -> None:
         """Record a message with a copied source number on a separate topic, so that it is not taken for the node's."""
@@ -281,20 +283,20 @@ class RecorderNode(TwinNode):
         self.writer.add_topic(name, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
         self._write(name, raw, self._time.now_ns)
 
-    def _record_step(
-        self, topic: Topic, name: str, of_topic: StepInput, stamp: Stamp, step: int | None, who: float, raw: bytes
-    ) -> None:
-        if not self._is_followed(topic, of_topic, who):
+    def _record_step(self, of_topic: StepInput, stamp: Stamp, step: int | None, who: float, raw: bytes) -> None:
+        topic, name = of_topic.topic, of_topic.name
+        if of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1) is Admission.REFUSED:
             self.statistics.count(topic.name, "unknown_source", "another publisher than the one that is followed")
             self._write(name, raw, self._time.now_ns)
             return
         self._write(name, raw, self._time_of(topic, stamp.sec * NS_PER_S + stamp.nanosec))
-        if step is not None:
-            self._check_sequence(topic, name, of_topic.sequence, step)
-
-    def _is_followed(self, topic: Topic, of_topic: StepInput, who: float) -> bool:
-        """Return whether this publisher is the followed one."""
-        return of_topic.source.admit(who, lambda: self.count_publishers(topic.name) <= 1) is not Admission.REFUSED
+        fault = None if step is None else of_topic.sequence.take(step)
+        if fault is not None:
+            if fault.kind == "missing":
+                self.writer.count_missed(name, fault.number)
+            else:
+                self.writer.count_late(name)
+            self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
 
     def _time_of(self, topic: Topic, stamp: int) -> int:
         """Return the log time (ns) of a step of the followed run: its stamp, if that is a time of this run."""
@@ -306,16 +308,6 @@ class RecorderNode(TwinNode):
     def _count_stamp(self, topic: Topic, stamp: int) -> None:
         reason = f"stamp {stamp * 1e-9:g} s is no time of this run; recorded at {self._time.now_ns * 1e-9:g} s"
         self.statistics.count(topic.name, "unknown_source", reason)
-
-    def _check_sequence(self, topic: Topic, name: str, sequence: StepSequence, step: int) -> None:
-        fault = sequence.take(step)
-        if fault is None:
-            return
-        if fault.kind == "missing":
-            self.writer.count_missed(name, fault.number)
-        else:
-            self.writer.count_late(name)
-        self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
 
     def _write(self, name: str, raw: bytes, at_ns: int, latched: bool = False) -> None:
         if self._closed:  # messages after the end belong to no recording
@@ -369,24 +361,22 @@ class RecorderNode(TwinNode):
         if due:
             self._looked_s = now_s
             self._record_found()
-        for topic, of_topic in self._steps.items():
+        for of_topic in self._steps.values():
             matched = 0 if of_topic.listener is None else of_topic.listener.publishers()
             if due or matched != of_topic.matched:
                 of_topic.matched = matched
-                self._count_publishers(self.resolve_topic_name(topic), of_topic, now_s)
+                of_topic.living = of_topic.publishers.living(self._known_publishers(of_topic), now_s)
+                self.writer.count_publishers(of_topic.name, of_topic.living)
         self.time_s = self._time.now_ns * 1e-9
         self.writer.tick()
         self.diagnostics.state = self.writer.state.value
         if self.writer.state is WriterState.ERROR:
             self.diagnostics.error(self.writer.error)
 
-    def _count_publishers(self, name: str, of_topic: StepInput, now_s: float) -> None:
-        known = [
-            (f"{each.node_namespace}/{each.node_name}", bytes(each.endpoint_gid))
-            for each in self.get_publishers_info_by_topic(name)
-        ]
-        of_topic.living = of_topic.publishers.living(known, now_s)
-        self.writer.count_publishers(name, of_topic.living)
+    def _known_publishers(self, of_topic: StepInput) -> list[tuple[str, bytes]]:
+        """Return full node name and endpoint of each publisher of a step topic."""
+        known = self.get_publishers_info_by_topic(of_topic.name)
+        return [(f"{each.node_namespace}/{each.node_name}", bytes(each.endpoint_gid)) for each in known]
 
 
 def _statuses(raw: bytes) -> list[DiagnosticStatus]:

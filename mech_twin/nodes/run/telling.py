@@ -124,10 +124,10 @@ class Teller:
             raise UnansweredError(f"{', '.join(numbers)}: refused: {answer.reason}")
         return ", ".join(f"{name} = {value}" for name, value in numbers.items())
 
-    def values(self, node: str = "linkage") -> dict[str, Any]:
-        """Return the parameters of a node and their values; raises as `tell` does."""
-        names = self._parameters(node)
-        answer = self._ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
+    def values(self) -> dict[str, Any]:
+        """Return the parameters of the linkage and their values; raises as `tell` does."""
+        names = self._parameters("linkage")
+        answer = self._ask(GetParameters, "linkage/get_parameters", GetParameters.Request(names=names))
         found = zip(names, map(parameter_value_to_python, answer.values), strict=True)
         return {name: list(value) if isinstance(value, array) else value for name, value in found if value is not None}
 
@@ -150,9 +150,9 @@ class Teller:
         self._speed.publish(Float64(data=share))
         return f"speed {share:.0%} of rated"
 
-    def watch_parameters(self, changed: Callable[[str, Any], None], node: str = "linkage") -> None:
-        """Call ``changed`` with name and value at each parameter change of a node, from ``/parameter_events``."""
-        name = f"{self._namespace}/{node}"
+    def watch_parameters(self, changed: Callable[[str, Any], None]) -> None:
+        """Call ``changed`` with name and value at each parameter change of the linkage, from ``/parameter_events``."""
+        name = f"{self._namespace}/linkage"
 
         def on_event(event: ParameterEvent) -> None:
             if event.node == name:
@@ -161,9 +161,9 @@ class Teller:
 
         self.node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
 
-    def watch_pause(self, paused: Callable[[bool], None], node: str = "linkage") -> None:
-        """Call ``paused`` with whether the run is paused, about once a second, from the diagnostics of a node."""
-        name = f"{self._namespace}/{node}"
+    def watch_pause(self, paused: Callable[[bool], None]) -> None:
+        """Call ``paused`` with whether the run is paused, about once a second, from the linkage's diagnostics."""
+        name = f"{self._namespace}/linkage"
 
         def on_diagnostics(message: DiagnosticArray) -> None:
             for status in message.status:
