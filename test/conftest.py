@@ -44,3 +44,14 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         monkeypatch.setenv("ROS_PYTHON_CHECK_FIELDS", "1")
         yield domain
+
+
+@pytest.fixture
+def ros(ros_domain: int) -> Iterator[None]:
+    """Give a test the middleware in its own process, in a domain of its own."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    yield
+    rclpy.try_shutdown()

@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rclpy
 import yaml
 from bench_run import ShadowBench
 from catalogue import built
 from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
@@ -150,8 +148,7 @@ def test_an_advice_that_is_refused_opens_no_recording_and_removes_none(tmp_path:
     assert not (tmp_path / "new").exists()
 
 
-def test_a_node_that_refuses_to_start_beside_a_shadow_leaves_no_recording(tmp_path: Path) -> None:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+def test_a_node_that_refuses_to_start_beside_a_shadow_leaves_no_recording(ros: None, tmp_path: Path) -> None:
     parameters = built(NAME).parameters
     shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP), parameters)
     try:
@@ -161,4 +158,3 @@ def test_a_node_that_refuses_to_start_beside_a_shadow_leaves_no_recording(tmp_pa
         assert not (tmp_path / "bag").exists()
     finally:
         destroy_nodes([shadow])
-        rclpy.try_shutdown()

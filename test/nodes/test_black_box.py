@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
-from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.cli.failure import LOSS_EXIT_CODE, report_losses
 from mech_twin.messages.topics import DIAGNOSTICS
@@ -17,17 +15,14 @@ from mech_twin.recording.bag_contents import RecentMessage
 from mech_twin.recording.bag_reader import BagReader
 
 NAME, FAULT = "winding_drum", "belt: slack"
-pytestmark = pytest.mark.usefixtures("ros_domain")
 
 
 @pytest.fixture
-def box(tmp_path: Path) -> Iterator[BlackBox]:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+def box(ros: None, tmp_path: Path) -> Iterator[BlackBox]:
     node = BlackBox(NAME, tmp_path, ShadowTopics((), ()))
     yield node
     node.close()
     node.destroy_node()
-    rclpy.try_shutdown()
 
 
 def test_a_fault_at_the_moment_of_one_of_an_earlier_run_gets_a_bag_of_its_own(box: BlackBox, tmp_path: Path) -> None:

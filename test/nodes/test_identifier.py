@@ -8,11 +8,9 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import rclpy
 from bench_run import ShadowBench
 from catalogue import built
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from mech_twin.declarations.configuration_tree import (
@@ -78,13 +76,9 @@ def test_what_cannot_be_done_is_refused_in_words(shadowed) -> None:
     assert (judged.successful, judged.reason) == (False, "span_s 10000: expected 2 to 300 s")
 
 
-def test_a_key_that_the_machine_does_not_have_is_refused() -> None:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        with pytest.raises(ConfigurationError, match=r"masses\.nothing_kg"):
-            IdentifierNode(NAME, MAP.channels, ("masses.nothing_kg",), {})
-    finally:
-        rclpy.try_shutdown()
+def test_a_key_that_the_machine_does_not_have_is_refused(ros: None) -> None:
+    with pytest.raises(ConfigurationError, match=r"masses\.nothing_kg"):
+        IdentifierNode(NAME, MAP.channels, ("masses.nothing_kg",), {})
 
 
 @pytest.mark.slow

@@ -193,24 +193,20 @@ def test_of_several_that_start_at_one_instant_one_goes_on_and_the_others_are_ref
 
 
 @pytest.mark.slow
-def test_of_several_names_claimed_at_one_instant_the_first_is_kept_as_long_as_its_owner_lives(ros_domain: int) -> None:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        names = ["/drum/step/motor", "/drum/step/linkage"]
-        with NameGuard(names) as first, NameGuard(["/crank/step/motor"]) as elsewhere:
-            with NameGuard(names[1:]) as second, pytest.raises(NameInUseError, match="/drum/step/linkage"):
-                second.check()
-            first.check()
-            elsewhere.check()
-            with NameGuard(names) as third, pytest.raises(NameInUseError):  # nothing has been published yet
-                third.check()
-        with NameGuard(names) as after:
-            after.check()
-    finally:
-        rclpy.try_shutdown()
+def test_of_several_names_claimed_at_one_instant_the_first_is_kept_as_long_as_its_owner_lives(ros: None) -> None:
+    names = ["/drum/step/motor", "/drum/step/linkage"]
+    with NameGuard(names) as first, NameGuard(["/crank/step/motor"]) as elsewhere:
+        with NameGuard(names[1:]) as second, pytest.raises(NameInUseError, match="/drum/step/linkage"):
+            second.check()
+        first.check()
+        elsewhere.check()
+        with NameGuard(names) as third, pytest.raises(NameInUseError):  # nothing has been published yet
+            third.check()
+    with NameGuard(names) as after:
+        after.check()
 
 
-def test_on_one_host_a_name_is_known_to_be_taken_at_once_and_is_free_when_its_owner_is_killed(ros_domain: int) -> None:
+def test_on_one_host_a_name_is_known_to_be_taken_at_once_and_is_free_when_its_owner_is_killed(ros: None) -> None:
     code = (
         "import rclpy, time; from mech_twin.nodes.run.name_guard import NameGuard; rclpy.init(args=[]); "
         "guard = NameGuard(['/drum/step/motor', '/drum/step/body']); print('up', flush=True); time.sleep(60)"
@@ -218,35 +214,27 @@ def test_on_one_host_a_name_is_known_to_be_taken_at_once_and_is_free_when_its_ow
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as owner:
         assert owner.stdout is not None
         assert owner.stdout.readline() == "up\n"
-        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            begun = time.monotonic()
-            with NameGuard(["/drum/step/body"]) as guard, pytest.raises(NameInUseError) as refused:
-                guard.check()
-            assert time.monotonic() - begun < 0.5
-            assert f"/drum/step/body is claimed by an earlier start, process {owner.pid}" in str(refused.value)
-            owner.kill()
-            owner.wait()
-            after = HostClaims(["/drum/step/body"])
-            assert after.holder == ""
-            after.close()
-        finally:
-            rclpy.try_shutdown()
+        begun = time.monotonic()
+        with NameGuard(["/drum/step/body"]) as guard, pytest.raises(NameInUseError) as refused:
+            guard.check()
+        assert time.monotonic() - begun < 0.5
+        assert f"/drum/step/body is claimed by an earlier start, process {owner.pid}" in str(refused.value)
+        owner.kill()
+        owner.wait()
+        after = HostClaims(["/drum/step/body"])
+        assert after.holder == ""
+        after.close()
 
 
 @pytest.mark.slow
-def test_a_claim_that_anybody_may_forge_is_told_as_a_claim_with_who_makes_it(ros_domain: int) -> None:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        stranger = rclpy.create_node("stranger", namespace="/hall")
-        claims = stranger.create_publisher(String, CLAIMS, LATCHED)
-        claims.publish(String(data=f"{0:020d}-0 /drum/step/motor"))
-        with NameGuard(["/drum/step/motor"]) as guard, pytest.raises(NameInUseError) as refused:
-            guard.check()
-        assert "/drum/step/motor is claimed by an earlier start, of node /hall/stranger" in str(refused.value)
-        stranger.destroy_node()
-    finally:
-        rclpy.try_shutdown()
+def test_a_claim_that_anybody_may_forge_is_told_as_a_claim_with_who_makes_it(ros: None) -> None:
+    stranger = rclpy.create_node("stranger", namespace="/hall")
+    claims = stranger.create_publisher(String, CLAIMS, LATCHED)
+    claims.publish(String(data=f"{0:020d}-0 /drum/step/motor"))
+    with NameGuard(["/drum/step/motor"]) as guard, pytest.raises(NameInUseError) as refused:
+        guard.check()
+    assert "/drum/step/motor is claimed by an earlier start, of node /hall/stranger" in str(refused.value)
+    stranger.destroy_node()
 
 
 @pytest.mark.slow

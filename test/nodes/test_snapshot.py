@@ -11,12 +11,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 from mech_twin.messages.topics import DIAGNOSTICS
@@ -43,14 +41,12 @@ def test_what_is_kept_is_of_the_last_seconds_and_in_the_order_it_came(times: lis
 
 
 @pytest.fixture
-def recorder(tmp_path: Path, ros_domain: int, request: pytest.FixtureRequest) -> Iterator[RecorderNode]:
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+def recorder(tmp_path: Path, ros: None, request: pytest.FixtureRequest) -> Iterator[RecorderNode]:
     seconds = getattr(request, "param", 2.0)
     node = RecorderNode(DRUM, tmp_path / "bag", options=RunOptions(snapshot_s=seconds))
     yield node
     node.close()
     node.destroy_node()
-    rclpy.try_shutdown()
 
 
 def status(name: str, level: bytes) -> bytes:

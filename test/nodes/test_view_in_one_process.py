@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import rclpy
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import scene
@@ -19,13 +18,11 @@ DRUM = "winding_drum"
 
 
 @pytest.fixture
-def viewer(tmp_path: Path) -> Iterator[ViewerNode]:
-    rclpy.init(args=[])
+def viewer(ros: None, tmp_path: Path) -> Iterator[ViewerNode]:
     node = ViewerNode(DRUM, str(tmp_path / "run.rrd"), on_topics=False, options=RunOptions(view_rate_hz=25.0))
     yield node
     node.close()
     node.destroy_node()
-    rclpy.shutdown()
 
 
 def test_pictures_are_shown_for_as_long_as_the_run_goes_on(viewer: ViewerNode) -> None:
