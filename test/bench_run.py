@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 import rclpy
@@ -59,10 +58,8 @@ class Bench:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.spinner.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self.spinner.__exit__(*error)
         destroy_nodes(self.nodes)
         self.client.destroy_node()
         rclpy.try_shutdown()

@@ -11,7 +11,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -223,9 +222,7 @@ class ProcessRun:
     def __enter__(self) -> ProcessRun:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         alive = [process for process in self.processes.values() if process.poll() is None]
         for process in alive:
             process.send_signal(signal.SIGCONT)

@@ -102,6 +102,6 @@ class ReplayBench(Bench):
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         return self.call(SetParameters, "/replay/set_parameters", request).results[0]
 
-    def __exit__(self, *of_error: Any) -> None:
-        super().__exit__(*of_error)
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
         self.reader.close()

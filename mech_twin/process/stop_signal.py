@@ -11,7 +11,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any
 
 from mech_twin.process.interruption import (
@@ -99,9 +99,7 @@ class StopSignal:
         self._before = _handled(self._on_signal)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Restore the signal handlers; after a stop request Ctrl-C is ignored, so as not to disturb the shutdown."""
         for number, handler in self._before.items():
             signal.signal(number, signal.SIG_IGN if self.asked and number == signal.SIGINT else handler)

@@ -8,7 +8,6 @@ import subprocess
 import time
 from collections.abc import Callable, Collection
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import pytest
@@ -107,14 +106,12 @@ class MixedRun(BenchRun):
             for sample in samples:
                 assert sample == getattr(expected[sample.step], PART[role]), f"{role}, step {sample.step}"
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         for role in [*self._processes]:
             process = self._processes.pop(role)
             process.terminate()
             process.wait()
-        super().__exit__(kind, error, trace)
+        super().__exit__(*error)
 
 
 def check_recording(bag: Path) -> None:

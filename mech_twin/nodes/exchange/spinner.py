@@ -14,7 +14,6 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 import rclpy
@@ -176,9 +175,7 @@ class Spinner:
         gc.set_threshold(*GARBAGE_THRESHOLDS)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         for node in list(self.nodes):
             self.remove(node)
         self._executor.shutdown()

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import rclpy
@@ -52,9 +51,7 @@ class TerminalKeys:
             self._fd = fd
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._fd is not None:
             with suppress(termios.error):  # the terminal has closed
                 termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)

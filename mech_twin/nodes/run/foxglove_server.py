@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from functools import partial
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 import foxglove
 from foxglove.websocket import Capability, MessageSchema, Parameter, ServerListener, Service, ServiceSchema
@@ -35,15 +35,9 @@ DEPTH = 100
 GLOBAL = ("/tf", "/tf_static", DIAGNOSTICS.name)
 SERVICES = ("start", "stop", "reset", "pause", GO_ON, "step")
 VALUES = "values"
+Answered = Future[tuple[Any, bool]]  # message of a request, and whether it succeeded
 NOTHING = {"type": "object", "properties": {}}
 OUTCOME = {"type": "object", "properties": {"success": {"type": "boolean"}, "message": {"type": "string"}}}
-
-
-class _Task(NamedTuple):
-    """Request of a client, executed by the thread that owns the node."""
-
-    message: Mapping[str, Any]
-    done: Future[tuple[Any, bool]]
 
 
 class _Listener(ServerListener):
@@ -96,7 +90,7 @@ class FoxgloveServer:
     def __init__(self, namespace: str, port: int, *, commands: bool) -> None:
         self.namespace = "/" + namespace.strip("/")
         self.wanted: dict[str, int] = {}
-        self._tasks: queue.Queue[_Task] = queue.Queue()
+        self._tasks: queue.Queue[tuple[Mapping[str, Any], Answered]] = queue.Queue()
         self._context = foxglove.Context()
         self._channels: dict[str, foxglove.Channel] = {}
         self._subscriptions: dict[str, Subscription] = {}
@@ -131,15 +125,15 @@ class FoxgloveServer:
                 end = time.monotonic() + LOOK_S
                 teller.serve_until(partial(self._is_due, is_over, end))
                 while not self._tasks.empty():
-                    task = self._tasks.get()
-                    task.done.set_result(_done(teller, task.message))
+                    message, answered = self._tasks.get()
+                    answered.set_result(_done(teller, message))
 
     def ask(self, message: Mapping[str, Any]) -> tuple[Any, bool]:
         """Execute a request in the serving thread; return its message, and whether it succeeded."""
-        task = _Task(message, Future())
-        self._tasks.put(task)
+        answered = Answered()
+        self._tasks.put((message, answered))
         try:
-            return task.done.result(ANSWER_S)
+            return answered.result(ANSWER_S)
         except FutureTimeoutError:
             return f"{message['name']}: no answer within {ANSWER_S:g} s", False
 

@@ -18,7 +18,6 @@ import sys
 import time
 from collections.abc import Sequence
 from functools import partial
-from types import TracebackType
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -29,6 +28,7 @@ from std_msgs.msg import String
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, EVERY_LATCHED, LATCHED
 from mech_twin.nodes.exchange.peers import HostClaims, other_publishers
 from mech_twin.nodes.run.domain import DISCOVERY, THIS_HOST, NameInUseError
+from mech_twin.process.closing import Closing
 
 DISCOVERY_S = 3.5  # usually 0.1 s; if that fails, discovery takes until the next announcement, sent every 3 s
 ON_THIS_HOST_S = 0.7  # the same if only publishers of users' own programs on this host can be undiscovered
@@ -44,7 +44,7 @@ def discovery_s() -> float:
     return ON_THIS_HOST_S if alone and sys.platform == "linux" else DISCOVERY_S
 
 
-class NameGuard:
+class NameGuard(Closing):
     """Listens from its creation until it has checked, and claims its topics until it is closed.
 
     Its process can build nodes in the meantime.
@@ -133,12 +133,8 @@ class NameGuard:
         others = sorted(other_publishers(self._node, CLAIMS))
         return f"of node {' or '.join(others)}" if others else "of a node that has gone"
 
-    def __enter__(self) -> NameGuard:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Release the claims."""
         self._listen_no_more()
         self._node.destroy_node()
         if self._on_host is not None:

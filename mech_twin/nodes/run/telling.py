@@ -6,7 +6,6 @@ from __future__ import annotations
 import time
 from array import array
 from collections.abc import Callable, Mapping
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import rclpy
@@ -214,10 +213,8 @@ class Teller:
         self._spinner.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._spinner.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._spinner.__exit__(*error)
         self.node.destroy_node()
         rclpy.try_shutdown()
 
