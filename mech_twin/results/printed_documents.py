@@ -302,6 +302,7 @@ class MonitoredRun(PrintedDocument):
     faults: tuple[FaultLife, ...]
     events: tuple[FaultEvent, ...]
     operating_point: tuple[OperatingValue, ...]
+    without_cycle_s: tuple[float, ...] = ()
     explained: tuple[Explanation, ...] = ()
 
 

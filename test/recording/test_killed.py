@@ -45,7 +45,8 @@ while True:
 def killed_recording(directory: Path, after_s: float) -> float:
     """Record until killed; return when that was, on the clock of the messages."""
     command = [sys.executable, "-c", RECORDER, str(directory)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    here = Path(__file__).parents[1]  # of `bag_cases`
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=here) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "recording\n"
         time.sleep(after_s)
