@@ -146,12 +146,10 @@ def say(*lines: str) -> None:
     sys.stderr.flush()
 
 
-def write_text(file: Path, text: str, *, force: bool, told: str = "written to") -> None:
-    """Write a file as a whole or not at all, and say so; in no words, nothing."""
+def write_text(file: Path, text: str, *, force: bool) -> None:
+    """Write a file as a whole or not at all."""
     with written_file(file, force=force) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
-    if told:
-        say(f"{told} {file}")
 
 
 def duration_words(seconds: float) -> str:

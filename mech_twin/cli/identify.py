@@ -102,7 +102,7 @@ def identify_machine(request: IdentifyVerb) -> None:
             say("the runs were taken to begin at the start of the machine; else --begin unknown searches the beginning")
         raise SystemExit(FOUND)
     if request.out is not None:
-        say(*(f"written to {path}" for path in saved.save(request.out, force=request.force)))
+        say(*(f"wrote {path}" for path in saved.save(request.out, force=request.force)))
         if not is_file(request.out) and find_spec("matplotlib") is None:
             say(f"no report: {extra_needed('plots')}")
 
@@ -330,6 +330,7 @@ def _write_found(request: IdentifyVerb, parameters: Parameters, keys: Sequence[A
         for key in keys
     ]
     write_text(request.out, "".join(notes) + description_text(request.machine, parameters), force=request.force)
+    say(f"wrote {request.out}")
 
 
 def identify_bounces(request: IdentifyVerb) -> None:

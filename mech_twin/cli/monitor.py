@@ -81,7 +81,7 @@ def monitor_machine(request: MonitorVerb) -> None:
     runs = [featured_run(request, path) for path in request.runs]
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
-        write_setup(request.save_baseline, setup, force=request.force, told="written to")
+        write_setup(request.save_baseline, setup, force=request.force)
     found = [Judged(str(run.path), judged(Monitor(setup), run.vectors, run.skipped, run.until_s)) for run in runs]
     if request.explain is not None:
         known_fault(setup, request.explain)
@@ -126,7 +126,6 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
     figure = drawn_explanation(setup, run.vectors, alarm, told.why[0])
     with house_style(), written_file(path, force=force) as file:
         figure.savefig(file)
-    say(f"written to {path}")
 
 
 def _design(request: MonitorVerb) -> None:

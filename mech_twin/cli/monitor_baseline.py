@@ -76,9 +76,9 @@ def read_setup(path: Path, machine: str, parameters: Parameters, given: Measurem
     return setup
 
 
-def write_setup(path: Path, setup: MonitorSetup, *, force: bool, told: str = "") -> None:
+def write_setup(path: Path, setup: MonitorSetup, *, force: bool) -> None:
     """Write the reference of a monitor, as `read_setup` reads it."""
-    write_text(path, json.dumps(plain(setup)) + "\n", force=force, told=told)
+    write_text(path, json.dumps(plain(setup)) + "\n", force=force)
 
 
 def _check_origin(path: Path, setup: MonitorSetup, parameters: Parameters, given: MeasurementMap) -> None:

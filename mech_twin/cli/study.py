@@ -159,7 +159,7 @@ def write_report(request: Study, title: str, options: Mapping[str, Any], parts: 
         section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
         section("Asked", ("option", "value"), list(_told(options))),
     ]
-    write_text(request.report, page(f"{request.machine}: {title}", [*head, *parts()]), force=True, told="wrote")
+    write_text(request.report, page(f"{request.machine}: {title}", [*head, *parts()]), force=True)
 
 
 def options_of(request: Study, *names: str) -> dict[str, Any]:

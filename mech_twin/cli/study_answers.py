@@ -63,7 +63,6 @@ def answer_size(request: SizeVerb) -> None:
         say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
     if shorter is not None:
         say(how_told(shorter.beside_s, shorter.step_s))
-    say(f"wrote {out}")
 
 
 def _is_chosen(row: Mapping[str, float | str], numbers: Mapping[str, float | str]) -> bool:
@@ -123,7 +122,8 @@ def answer_search(request: SearchVerb) -> None:
         print_numbers(f"margins of the {of} (least first; 0 binds)", in_common_digits(near, shorter))
     if shorter is not None:
         say(how_told(shorter.beside_s, shorter.step_s))
-    say(f"wrote {out}" + (" (the first of the front)" if len(found) > 1 else ""))
+    if len(found) > 1:
+        say("the configuration is the first of the front")
 
 
 def _check_search(request: SearchVerb, *, by_runs: bool) -> None:
@@ -178,7 +178,7 @@ def answer_designs(request: DesignsVerb) -> None:
         print_json({"machine": request.machine, **numbers, "best": best, "table": out})
         return
     print_numbers("designs", {**numbers, **{f"best {name}": row[name] for name, row in best.items()}})
-    say(f"{found.designs / taken:.0f} designs a second" + (f"; wrote {out}" if out else ""))
+    say(f"{found.designs / taken:.0f} designs a second")
 
 
 def answer_synthesise(request: SynthesiseVerb) -> None:
@@ -200,7 +200,6 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
         print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": out})
         return
     print_table("one-impact cycle", heads, rows)
-    say(f"wrote {out}")
 
 
 def answer_sweep(request: SweepVerb) -> None:
@@ -257,7 +256,8 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
         say(f"{len(refused)} points refused, the first: {refused[0].refused}")
     if done.resumed:
         say(f"{done.resumed} points were finished before")
-    say(f"wrote {done.table}" + (f" and {done.picture}" if done.picture else ""))
+    if done.picture:
+        say(f"wrote {done.picture}")
 
 
 def answer_regimes(request: RegimesVerb) -> None:
@@ -289,7 +289,6 @@ def answer_regimes(request: RegimesVerb) -> None:
         spans = joined(found.rows)
         print_table("regimes", ("from", "to", *found.columns[1:]), spans)
         say(f"{len(found.rows)} values of {key} in {len(spans)} rows; each value with --all")
-    say(f"wrote {out}")
 
 
 def joined(rows: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:

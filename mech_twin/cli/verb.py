@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from mech_twin.cli import option_values
+from mech_twin.cli.console import say
 from mech_twin.cli.failure import CommandError
 from mech_twin.files.output_file import check_output_file
 from mech_twin.process.dependencies import require_extra
@@ -61,23 +62,42 @@ class Verb(BaseModel):
         cls.answer = answer or cls.answer
 
     def answered(self) -> None:
-        """Carry the verb out; what it could not write is refused before anything is computed."""
+        """Carry the verb out, and say which files it wrote; one that it could not write is refused beforehand."""
         self.check_outputs()
+        before = {path: _stamp(path) for path in self.outputs()}
         module, _, function = self.answer.partition(":")
-        getattr(import_module(f"mech_twin.cli.{module}"), function)(self)
+        try:
+            getattr(import_module(f"mech_twin.cli.{module}"), function)(self)
+        finally:
+            written = [path for path, stamp in before.items() if _stamp(path) != stamp]
+            if written and not getattr(self, "as_json", False):
+                say(f"wrote {' and '.join(map(str, written))}")
 
     def check_outputs(self) -> None:
         """Raise where a file that is asked for could not be written."""
-        for name, field in type(self).model_fields.items():
-            said, path = declared(field), self.written_to(name)
-            if path is not None and "writes" in said:
-                check_output_file(path, force=getattr(self, "force", False), suffixes=said["writes"])
-                require_extra(said["extra"])
+        for path, said in self.outputs().items():
+            check_output_file(path, force=getattr(self, "force", False), suffixes=said["writes"])
+            require_extra(said["extra"])
+
+    def outputs(self) -> dict[Path, dict[str, Any]]:
+        """Return the files that are asked for, and how their options are declared."""
+        options = {name: declared(field) for name, field in type(self).model_fields.items()}
+        found = {self.written_to(name): said for name, said in options.items() if "writes" in said}
+        return {path: said for path, said in found.items() if path is not None}
 
     def written_to(self, name: str) -> Path | None:
         """Return the file of an option: as asked, else the usual one of the machine, if there is one."""
         path, usual = getattr(self, name), declared(type(self).model_fields[name]).get("usual")
         return path or (Path(f"{Path(getattr(self, 'machine', '')).stem}-{usual}") if usual else None)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return what changes when a file is written: its number and time, None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns
 
 
 def verbs_in(*modules: ModuleType) -> dict[str, type[Verb]]:

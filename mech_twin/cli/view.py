@@ -88,7 +88,6 @@ def view_bag(request: ViewVerb) -> None:
         if save is not None and stop.asked:
             raise KeyboardInterrupt  # an incomplete file is not kept
         if save is not None:
-            say(f"written to {save}")
             return
         say("complete; press Ctrl-C to close the view")
         while not stop.asked:

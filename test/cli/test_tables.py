@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -30,6 +31,8 @@ from mech_twin.cli.study_answers import joined
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine
 from mech_twin.samples import Event
+
+FOUR_BAR = Path(__file__).resolve().parents[2] / "config" / "pages" / "four_bar.yaml"
 
 # of the run of a machine, as its observer names them
 RUN = {
@@ -87,6 +90,24 @@ def test_a_sweep_shows_what_varies_and_says_what_it_leaves_out(monkeypatch, tmp_
     rows = list(csv.DictReader(io.StringIO(typed(f"{words} --force --csv", monkeypatch))))
     assert {float(row["package_radius_m"]) for row in rows} == {0.2, 0.3}
     assert all(float(row["angular_speed_last_rad_per_s"]) > 0.0 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("words", "files"),
+    [
+        ("simulate compaction_press --duration 1.2 --table a.csv --energy a.svg", "a.csv and a.svg"),
+        ("map a.csv winding_drum --out a.yaml", "a.yaml"),
+        (f"check {FOUR_BAR} --picture a.svg", "a.svg"),
+        (f"view {FOUR_BAR} --duration 0.1 --save a.rrd", "a.rrd"),
+        ("study compaction_press size", "compaction_press-sized.yaml"),
+    ],
+)
+def test_a_verb_says_once_which_files_it_wrote(words, files, monkeypatch, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)
+    if words.startswith("map"):
+        assert mech_twin("simulate", "winding_drum", "--duration", "1", "--table", "a.csv").code == 0
+    said = mech_twin(*words.split(), "--force").err
+    assert [line for line in said.splitlines() if "wrote" in line] == [f"wrote {files}"]
 
 
 def test_columns_that_do_not_fit_are_named(monkeypatch, capsys) -> None:
