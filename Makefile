@@ -31,7 +31,7 @@ SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
 ALONE := -n 2 --dist loadfile test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before,
 # and with nothing beside them
-FAULTS := test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
+FAULTS := -n 2 --dist loadfile test/reliability $(addprefix --ignore=,$(filter test/reliability/%,$(QUIET)))
 PYTEST := $(BIN)/python -m pytest
 # without site: what it starts finds the libraries of the distribution that it runs, not of this one
 BESIDE := $(BIN)/python -S test/side_by_side.py
@@ -60,7 +60,7 @@ test-fast: $(VENV)/.test # of those the ones without topics
 	$(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS)
 
 test-rest: $(VENV)/.test # what `make test` leaves out
-	$(PYTEST) -m "$(REST)" -n 2 --dist loadfile $(FAULTS) $(ARGS)
+	$(PYTEST) -m "$(REST)" $(FAULTS) $(ARGS)
 	$(BESIDE) $(PYTEST) -m "$(REST)" $(SHARED) $(ARGS) beside \
 	  $(PYTEST) -m "$(REST)" $(ALONE) $(ARGS) then make test-browser then make colcon then make test-ros ROS=kilted
 
@@ -145,7 +145,7 @@ $(VENV)/.run: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/b
 
 $(VENV)/.test: setup.py constraints/python.txt constraints/$(ROS).txt | $(VENV)/bin/python
 	@echo "installing 2.3 GB of packages into $(VENV), which takes some minutes the first time"
-	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,life,$(if $(filter jazzy,$(ROS)),cuda$(comma))test]" $(PINS))
+	$(if $(strip $(HASHED)),$(INSTALL_HASHED),$(BIN)/python -m pip install -q --no-compile -e ".[$(EXTRAS),cluster,alerts,foxglove,fmu,life,$(if $(filter jazzy,$(ROS)),cuda$(comma))test]" $(PINS))
 	touch $@ $(VENV)/.run
 	$(MAKE) -s $(READERS)/node_modules
 

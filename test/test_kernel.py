@@ -137,6 +137,7 @@ def test_a_borrowing_kernel_that_returns_an_array_given_to_it_is_refused():
         _calls_inner(_pair())
 
 
+@pytest.mark.slow
 def test_a_roll_out_frees_every_array_it_made():
     environment = {**os.environ, "NUMBA_NRT_STATS": "1"}
     command = [sys.executable, "-c", ALLOCATIONS, json.dumps(CASES)]

@@ -44,7 +44,14 @@ SPEED_M_PER_S = 2.0
 ROBUST = ("--impact-speed", "2", "--starts", "10", "--tolerance", "0.001")
 CYCLE = {"starts": 10, "tolerance": 0.001}
 SLOW = pytest.mark.slow
-LONG = ("study search", "monitor design", "export fmu")  # to compute or to compile
+LONG = (
+    "study search",
+    "study designs",
+    "monitor design",
+    "monitor",
+    "shadow",
+    "export fmu",
+)  # to compute or to compile
 WORDS = {
     "list": ("list",),
     "simulate": ("simulate", "mb10_breaker", "--duration", "0.3", "--samples"),

@@ -30,7 +30,7 @@ VERBS = [
     ["study", "winding_drum", "sweep", "--over", "package_radius_m=0.1,0.12", "--no-picture", "--out", "out.csv"],
     ["compare", "winding_drum", "winding_drum", "--duration", "0.1"],
     ["reproduce", "winding_drum"],
-    ["export", "fmu", "winding_drum"],
+    pytest.param(["export", "fmu", "winding_drum"], marks=pytest.mark.slow),
     ["view", str(ROOT / "config" / "pages" / "four_bar.yaml"), "--duration", "0.1", "--save", "out.rrd"],
 ]
 WITH_TOPICS = [

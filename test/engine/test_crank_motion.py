@@ -31,6 +31,8 @@ from mech_twin.engine.sample_vectors import KIND, TIME
 from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.induction_motor import supplied_motor
 
+pytestmark = pytest.mark.slow  # kernels of its own are compiled
+
 FREE = ShaftDrive(0.0, 1.0, 1.0, supplied_motor(NO_MOTOR, 0.0), 0.0, 0.0, 0.0)
 BOUNDARY = len(KINDS)
 

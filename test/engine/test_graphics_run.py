@@ -39,6 +39,7 @@ def computed() -> dict[str, list[Any]]:
     return numbers_of("cpu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CASES if name != "a step full of events"])
 def test_numbers_events_and_last_frame_are_those_of_the_processor_to_the_bit(
     name: str, simulated: dict[str, list[Any]], computed: dict[str, list[Any]]
@@ -46,6 +47,7 @@ def test_numbers_events_and_last_frame_are_those_of_the_processor_to_the_bit(
     assert simulated[name] == computed[name]
 
 
+@pytest.mark.slow
 def test_a_member_with_too_many_events_in_a_step_ends_and_the_others_go_on(
     simulated: dict[str, list[Any]], computed: dict[str, list[Any]]
 ) -> None:

@@ -41,6 +41,7 @@ def test_no_function_of_the_loop_can_make_an_array():
     assert {kernel.targetoptions["_nrt"] for kernel in (advance, *of_loop)} == {False}
 
 
+@pytest.mark.slow
 @compiled_only
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_steps_make_no_array_but_for_a_wave(name):

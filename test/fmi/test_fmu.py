@@ -282,6 +282,7 @@ def test_the_command_writes_a_unit_that_holds_its_configuration(
     )
 
 
+@pytest.mark.slow
 def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(tmp_path: Path) -> None:
     """Of a page with a spring, a damper, a contact, a drive, and friction that holds and slides."""
     text = (Path(__file__).resolve().parents[2] / "config" / "pages" / "rammer.yaml").read_text(encoding="utf-8")

@@ -141,6 +141,7 @@ def served(*words: str):
         yield port
 
 
+@pytest.mark.slow
 def test_a_server_outlives_a_question_to_a_machine_that_is_not_there_yet():
     async def asked_early(client):
         await client._socket.send_json({"op": "getParameters", "parameterNames": [], "id": "get"})

@@ -128,7 +128,14 @@ def check_recording(bag: Path) -> None:
 
 
 @pytest.mark.parametrize("recorder", ["", "here", "elsewhere"], ids=["none", "here", "elsewhere"])
-@pytest.mark.parametrize("apart", [(), ("motor",), ("force_analysis",), ("body",), ("linkage",), ("motor", "body")])
+@pytest.mark.parametrize(
+    "apart",
+    [
+        (),
+        *(pytest.param((role,), marks=pytest.mark.slow) for role in ("motor", "force_analysis", "body", "linkage")),
+        ("motor", "body"),
+    ],
+)
 def test_each_role_and_the_recorder_may_be_elsewhere(apart: tuple[str, ...], recorder: str, tmp_path: Path) -> None:
     with MixedRun(tmp_path, apart, recorder) as run:
         run.steps_of(next(role for role in PART if role not in apart))
@@ -144,6 +151,7 @@ def test_each_role_and_the_recorder_may_be_elsewhere(apart: tuple[str, ...], rec
         check_recording(tmp_path / "bag")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heard", [1, STEPS - 50])
 def test_a_recorder_that_stalls_before_its_end_records_what_waits_for_it(heard: int, tmp_path: Path) -> None:
     with MixedRun(tmp_path, recorder="elsewhere") as run:
@@ -172,6 +180,7 @@ def test_a_recorder_at_its_end_waits_for_repairs_as_long_as_publishers_live(tmp_
         assert recorder.settled()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", PART)
 def test_a_role_may_go_elsewhere_and_come_back(role: str, tmp_path: Path) -> None:
     other = "motor" if role != "motor" else "linkage"

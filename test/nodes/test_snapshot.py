@@ -106,6 +106,7 @@ def told_snapshot() -> str:
     return told.stdout + told.stderr
 
 
+@pytest.mark.slow
 def test_a_run_that_is_told_to_keeps_its_last_seconds_and_they_compute_the_same(
     ros_domain: int, tmp_path: Path
 ) -> None:

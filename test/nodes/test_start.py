@@ -97,6 +97,7 @@ def test_calls_without_end_leave_the_run_nine_tenths_of_its_time() -> None:
         run.steps(20)
 
 
+@pytest.mark.slow
 def test_changes_and_starts_in_turn_without_end_leave_the_run_its_time() -> None:
     """Each change makes a new machine, and a start of a new machine was computed however often one was asked for."""
     key = "body.spring_rate_n_per_m"
@@ -156,6 +157,7 @@ def test_calls_without_end_from_another_process_do_not_stop_the_steps(machine: s
         run.steps(200)
 
 
+@pytest.mark.slow
 def test_the_breaker_starts_again_wherever_it_was_stopped() -> None:
     breaker = built("mb10_breaker")
     step_s = breaker.coupling_step_s

@@ -28,6 +28,7 @@ def running(ros_domain, tmp_path):
         process.wait(30)
 
 
+@pytest.mark.slow
 def test_orders_and_values_are_answered_by_the_nodes_themselves(running):
     begin = time.monotonic()
     first = told("vibration_crank", "stop", "--wait", "60")

@@ -7,7 +7,7 @@ import ast
 import importlib
 import pkgutil
 from collections import defaultdict
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -17,9 +17,9 @@ SAYS_NOTHING = {"utils", "util", "helpers", "helper", "common", "manager", "misc
 LONGEST_FILE = 400  # lines; a file of one purpose has about 300
 
 
-def modules() -> Iterator[tuple[Path, ast.Module]]:
-    for path in sorted(PACKAGE.rglob("*.py")):
-        yield path, ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def modules() -> list[tuple[Path, ast.Module]]:
+    return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in sorted(PACKAGE.rglob("*.py"))]
 
 
 def test_no_two_classes_share_a_name() -> None:

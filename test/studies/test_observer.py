@@ -123,6 +123,7 @@ def test_a_frame_told_from_now_on_moves_as_before_through_its_impacts() -> None:
     assert moved > 200
 
 
+@pytest.mark.slow
 def test_the_sigma_of_the_impact_mass_holds_with_noise_and_wrong_parameters() -> None:
     channels = [("linkage.mass.position", 1e-4), ("linkage.mass.velocity", 1e-2)]
     names = ["linkage.mass.position", "linkage.mass.velocity", "linkage.mass.effort", "forces.stop.force_x_n"]
@@ -166,6 +167,7 @@ def test_the_state_of_a_frame_is_found_and_drives_have_an_unknown_offset() -> No
     assert space.states == 2
 
 
+@pytest.mark.slow
 def test_two_sigma_hold_95_percent_with_noise_and_wrong_parameters() -> None:
     inside = []
     for seed in range(6):

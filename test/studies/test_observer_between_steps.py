@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from catalogue import built
 
 from mech_twin.engine.rollout import roll_out
@@ -14,6 +15,7 @@ from mech_twin.studies.observer.observer import PhaseLockedObserver
 NAME, CRANK, SIGMA_RAD = "mb10_breaker", "linkage.crank.position", 1e-3
 
 
+@pytest.mark.slow
 def test_a_step_with_a_blow_in_it_is_believed_at_any_instant_of_it() -> None:
     """Held at the frame after the event, a sample before it was off by a step of the crank and was not used."""
     machine, random = built(NAME), np.random.default_rng(1)

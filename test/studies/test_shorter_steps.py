@@ -145,6 +145,7 @@ def test_what_no_run_gave_is_told_as_it_is_and_a_difference_of_rounding_is_none(
     assert common_digits("share", value, {"share": value * (1.0 + 1e-9)}) == "0.94965"
 
 
+@pytest.mark.slow
 def test_figures_of_a_sizing_by_runs_are_told_in_digits_that_a_third_step_has_too() -> None:
     answer = size("mb10_breaker", tolerance=0.0)
     shorter = answer.in_shorter_steps

@@ -49,6 +49,7 @@ def enumerated(matrix, free, low, high):
     return None
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 5))
 def test_forces_are_those_of_the_one_combination_that_meets_every_condition(seed, m):
     rng = np.random.default_rng(seed)

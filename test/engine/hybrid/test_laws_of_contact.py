@@ -228,6 +228,7 @@ def test_an_impact_oscillator_agrees_with_an_integration_by_another_hand(seed):
     np.testing.assert_allclose(of_kind(rows, STRUCK)[: len(blows), TIME], blows, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_sizes_known_to_the_compiler_change_no_bit_of_the_motion(seed):
     """A block on a block on a belt: both masses strike, slide and stick."""

@@ -225,6 +225,7 @@ def flown(span, steps):
     return np.concatenate([q, u])
 
 
+@pytest.mark.slow
 def test_its_free_flight_is_that_of_the_published_reference():
     """At 2 ms, before the first impact: angles of crank and rod (rad), their rates; its scheme is of first order."""
     printed = [2.0 * math.pi * 0.04393614652195465, -0.1351018528775760, 120.8242092110994, -56.68029347554309]
@@ -237,6 +238,7 @@ def test_its_free_flight_is_that_of_the_published_reference():
     np.testing.assert_allclose(states[-1, known], 2.0 * fine - coarse, rtol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("restitution", "friction_nm", "tilt_rate", "impacts", "held", "within"),
     [

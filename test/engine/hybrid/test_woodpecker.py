@@ -16,6 +16,8 @@ from engine.hybrid.linear_system import KIND, LAW, STRUCK, linear, run
 
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN
 
+pytestmark = pytest.mark.slow  # kernels of its own are compiled
+
 SLEEVE_KG, SLEEVE_KGM2, BIRD_KG, BIRD_KGM2, SPRING_NM, G = 0.0003, 5e-9, 0.0045, 7e-7, 0.0056, 9.81
 POLE_M, SLEEVE_M, HALF_SLEEVE_M = 0.0025, 0.0031, 0.0058  # radii, half height
 ARM_M, BIRD_M, BEAK_UP_M, BEAK_BACK_M = 0.010, 0.015, 0.020, 0.0201

@@ -9,6 +9,7 @@ from mech_twin.machines.compaction_press.dynamics import press_pins, press_state
 from mech_twin.parameters.load import machine
 
 
+@pytest.mark.slow
 def test_batches_equal_single_positions():
     press = machine("compaction_press").linkage.mechanism
     shorter = press._replace(bar=press.bar._replace(crank_m=0.05))

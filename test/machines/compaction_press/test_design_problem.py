@@ -216,6 +216,7 @@ def test_bars_keep_their_mass_per_metre_and_the_crank_the_part_of_its_inertia_th
     assert press.along_m == pytest.approx(0.35)
 
 
+@pytest.mark.slow
 def test_the_curve_evaluated_in_bulk_is_the_one_of_the_written_configuration():
     random = np.random.default_rng(8)
     parameters = random_configuration(random)

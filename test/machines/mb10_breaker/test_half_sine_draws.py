@@ -110,6 +110,7 @@ def trouble(swung_body, duration_s=0.5):
     return told
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_random_legal_bodies_run():
     what = Drawn("swung body", SwungBody, (USUAL,))

@@ -13,6 +13,7 @@ import mech_twin as mt
 PAGES = sorted((Path(__file__).resolve().parents[3] / "config" / "pages").glob("*.yaml"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_no_sample_of_a_run_lies_above_the_largest_force_told(page: Path) -> None:
     run = mt.simulate(str(page), 0.5)

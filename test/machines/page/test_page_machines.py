@@ -60,6 +60,7 @@ def test_the_impact_mass_strikes_as_the_machine_does():
         assert a.linkage.position[0] == pytest.approx(b.linkage.position[0], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_the_vibration_crank_has_the_machine_s_motion_torque_and_pins():
     ours, theirs = told(page("vibration_crank")), told("vibration_crank")
     peak = max(np.abs(wrench(f, "crank_pin")).max() for f in theirs)
@@ -76,6 +77,7 @@ def test_the_vibration_crank_has_the_machine_s_motion_torque_and_pins():
         )
 
 
+@pytest.mark.slow
 def test_the_press_has_the_machine_s_motion_and_torque():
     ours, theirs = told(page("press")), told("compaction_press", working_force__peak_n=0.0)
     torque = max(abs(f.linkage.effort[0]) for f in theirs)

@@ -140,6 +140,7 @@ drives: {motor: {kind: dc_motor, joint: shaft, stall_torque_nm: 10, no_load_spee
         assert frame.linkage.velocity[0] == pytest.approx(w0 * (1 - math.exp(-rate * frame.linkage.time_s)), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_compliant_contact_gives_the_depth_of_its_energy():
     changes = {"contacts": {"bounce": {"restitution": None, "stiffness_n_per_m": 1e6}}}
     told, simulation = run(

@@ -19,6 +19,7 @@ FOUR_BAR = shipped("four_bar")
 CRANK = ("linkage.crank_bearing.position", 1e-3)
 
 
+@pytest.mark.slow
 def test_a_page_with_wrong_masses_is_followed_by_its_crank_alone():
     built, build = machine(FOUR_BAR), catalogue_entry(FOUR_BAR).build
     observer = PhaseLockedObserver(built, build, [SensedChannel(*CRANK)])
@@ -37,6 +38,7 @@ def test_masses_and_stiffnesses_of_elements_are_uncertain():
     assert np.isfinite(list(found.values())).all()
 
 
+@pytest.mark.slow
 def test_a_page_is_told_of_below_its_own_name(ros_domain):
     outcome = follow("page", ShadowSetup("/plant"), machine(FOUR_BAR).parameters, duration_s=0.2, own_name="four_bar")
     own = [topic for topic in outcome.sent if topic != "/diagnostics"]

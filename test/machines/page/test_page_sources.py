@@ -16,6 +16,7 @@ from mech_twin.engine.run import frames
 from mech_twin.parameters.load import machine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carts", [2, 4])
 def test_the_roller_former_swings_as_the_machine_does(carts):
     """Without supply, from full speed: the carts swing against the elastic drive."""
@@ -48,6 +49,7 @@ def test_the_roller_former_starts_as_the_machine_does_when_the_step_is_short():
     assert (4.0 * parted[1] - parted[0]) / 3.0 == pytest.approx(0.0, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_weak_motor_hangs_at_the_speed_of_the_averaged_motion():
     """KononenkoSupply1969: the motor's torque is what the vibration takes at its speed, c w X(w)^2 / 2."""
     mass, rate, damping, unbalance, no_load = 100.0, 1e6, 400.0, 0.05, 50.0 * math.pi

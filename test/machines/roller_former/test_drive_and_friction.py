@@ -200,6 +200,7 @@ def test_a_step_longer_than_the_motor_bears_is_refused_with_its_bound():
         parameters_for(2, {**light, "coupling.step_s": 0.002})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carts", [1, 2, 4])
 def test_at_the_longest_step_the_motion_is_that_of_a_short_one(carts):
     ends = []

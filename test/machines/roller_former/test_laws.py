@@ -58,6 +58,7 @@ def state_of(frame: Frame) -> np.ndarray:
     return np.array([position[1], position[2], velocity[1], velocity[2]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carts", CARTS)
 def test_motion_does_not_depend_on_the_coupling_step(carts):
     """Steps of 10 and of 0.5 ms end where motor and mechanism do that are integrated without one."""

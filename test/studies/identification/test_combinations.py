@@ -153,6 +153,7 @@ def inside_of(law: str, repeats: int) -> tuple[int, int]:
     return inside, alone
 
 
+@pytest.mark.slow
 def test_an_exact_combination_holds_the_truth_in_92_to_98_of_100_repeats_though_the_fixed_key_is_off() -> None:
     inside, alone = inside_of("product", 600)
     assert 0.92 * 600 <= inside <= 0.98 * 600

@@ -193,6 +193,7 @@ CASES: dict[str, tuple[str, str, float, float, dict[str, float], Reference]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_derivatives_through_impacts_are_those_of_sixty_digits(case: str, tmp_path: Path) -> None:
     text, column, duration_s, step_s, keys, reference = CASES[case]

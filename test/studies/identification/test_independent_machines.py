@@ -21,7 +21,9 @@ JUMPS = {
 }  # share of samples beside which it jumps
 
 
-@pytest.mark.parametrize("label", EVERY)
+@pytest.mark.parametrize(
+    "label", [pytest.param(label, marks=pytest.mark.slow) if label in COUPLED else label for label in EVERY]
+)
 @pytest.mark.parametrize("seed", [None, 0, 1])
 def test_the_reference_moves_as_the_machine_does(label: str, seed: int | None) -> None:
     bench = EVERY[label]

@@ -88,6 +88,7 @@ def test_all_keys_free_are_what_the_channels_see_and_the_others_stay(
     assert len(rows) > 10
 
 
+@pytest.mark.slow
 def test_all_keys_free_are_the_lengths_where_only_positions_are_measured(
     plant: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

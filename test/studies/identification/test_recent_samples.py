@@ -25,6 +25,7 @@ def channel(column: str, **more: float) -> Channel:
     return Channel.model_validate({"source": {"column": column}, "is": column, **more})
 
 
+@pytest.mark.slow
 def test_a_hidden_mass_is_found_in_the_last_seconds_and_what_was_held_out_is_foretold_better():
     entry, base = catalogue_entry(NAME), built(NAME).parameters
     hidden = validated(entry, merged_tree(configuration_tree(base), tree_from_flat({KEY: 9.0})), "hidden")

@@ -77,6 +77,7 @@ def begun_alarms(setup: MonitorSetup, rows: np.ndarray) -> tuple[int, int]:
     return begun, len(rows) - in_alarm
 
 
+@pytest.mark.slow
 def test_false_alarms_come_as_often_as_stated() -> None:
     run_length, begun, judged = 400.0, 0, 0
     for seed in range(3):  # a baseline has errors of its own: the statement holds over several
@@ -93,6 +94,7 @@ def echoing(cycles: int, seed: int) -> np.ndarray:
     return np.asarray(sum(shocks[48 - late : cycles + 48 - late] for late in range(0, 60, 12)) / np.sqrt(5.0))
 
 
+@pytest.mark.slow
 def test_false_alarms_come_as_often_as_stated_where_slow_dependence_is_left() -> None:
     run_length, begun, judged = 400.0, 0, 0
     for seed in range(3):
@@ -129,12 +131,14 @@ def test_false_alarms_come_as_often_as_stated_where_many_features_are_known_from
     assert abs(np.mean(rates) - 1.0) < 3.0 * error
 
 
+@pytest.mark.slow
 def test_a_short_baseline_is_called_extrapolated_and_gives_wider_thresholds() -> None:
     short, long = healthy_setup(200, 2000.0), healthy_setup(6001, 2000.0)
     assert short.limits.extrapolated and not long.limits.extrapolated
     assert all(narrow < wide for narrow, wide in zip(long.limits.alarm, short.limits.alarm, strict=True))
 
 
+@pytest.mark.slow
 def test_a_longer_stated_time_between_alarms_gives_wider_thresholds() -> None:
     alarms = [healthy_setup(2000, run_length).limits.alarm for run_length in (100.0, 1000.0, 10_000.0, 1e6)]
     assert all(a < b for low, high in pairwise(alarms) for a, b in zip(low, high, strict=True))

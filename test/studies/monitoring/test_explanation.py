@@ -37,6 +37,7 @@ def alarm_of(setup: MonitorSetup, seed: int, change: np.ndarray = SOFT) -> Alarm
     return alarm
 
 
+@pytest.mark.slow
 def test_a_fault_is_explained_by_what_each_feature_did_beside_what_it_would_do(setup: MonitorSetup) -> None:
     inside, seeds = np.zeros(3), range(20, 60)
     for seed in seeds:

@@ -77,6 +77,7 @@ def live_of(starts: list[list[tuple[float, str, float]]], columns: list[str]) ->
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lost", "starts", "changed", "expected"),
     [
