@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Photographs the bench in Chromium for the documentation, and films a slider that is moved.
 
-Usage: bench_pictures.py [NAME ...]; without names all of them, into docs/images.
+Usage: python .ci/bench_pictures.py [NAME ...]; without names all of them, into docs/images.
 """
 
 from __future__ import annotations
