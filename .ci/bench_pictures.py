@@ -152,7 +152,7 @@ def checked(file: Path) -> None:
     size = file.stat().st_size
     if size > LARGEST_BYTES:
         raise SystemExit(f"{file}: {size} bytes, expected at most {LARGEST_BYTES}")
-    print(f"{file}: {size // 1000} kB")
+    sys.stdout.write(f"{file}: {size // 1000} kB\n")
 
 
 def main(names: list[str]) -> None:
