@@ -10,12 +10,15 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing import active_children, get_context
+from multiprocessing.context import SpawnContext, SpawnProcess
+from types import ModuleType
 from typing import Any, TypeVar
 
 from mech_twin.capabilities.arguments import whole_number
@@ -80,8 +83,26 @@ def spread(
             gc.collect()  # frees the pool's semaphores; otherwise an end by signal prints a warning
 
 
+class _Worker(SpawnProcess):
+    """A process that does not run the script again that started it, which so needs no guard against that."""
+
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:  # noqa: N802 # its name in multiprocessing
+        program = sys.modules["__main__"]
+        sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            return SpawnProcess._Popen(process_obj)
+        finally:
+            sys.modules["__main__"] = program
+
+
+class _Spawn(SpawnContext):
+    Process = _Worker
+
+
 def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch], cores: int) -> Iterator[Result]:
-    spawn, others = get_context("spawn"), set(active_children())
+    of_program = getattr(function, "func", function).__module__ == "__main__"
+    spawn, others = get_context("spawn") if of_program else _Spawn(), set(active_children())
     with _signals_held_back():
         pool = ProcessPoolExecutor(cores, spawn, initializer=_follow_parent, initargs=(os.getpid(),))
     with pool:
@@ -118,7 +139,7 @@ class BesideProcess:
 
     @staticmethod
     def _new_pool() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, get_context("spawn"), initializer=_follow_parent, initargs=(os.getpid(), NICE))
+        return ProcessPoolExecutor(1, _Spawn(), initializer=_follow_parent, initargs=(os.getpid(), NICE))
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Return the future result of a function that another process can import; a process that died is replaced."""
