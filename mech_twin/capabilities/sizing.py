@@ -53,7 +53,7 @@ class Constraint:
 class Sizing:
     """Sizes by configuration key, complete configuration, constraints, active constraint, and the trade-off nearby.
 
-    ``tolerance`` is the relative tolerance of assumed values for which ``constraints`` hold (0: as configured).
+    ``tolerance`` is the relative one of the keys ``uncertain`` for which ``constraints`` hold (0: as configured).
     ``in_shorter_steps`` has those ``metrics`` of a run with shorter steps; None if they come from no run.
     """
 
@@ -66,6 +66,7 @@ class Sizing:
     binding: str
     trade_off: tuple[dict[str, float | str], ...] = ()
     tolerance: float = 0.0
+    uncertain: tuple[str, ...] = ()
     in_shorter_steps: InShorterSteps | None = None
 
 

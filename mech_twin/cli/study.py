@@ -215,7 +215,8 @@ def sizing_parts(answer: Sizing) -> list[str]:
     """Return what a report says of a sizing."""
     metrics = in_common_digits(answer.metrics, answer.in_shorter_steps)
     return [
-        f"<p>Objective: {answer.objective}; tolerance {answer.tolerance:g}; binding: {answer.binding}.</p>",
+        f"<p>Objective: {answer.objective}; tolerance {answer.tolerance:g} of "
+        f"{', '.join(answer.uncertain) or 'nothing'}; binding: {answer.binding}.</p>",
         section("Sizes", ("key", "value", "unit"), numbered(answer.sizes)),
         section("Numbers", ("quantity", "value", "unit"), numbered(metrics)),
         section("Constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer)),

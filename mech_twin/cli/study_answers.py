@@ -46,7 +46,8 @@ def answer_size(request: SizeVerb) -> None:
     shorter = answer.in_shorter_steps
     if request.as_json:
         shown = ("name", "value", "limit", "side", "holds", "binds")
-        document = {name: getattr(answer, name) for name in ("objective", "tolerance", "sizes", "metrics", "binding")}
+        told = ("objective", "tolerance", "uncertain", "sizes", "metrics", "binding")
+        document = {name: getattr(answer, name) for name in told}
         document["constraints"] = [{name: getattr(each, name) for name in shown} for each in answer.constraints]
         head = {"machine": answer.machine, "config": configuration_tree(answer.parameters)}
         tail = {"trade_off": answer.trade_off, "configuration": out, **shorter_record(shorter)}
@@ -59,8 +60,8 @@ def answer_size(request: SizeVerb) -> None:
         marked = next((i for i, row in enumerate(answer.trade_off) if _is_chosen(row, chosen)), None)
         _print_rows("trade-off", answer.trade_off, marked)
     say(f"binding: {answer.binding}")
-    if answer.tolerance > 0.0:
-        say(f"holds with every assumed value off by up to {100.0 * answer.tolerance:g} %")
+    if answer.tolerance > 0.0 and all(constraint.holds for constraint in answer.constraints):
+        say(f"holds with each of these off by up to {100.0 * answer.tolerance:g} %: {', '.join(answer.uncertain)}")
     if shorter is not None:
         say(how_told(shorter.beside_s, shorter.step_s))
 

@@ -144,9 +144,12 @@ def sized(
     if wanted not in question.objectives:
         raise StudyError(unknown_name(wanted, question.objectives, "objective "))
     allowed = allowed_tolerance(machine, question, tolerance)
-    return question.answer(
-        parameters or machine_parameters(machine), {**question.limits, **given}, wanted, table, allowed
-    )
+    asked = parameters or machine_parameters(machine)
+    found = question.answer(asked, {**question.limits, **given}, wanted, table, allowed)
+    broken = [constraint.text for constraint in found.constraints if constraint.name in given and not constraint.holds]
+    if broken:
+        raise StudyError(f"{machine}: no sizes keep {'; '.join(broken)}")
+    return found
 
 
 def allowed_tolerance(machine: str, question: SizingQuestion, tolerance: float | None) -> float:

@@ -136,6 +136,27 @@ def test_limits_that_cannot_be_met_name_themselves():
         size("winding_drum")
 
 
+def test_a_limit_that_the_answer_does_not_keep_is_no_answer():
+    with pytest.raises(StudyError, match=r"no sizes keep damping_gain <= -1"):
+        size("roller_former", limits={"damping_gain": -1.0}, tolerance=0.0)
+
+
+def test_a_table_without_a_motor_for_the_worst_case_says_what_power_lacks():
+    four = machine_parameters("roller_former", None, {"carts.count": 4})
+    with pytest.raises(StudyError, match=r"23\.2 kW needed with 5 % of tolerance, the strongest has 22\.0 kW$"):
+        size("roller_former", four)
+
+
+@pytest.mark.parametrize("machine_name", ["compaction_press", "vibration_crank"])
+def test_the_tolerance_is_that_of_the_keys_named(machine_name):
+    """Scaling any other number is no promise: the rod of the crank makes the force on its frame larger."""
+    answer = size(machine_name)
+    assert answer.uncertain
+    assert not [key for key in answer.uncertain if key.endswith(("rod_m", "crank_m"))]
+    for key in answer.uncertain:
+        scaled(answer.parameters, {key: 1.05})
+
+
 def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
     without = SizingQuestion({}, ("mass_kg",), sizing)
     with pytest.raises(StudyError, match="new_machine: no sizes with a tolerance"):

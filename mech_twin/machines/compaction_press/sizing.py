@@ -78,6 +78,7 @@ def sizing(
             for other in TRADE
         ),
         tolerance,
+        tuple(worst.factors),
     )
 
 

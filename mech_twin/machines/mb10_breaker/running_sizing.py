@@ -191,6 +191,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
             if factors == tuple(sorted(worst.items()))
         ),
         tolerance,
+        ASSUMED if worst else (),
         InShorterSteps(shorter.coupling.step_s, soft.coupling.step_s, _metrics(seating(shorter))),
     )
 
@@ -232,15 +233,33 @@ def _worst_corner(at: Run, edge_n: float, tolerance: float) -> Factors:
 def _least_objective(
     at: Run, worst: Mapping[str, float], bound_n: float, limits: Mapping[str, float], objective: str
 ) -> float:
-    """Return the spring force at rest (N), at least the bound, with the smallest objective within the limits."""
+    """Return the spring force at rest (N), at least the bound, with the smallest objective within the limits.
+
+    The best of a few forces, then of the middles between the best and its neighbours, down to two newtons.
+    """
     forces = [bound_n, *(force for force in FORCES_N if force > bound_n)]
+
+    def rank(force: float) -> tuple[bool, float, float]:
+        found = at(force, worst)
+        return not _kept(found, limits), float(getattr(found, objective)), force
+
     good = [force for force in forces if _kept(at(force, worst), limits)]
     if not good:
         tried = [at(force, worst) for force in forces]
         best = {name: min(float(getattr(found, name)) for found in tried) for name in limits}
         text = "; ".join(f"{name} <= {limit:.4g} (has {best[name]:.4g})" for name, limit in limits.items())
         raise StudyError(f"no preload that seats the tool meets the limits: {text}")
-    return min(good, key=lambda force: (float(getattr(at(force, worst), objective)), force))
+    least = min(good, key=rank)
+    place = forces.index(least)
+    low, high = forces[max(place - 1, 0)], forces[min(place + 1, len(forces) - 1)]
+    while max(least - low, high - least) > 2.0:
+        upper = high - least > least - low
+        middle = float(round(0.5 * (least + (high if upper else low))))
+        if rank(middle) < rank(least):
+            low, least, high = (least, middle, high) if upper else (low, middle, least)
+        else:
+            low, high = (low, middle) if upper else (middle, high)
+    return least
 
 
 def _broken_at(

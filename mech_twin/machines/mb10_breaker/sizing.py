@@ -80,6 +80,7 @@ def half_sine_sizing(soft: BreakerParameters, limits: Mapping[str, float], objec
         _binding(places, p, found, limits, objective, constraints),
         tuple({"preload_ratio": place, **{name: found[place][name] for name in NAMES}} for place in places[::20]),
         tolerance,
+        ASSUMED,
     )
 
 

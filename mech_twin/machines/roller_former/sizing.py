@@ -51,7 +51,12 @@ def motor_of(parameters: RollerFormer, table: Mapping[str, Any], tolerance: floa
             if carries(fitted, tolerance):
                 return fitted, found
     need = max(power_required_w(corner) for corner in corners(parameters, tolerance)) / 1000.0
-    raise StudyError(f"no motor of the table suits: {need:.1f} kW needed, the strongest has {verdicts[-1].text}")
+    power = verdicts[-1].rated_power_w / 1000.0
+    within = f" with {100.0 * tolerance:g} % of tolerance" if tolerance > 0.0 else ""
+    raise StudyError(
+        f"no motor of the table suits: {need:.1f} kW needed{within}, the strongest has {power:.1f} kW"
+        + (" and does not keep the load up" if power >= need else "")
+    )
 
 
 def worst_point(configurations: Iterable[RollerFormer], stiffness: float, damping: float) -> CouplingPoint:
@@ -185,10 +190,12 @@ def sizing(
         f"{binding}; {motor.text}",
         tuple({name: getattr(point, name) for name in shown} for point in sweep[::2]),
         tolerance,
+        ASSUMED,
     )
 
 
 INSIDE = 16  # random points of the box
+ASSUMED = (*(f"carts.{key}" for key in SET_KEYS), "drive.efficiency", "drive.inertia_factor")
 
 
 def assumed(parameters: RollerFormer, load: float, efficiency: float, inertia: float) -> RollerFormer:

@@ -149,4 +149,5 @@ def sizing(
         binding_of(constraints, f"none: {objective} has its minimum inside the range"),
         tuple({"balancing_fraction": i / 10.0, **balance_at(parameters, i / 10.0)._asdict()} for i in range(11)),
         tolerance,
+        tuple(key for group in GROUPS for key in group if attrgetter(key)(parameters)),
     )

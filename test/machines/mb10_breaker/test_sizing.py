@@ -105,6 +105,19 @@ def test_the_nominal_edge_of_the_running_machine_has_no_margin():
     assert not seats(seating(off))
 
 
+def test_a_limit_between_the_forces_tried_first_is_used_up():
+    found = size("mb10_breaker", objective="flight_share", limits={"largest_force_n": 900.0}, tolerance=0.0)
+    assert 895.0 < found.metrics["largest_force_n"] <= 900.0
+    assert found.binding.startswith("largest_force_n <= 900")
+
+
+def test_no_preload_beside_the_gentlest_is_gentler():
+    found = size("mb10_breaker", objective="return_speed_m_per_s", tolerance=0.0)
+    for beside_n in (-20.0, 20.0):
+        other = seating(with_rest_force(found.parameters, found.metrics["rest_force_n"] + beside_n))
+        assert other.return_speed_m_per_s >= found.metrics["return_speed_m_per_s"]
+
+
 def test_on_crust_over_rock_every_blow_is_seated_and_the_feed_is_that_of_rock():
     """As `config/breaker_on_crust.yaml` says; the preload of the yielding wall does not hold that machine."""
     parameters = machine_parameters("mb10_breaker", configuration_file("breaker_on_crust"))
