@@ -190,7 +190,7 @@ def _show_found(found: Identification) -> None:
         say(f"{found.search.starts} starts ended in {found.search.valleys} local minima{ahead}")
     say_open(found.keys)
     _show_combinations(found.combinations)
-    heads = ("channel", "fit, %", "rms", "zero", "gain", "lag, s")
+    heads = ("channel", "fit, %", "rms, SI", "zero", "gain", "lag, s")
     fits: list[tuple[Any, ...]] = []
     for c in found.channels:
         told = (" ".join(f"{value:.5g}" for value in each.values()) for each in (c.zero, c.gain, c.lag_s))

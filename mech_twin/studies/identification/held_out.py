@@ -153,7 +153,7 @@ def ljung_box(residual: Array) -> float:
 
 @dataclass(frozen=True)
 class ChannelFit:
-    """Result of a channel over the fitted runs: fit, residual, and sensor parameters (in the channel's own unit).
+    """Result of a channel over the fitted runs: fit, residual (SI), and sensor parameters (the channel's own unit).
 
     ``autocorrelation`` is that of the residuals from lag 1 on, the mean over the runs.  For white residuals, 95 % of
     the values lie within 1.96 / sqrt(``samples``).
@@ -246,18 +246,24 @@ def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
     found = [(names.index(each.channel), each) for each in score(problem, fitted.x).channels]
     found = [(place, each) for place, each in found if not stands_still(problem, place)]
     for place, channel in enumerate(problem.runs[0].channels):
-        masks = [masks[place] for masks in fitted.comparison.masks]
-        off = np.concatenate([part[place][mask] for part, mask in zip(parts, masks, strict=True)])
-        if channel.of_events and channel.channel.sigma and len(off):
-            rms = float(np.sqrt(np.mean(np.nan_to_num(off, nan=np.inf) ** 2)))
-            chance = float(stats.chi2.sf(len(off) * (rms / channel_noise(problem, place)[0]) ** 2, len(off)))
+        rms, count = _event_rms(fitted, parts, place)
+        if channel.of_events and channel.channel.sigma and count:
+            chance = float(stats.chi2.sf(count * (rms / channel_noise(problem, place)[0]) ** 2, count))
             found.append((place, ChannelScore(channel.name, np.nan, rms, chance)))
     return found
 
 
+def _event_rms(fitted: Fitted, parts: list[list[Array]], place: int) -> tuple[float, int]:
+    """Return the rms residual of a channel of events (SI units), infinite with a missed one, and their number."""
+    masks = fitted.comparison.masks
+    off = np.concatenate([part[place][mask[place]] for part, mask in zip(parts, masks, strict=True)])
+    return float(np.sqrt(np.mean(np.nan_to_num(off, nan=np.inf) ** 2))) if len(off) else np.nan, len(off)
+
+
 def channel_fits(fitted: Fitted) -> list[ChannelFit]:
     """Return the result of each channel over the fitted runs."""
-    problem, found = fitted.problem, []
+    problem, found = fitted.problem, list[ChannelFit]()
+    parts = problem.parts(fitted.x)
     scores = {each.channel: each for each in score(problem, fitted.x).channels}
     for place, channel in enumerate(problem.runs[0].channels):
         own = scores.get(channel.name)
@@ -279,7 +285,7 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
             ChannelFit(
                 channel.name,
                 np.nan if own is None else own.fit_percent,
-                sigma if own is None else own.rms,
+                _event_rms(fitted, parts, place)[0] if own is None else own.rms,
                 sigma,
                 open_numbers[ZERO],
                 open_numbers[GAIN],

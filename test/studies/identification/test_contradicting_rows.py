@@ -16,7 +16,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.held_out import noise_misfit, refutation, score
+from mech_twin.studies.identification.held_out import channel_fits, noise_misfit, refutation, score
 from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, problem_of
 from mech_twin.studies.identification.residuals import FitProblem, contradicting
 from mech_twin.studies.identification.staged_search import BENDING
@@ -135,3 +135,4 @@ def test_events_refute_a_model_that_misses_them_by_more_than_their_given_noise(s
     refuted = refutation(fitted(1.0))
     assert refuted is None if told is None else refuted is not None and refuted.startswith(told)
     assert noise_misfit(fitted(1.0)) == pytest.approx(1.0 / sigma)
+    assert channel_fits(fitted(1.0))[0].rms == pytest.approx(1.0)
