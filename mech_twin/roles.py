@@ -306,6 +306,8 @@ class Capabilities:
         ``operating(parameters)``: variables that may differ from day to day on a healthy machine, and their ranges.
     anchored_motion : AnchoredMotion
         The state of a machine as continued from its last event, for the state observer.
+    works_taken : tuple of str
+        Works in the linkage's memory that are positive where they take energy from the machine.
     """
 
     published: Callable[[Any], Iterable[PublishedRow]] | None = None
@@ -318,3 +320,4 @@ class Capabilities:
     faults: Callable[[Any], tuple[MachineFault, ...]] | None = None
     operating: Callable[[Any], tuple[OperatingVariable, ...]] | None = None
     anchored_motion: AnchoredMotion | None = None
+    works_taken: tuple[str, ...] = ()

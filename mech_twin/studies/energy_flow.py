@@ -20,7 +20,7 @@ from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
 Array = NDArray[np.float64]
-WORK, LOSS, HELD = "_work_j", "_loss_j", "energy_j"
+WORK, LOSS, HELD = "_work_j", "_loss_j", ("energy_j", "stored_energy_j")
 OF_A_STEP = "step_"  # prefix of energies of a single step, which are not integrated
 TURN = 2.0 * np.pi
 STILL = 1e-9  # of the largest work: elements with less are not drawn
@@ -55,7 +55,8 @@ class EnergyBooks:
         self.names = tuple(name for name in own if name.endswith((WORK, LOSS)))
         if not self.names:
             raise StudyError(f"{machine.name}: its linkage keeps no work of its elements")
-        self._holds = HELD in names
+        self._taken = entry.capabilities.works_taken
+        self._held = next((name for name in HELD if name in names), None)
         self._joint = _turning_joint(entry, machine)
         self._rows: list[tuple[float, ...]] = []
 
@@ -63,7 +64,7 @@ class EnergyBooks:
         """Add one frame."""
         linkage, memory = frame.linkage, frame.linkage.memory.as_dict()
         angle = np.nan if self._joint is None else linkage.joint(self._joint).position
-        held = memory[HELD] if self._holds else np.nan
+        held = np.nan if self._held is None else memory[self._held]
         self._rows.append((linkage.time_s, angle, held, *(memory[name] for name in self.names)))
 
     def flow(self) -> EnergyFlow:
@@ -82,14 +83,14 @@ class EnergyBooks:
             raise StudyError(f"{len(rows)} samples in the cycle; expected {LEAST_SAMPLES} or more: a longer run")
         since = rows - rows[0]
         way = since[:, 1] if turns else since[:, 0]
-        signs = [-1.0 if name.endswith(LOSS) else 1.0 for name in self.names]
+        signs = [-1.0 if name.endswith(LOSS) or name in self._taken else 1.0 for name in self.names]
         works = {
             name.removesuffix(WORK).removesuffix(LOSS) if name.endswith(WORK) else name.removesuffix("_j"): sign * book
             for name, sign, book in zip(self.names, signs, since[:, 3:].T, strict=True)
         }
         largest = max(float(np.abs(work).max()) for work in works.values())
         moving = {name: work for name, work in works.items() if float(np.abs(work).max()) > STILL * largest}
-        return EnergyFlow(rows[:, 0], way / way[-1], moving, since[:, 2] if self._holds else None, turns)
+        return EnergyFlow(rows[:, 0], way / way[-1], moving, None if self._held is None else since[:, 2], turns)
 
 
 def last_turn(rows: Array) -> Array:
@@ -100,7 +101,8 @@ def last_turn(rows: Array) -> Array:
     StudyError
         There is no whole turn.
     """
-    angle = rows[:, 1]
+    angle = np.unwrap(rows[:, 1])  # the samples of some machines count within a turn
+    rows = np.column_stack((rows[:, 0], angle, rows[:, 2:]))
     sign = 1.0 if angle[-1] >= angle[0] else -1.0
     turned = np.maximum.accumulate(sign * (angle - angle[0]))
     if turned[-1] < TURN:

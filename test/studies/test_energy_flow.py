@@ -46,7 +46,9 @@ def test_a_turn_costs_what_oil_and_friction_take():
     assert found.times_s[-1] - found.times_s[0] == pytest.approx(0.5, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["compaction_press", "vibration_crank", SPRING_HAMMER])
+@pytest.mark.parametrize(
+    "name", ["mb10_breaker", "compaction_press", "vibration_crank", "roller_former", SPRING_HAMMER]
+)
 def test_the_books_of_a_turn_balance_with_what_is_held(name):
     found = flow_of(built(name), name, 2.0)
     largest = max(float(np.abs(work).max()) for work in found.works_j.values())
@@ -62,6 +64,8 @@ def test_the_last_turn_begins_between_samples():
     rows = last_turn(np.column_stack((2.0 * angle, angle, -3.0 * angle)))
     assert rows[-1, 1] - rows[0, 1] == pytest.approx(2.0 * math.pi, rel=1e-12)
     assert rows[0] == pytest.approx([2.0 * rows[0, 1], rows[0, 1], -3.0 * rows[0, 1]], rel=1e-12)
+    within = last_turn(np.column_stack((2.0 * angle, angle % (2.0 * math.pi), -3.0 * angle)))
+    assert within == pytest.approx(rows, rel=1e-12)
     with pytest.raises(StudyError, match=r"makes 0\.1\d+ of a turn"):
         last_turn(rows[rows[:, 1] <= rows[0, 1] + 1.0])
 

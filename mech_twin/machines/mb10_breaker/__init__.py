@@ -68,4 +68,5 @@ def capabilities() -> Capabilities:
         features=metrics.features,
         faults=metrics.faults,
         operating=metrics.operating,
+        works_taken=("wall_work_j",),
     )

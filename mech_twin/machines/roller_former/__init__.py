@@ -69,4 +69,5 @@ def capabilities() -> Capabilities:
         features=metrics.features,
         faults=metrics.faults,
         operating=metrics.operating,
+        works_taken=("damping_work_j", "load_work_j", "friction_work_j"),
     )
