@@ -226,7 +226,7 @@ def answer_sweep(request: SweepVerb) -> None:
             raise SystemExit(INTERRUPTED) from None
     names = done.outputs
     columns = {name: [point.numbers[name] for point in done.points if name in point.numbers] for name in names}
-    varying = [name for name, column in columns.items() if varies(column)]  # rounding apart
+    varying = [name for name in columns if request.number or varies(columns[name])] or list(columns)  # rounding apart
     title = f"sweep of {', '.join(done.asked.keys)}"
     study.write_report(request, title, {}, lambda: study.sweep_parts(done, varying))
     if request.as_json:

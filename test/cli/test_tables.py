@@ -110,6 +110,16 @@ def test_a_verb_says_once_which_files_it_wrote(words, files, monkeypatch, tmp_pa
     assert [line for line in said.splitlines() if "wrote" in line] == [f"wrote {files}"]
 
 
+def test_a_sweep_shows_every_number_that_is_asked_for(monkeypatch, tmp_path) -> None:
+    words = f"study winding_drum sweep --over package_radius_m=0.2,0.3 --no-picture --force --out {tmp_path / 't.csv'}"
+    asked = "--number angular_speed_last_rad_per_s --number yarn_length_m"
+    shown = typed(f"{words} {asked}", monkeypatch)
+    assert "angular_speed_last_rad_per_s" in shown
+    assert "yarn_length_m" in shown
+    alone = typed(words.replace("0.2,0.3", "0.2"), monkeypatch)
+    assert "yarn_length_m" in alone
+
+
 def test_columns_that_do_not_fit_are_named(monkeypatch, capsys) -> None:
     monkeypatch.setattr("mech_twin.cli.console.PIPED", 80)
     columns = [f"quantity_{i}_m" for i in range(12)]
