@@ -165,7 +165,7 @@ def _sizes(document: Document) -> SizingResult:
     return SizingResult(
         document["machine"], document["objective"], document["sizes"], _parameters(document), document["metrics"],
         constraints, document["binding"], tuple(document["trade_off"]), document["tolerance"],
-        tuple(document["uncertain"]),
+        tuple(document.get("uncertain", ())),
     )  # fmt: skip
 
 
