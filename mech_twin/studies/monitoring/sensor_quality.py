@@ -6,7 +6,8 @@ as a share of the cycle, and isolation of single samples.  Losses hardly change 
 
     isolation = largest of |x_i - (x_(i-1) + x_(i+1))/2| - 2 |x_(i+1) - x_(i-1)|
 
-The limits come from the baseline.  A channel with exact plateaus in the healthy machine cannot be detected as stuck.
+The limits come from the baseline.  A channel with exact plateaus in the healthy machine cannot be detected as stuck,
+and one whose samples come in bursts, as at events, has no spacing that could change.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from mech_twin.capabilities.cycle_kernels import sample_quality
 
 PLATEAU = 0.3  # of a cycle: with a longer plateau in the baseline, a channel is not tested for being stuck
 LOST = 0.1  # share of samples lost in excess of the baseline
+EVEN = 0.5  # of a cycle that its samples fill at their spacing: with less in the baseline, the spacing is not tested
 SPACING = 1.15  # ratio to the usual spacing, or its inverse: beyond it the rate has changed
 ISOLATION = 4.0  # times the largest isolation in the baseline
 KINDS = ("stuck", "dropout", "rate", "spikes")
@@ -95,10 +97,11 @@ def sensor_findings(
         quality = qualities.get(column, ChannelQuality(0, float("nan"), 0.0, 0.0))
         lost = 1.0 - quality.samples / (usual.rate_hz * period_s)
         stretched = quality.spacing_s / usual.spacing_s
+        is_tested = usual.rate_hz * usual.spacing_s >= EVEN
         is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many samples as fill the cycle at their spacing
         if usual.equal_share < PLATEAU and quality.equal_share > 0.5 * (1.0 + usual.equal_share):
             found.append(SensorFinding("stuck", column, quality.equal_share))
-        elif is_even and not 1.0 / SPACING <= stretched <= SPACING:
+        elif is_tested and is_even and not 1.0 / SPACING <= stretched <= SPACING:
             found.append(SensorFinding("rate", column, stretched))
         elif lost > usual.lost + LOST + 2.0 / max(usual.rate_hz * period_s, 1.0):
             found.append(SensorFinding("dropout", column, lost))

@@ -19,7 +19,7 @@ from mech_twin.studies.monitoring.design import simulated_vectors
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, Seen, seen_run
-from mech_twin.studies.monitoring.sensor_quality import channel_quality, sensor_findings, sensor_limits
+from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality, sensor_findings, sensor_limits
 
 NAME, COLUMN = "vibration_crank", "linkage.slider.position"
 SENSOR = {  # beside that which cycles are counted by
@@ -128,3 +128,15 @@ def test_a_channel_with_plateaus_while_healthy_is_not_called_stuck() -> None:
     flat = np.where(times < 0.6, 0.0, np.sin(times))
     limits = sensor_limits([(1.0, {"body": channel_quality(times, flat)})])
     assert sensor_findings(limits, 1.0, {"body": channel_quality(times, np.zeros(101))}) == ()
+
+
+def test_samples_that_come_in_bursts_have_no_spacing_that_could_change() -> None:
+    """As those of a stream that tells each event besides: the quartile is that of the bursts, or not, by chance."""
+
+    def burst(events: int) -> tuple[float, dict[str, ChannelQuality]]:
+        times_s = np.unique(np.concatenate([0.005 * np.arange(20), 0.03 + 0.001 * np.arange(events)]).round(6))
+        return 0.1, {COLUMN: channel_quality(times_s, np.sin(times_s))}
+
+    limits = sensor_limits([burst(12 if cycle % 10 else 5) for cycle in range(50)])
+    assert sensor_findings(limits, *burst(12)) == ()
+    assert sensor_findings(limits, *burst(5)) == ()
