@@ -60,13 +60,12 @@ def recording(
     shares = [RANGE * variable.range * random.uniform(-1.0, 1.0) for variable in machine.operating]
     parameters = parameters_at(machine.parameters, machine.operating, shares)
     assert parameters is not None
-    asked = 1.0
     if fault is not None:
         (kind,) = [each for each in machine.faults if each.name == fault[0]]
-        parameters, asked = varied(parameters, kind.changes(parameters, fault[1])), kind.command(fault[1])
+        parameters = varied(parameters, kind.changes(parameters, fault[1]))
     built, begin_s = machine.entry.build(parameters), machine.declared.run_up_s
     steps = round((begin_s + duration_s) / built.coupling_step_s)
-    command = np.minimum(asked * wander(steps, built.coupling_step_s, random), 1.0)
+    command = np.minimum(wander(steps, built.coupling_step_s, random), 1.0)
     run = roll_out(built, steps * built.coupling_step_s, needed_columns(machine.sensors), None, command)
     if run.error is not None:
         raise run.error

@@ -119,7 +119,6 @@ def faulty_run(
     change_s = begin_s + (BEFORE + random.random()) * period_s
     duration_s = change_s + (AFTER + 2) * period_s
     command = wander(round(duration_s / step_s), step_s, random)
-    command[round(change_s / step_s) :] *= fault.command(size)
     command = np.minimum(command, 1.0)
     run = roll_out(healthy, duration_s, needed_columns(machine.sensors), None, command, [(change_s, faulty)])
     return None if run.error is not None else (run, change_s)

@@ -15,6 +15,8 @@ from mech_twin.declarations.quantity import Parameters
 # usual sizes of a fault that is a share of a healthy value: a loss, or a change either way
 LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
 EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+BEYOND = (-0.2, -0.15, -0.1, -0.07, 0.07, 0.1, 0.15, 0.2)  # a supply beyond its range
+FREQUENCY = "supply_frequency_range"  # the fault of its frequency
 
 
 class MachineFault(NamedTuple):
@@ -30,8 +32,6 @@ class MachineFault(NamedTuple):
         Ascending sizes at which its effect is computed; between them it is interpolated, with 0 at size 0.
     changes : callable
         ``changes(parameters, size)``: configuration keys (dotted) and their values under the fault.
-    command : callable
-        ``command(size)``: requested fraction of rated supply frequency under the fault; 1 is healthy.
     key : str
         The key that changes, if it is a single one; empty otherwise.
     """
@@ -41,7 +41,6 @@ class MachineFault(NamedTuple):
     unit: str
     sizes: tuple[float, ...]
     changes: Callable[[Any, float], Mapping[str, Any]]
-    command: Callable[[float], float] = lambda size: 1.0
     key: str = ""
 
 
@@ -69,18 +68,6 @@ def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[f
         return {key: float(value_at(parameters, key)) + size}
 
     return MachineFault(name, meaning, unit, tuple(sizes), changes, key=key)
-
-
-def supply_sag(sizes: Sequence[float] = (-0.2, -0.15, -0.1, -0.07)) -> MachineFault:
-    """Return the fault of a supply frequency that is too low by a share; smaller deviations are operating points."""
-    return MachineFault(
-        "supply_sag",
-        "the supply's frequency is too low",
-        "1",
-        tuple(sizes),
-        lambda parameters, size: {},
-        lambda size: 1.0 + size,
-    )
 
 
 class OperatingVariable(NamedTuple):
@@ -119,10 +106,16 @@ def varying_key(
     return OperatingVariable(name, meaning, share, changes, beyond, is_commanded)
 
 
+def beyond_range(variable: OperatingVariable) -> MachineFault:
+    """Return the fault that a variable of the supply is outside its range, on either side."""
+    meaning = f"{variable.meaning}, beyond its range"
+    return MachineFault(variable.beyond, meaning, "1", BEYOND, variable.changes)
+
+
 def prescribed_speed(key: str) -> OperatingVariable:
     """Return the frequency of a supply that prescribes a speed as an operating variable."""
     return varying_key(
-        "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, "supply_sag", is_commanded=True
+        "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, FREQUENCY, is_commanded=True
     )
 
 
@@ -168,7 +161,7 @@ def motor_variables() -> tuple[OperatingVariable, ...]:
         return motor_changes(parameters, slip=1.0 + size)
 
     return (
-        OperatingVariable("supply_frequency", "frequency of the supply", FREQUENCY_RANGE, frequency, "supply_sag"),
+        OperatingVariable("supply_frequency", "frequency of the supply", FREQUENCY_RANGE, frequency, FREQUENCY),
         OperatingVariable("supply_voltage", "voltage of the supply", VOLTAGE_RANGE, voltage, "supply_voltage_range"),
         OperatingVariable(
             "rotor_resistance", "resistance of the motor's rotor, by its temperature", RESISTANCE_RANGE, resistance,

@@ -158,7 +158,7 @@ class ChangingMachine:
         faults = () if told.faults is None else told.faults(healthy)
         live = live_numbers(healthy)
         found: dict[str, MachineFault | OperatingVariable] = {
-            fault.name: fault for fault in faults if fault.changes(healthy, fault.sizes[0]) and fault.name not in live
+            fault.name: fault for fault in faults if fault.name not in live
         }
         return found | {each.name: each for each in (told.operating(healthy) if told.operating else ())}
 

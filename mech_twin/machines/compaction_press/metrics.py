@@ -14,9 +14,9 @@ from mech_twin.capabilities.faults import (
     MachineFault,
     OperatingVariable,
     added_to_key,
+    beyond_range,
     drive_variables,
     share_of_key,
-    supply_sag,
     varying_key,
 )
 from mech_twin.machines.compaction_press.cycle import (
@@ -61,7 +61,7 @@ def faults(parameters: CompactionPress) -> tuple[MachineFault, ...]:
     found = [
         share_of_key("layer_force", "the layer is stiffer or softer", "working_force.peak_n", EITHER),
         added_to_key("joint_friction", "a joint rubs", "friction.coulomb_nm", "N.m", (1.0, 3.0, 10.0, 30.0)),
-        supply_sag(),
+        beyond_range(drive_variables(parameters.drive.kind)[0]),
     ]
     if parameters.flywheel.inertia_kg_m2 > 0.0:
         sizes = (-0.8, -0.5, -0.2, -0.1)

@@ -40,9 +40,9 @@ from mech_twin.capabilities.faults import (
     MachineFault,
     OperatingVariable,
     added_to_key,
+    beyond_range,
     motor_variables,
     share_of_key,
-    supply_sag,
     varying_key,
 )
 from mech_twin.machines.drives import root_between
@@ -121,7 +121,7 @@ def faults(parameters: BreakerParameters) -> tuple[MachineFault, ...]:
         added_to_key(
             "bearing_friction", "the crank's bearing rubs", "friction.coulomb_nm", "N.m", (0.5, 1.0, 2.0, 4.0)
         ),
-        supply_sag(),
+        beyond_range(motor_variables()[0]),
     )
 
 

@@ -13,10 +13,10 @@ from mech_twin.capabilities.faults import (
     EITHER,
     MachineFault,
     OperatingVariable,
+    beyond_range,
     motor_changes,
     motor_variables,
     share_of_key,
-    supply_sag,
     varying_key,
 )
 from mech_twin.machines.crank_run import Extremes, on_cubic, share_at
@@ -77,7 +77,7 @@ def faults(parameters: RollerFormer) -> tuple[MachineFault, ...]:
         share_of_key("cart_load", "the mix is stiffer or softer", "carts.roller_force_x_n", EITHER),
         share_of_key("guide_friction", "the guide rollers run hard", "carts.friction", (0.25, 0.5, 1.0, 2.0)),
         MachineFault("phase_loss", "the motor has lost torque, as of a phase", "1", LESS_TORQUE, weaker_motor),
-        supply_sag(),
+        beyond_range(motor_variables()[0]),
     ]
     states = parameters.carts.cart_states
     return (*found, *(_empty(cart, states) for cart, state in enumerate(states) if state == "loaded"))

@@ -16,9 +16,9 @@ from mech_twin.capabilities.faults import (
     MachineFault,
     OperatingVariable,
     added_to_key,
+    beyond_range,
     drive_variables,
     share_of_key,
-    supply_sag,
     varying_key,
 )
 from mech_twin.kernels.kernel import kernel
@@ -77,7 +77,7 @@ def faults(parameters: VibrationCrank) -> tuple[MachineFault, ...]:
         added_to_key(
             "crank_friction", "the crank's bearing rubs", "friction.coulomb_nm", "N.m", (2.0, 5.0, 20.0, 50.0)
         ),
-        supply_sag(),
+        beyond_range(drive_variables(parameters.drive.kind)[0]),
     ]
     if parameters.counterweight.mass_kg is not None:
         sizes = (-0.6, -0.4, -0.2, -0.1, -0.05)

@@ -30,6 +30,7 @@ from mech_twin.capabilities.faults import (
     MachineFault,
     OperatingVariable,
     added_to_key,
+    beyond_range,
     prescribed_speed,
     share_of_key,
     varying_key,
@@ -147,14 +148,18 @@ def _run_out(name: str, part: Literal["cos", "sin"], meaning: str) -> CycleFeatu
     return CycleFeature(name, "m", meaning, (DRUM, YARN), lambda cycle: relative.of(cycle) * _yarn_per_radian(cycle))
 
 
+YARN_SPEED = prescribed_speed("yarn_speed_m_per_s")
+
+
 def faults(parameters: WindingDrum) -> tuple[MachineFault, ...]:
-    """Return the faults of package and drum."""
+    """Return the faults of package, drum and supply."""
     return (
         added_to_key(
             "eccentricity", "the package sits off centre", "eccentricity_m", "m", (0.0005, 0.001, 0.002, 0.004, 0.01)
         ),
         share_of_key("density", "the package is denser or softer", "package_density_kg_per_m3", (-0.3, -0.1, 0.1, 0.3)),
         added_to_key("drum_friction", "the drum's bearings rub", "friction.coulomb_nm", "N.m", (0.2, 0.5, 1.0, 2.0)),
+        beyond_range(YARN_SPEED),
     )
 
 
@@ -162,7 +167,7 @@ def operating(parameters: WindingDrum) -> tuple[OperatingVariable, ...]:
     """Return the speed of the yarn, which the supply gives, and the yarn's weight."""
     density = "package_density_kg_per_m3"
     return (
-        prescribed_speed("yarn_speed_m_per_s"),
+        YARN_SPEED,
         varying_key("yarn_weight", "density of the package, by the yarn's moisture", density, 0.1, "density"),
     )
 

@@ -78,7 +78,7 @@ def machine_signatures(monitored: MonitoredMachine, names: Iterable[str]) -> tup
     """
     wanted, period_s = tuple(names), mean_period_s(monitored)
     duration_s = monitored.declared.run_up_s + STEADY_CYCLES * period_s
-    healthy = noisy_draws(monitored, monitored.parameters, 1.0, duration_s)
+    healthy = noisy_draws(monitored, monitored.parameters, duration_s)
     reference = steady_cycles(monitored, healthy, wanted)
     if reference is None:
         raise StudyError(
@@ -151,8 +151,7 @@ def _of_machine(monitored: MonitoredMachine, duration_s: float, names: tuple[str
         def response(size: float, fault: MachineFault = fault) -> SteadyCycles | None:
             try:
                 parameters = monitored.varied(fault.changes(monitored.parameters, size))
-                draws = noisy_draws(monitored, parameters, fault.command(size), duration_s)
-                return steady_cycles(monitored, draws, names)
+                return steady_cycles(monitored, noisy_draws(monitored, parameters, duration_s), names)
             except (ValidationError, MotionError):
                 return None  # the machine cannot have the fault at that size
 

@@ -163,7 +163,7 @@ class Findings(NamedTuple):
     announce : bool
         Whether to notify an operator now; at most once in ``LifeRules.announce_every_s``.
     operating : tuple of OperatingValue
-        Operating variables that differ from the baseline.
+        Operating variables that differ from the baseline; in an alarm those beyond their ranges.
     events : tuple of FaultEvent
         Changes of state in this cycle.
     """

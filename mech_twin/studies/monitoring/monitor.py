@@ -41,7 +41,7 @@ from mech_twin.studies.monitoring.naming import (
     candidates,
     estimated_change,
 )
-from mech_twin.studies.monitoring.operating import LIMIT, MOVES, SIGNIFICANT, SMOOTHED, OperatingSurface, OperatingValue
+from mech_twin.studies.monitoring.operating import OUTSIDE, OperatingSurface, OperatingTrack, OperatingValue
 from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
 SENSOR = "sensor_"
@@ -53,58 +53,6 @@ UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
 ONSET_CYCLES = 40  # after the alarm, in which the estimate of the onset is still updated
 NAMED_EACH_CYCLE, NAMED_EVERY = 25, 5  # diagnosis in each cycle after the alarm, later in every fifth
 NAMING_CYCLES = 80  # after the alarm, in which the diagnosis may still change
-
-
-@dataclass
-class OperatingTrack:
-    """Follows the operating point from cycle to cycle: smooths it and bounds the error of y."""
-
-    surface: OperatingSurface
-
-    def __post_init__(self) -> None:
-        self._recent: list[Array] = []
-        self._smooth: Array | None = None
-        self._weight = 1.0
-        self.moves = False
-
-    def advance(self, u: Array) -> Array:
-        """Take the operating point (q,) of a cycle; return the error of y in that cycle, shape (d - q,)."""
-        surface = self.surface
-        self._recent = [*self._recent[1 - surface.hold :], u] if surface.hold > 1 else [u]
-        span = np.ptp(self._recent, axis=0)
-        is_moving = span > MOVES * surface.moved
-        self.moves = bool(is_moving.any())
-        if self._smooth is None or self.moves:
-            self._smooth, self._weight = u, 1.0
-        else:
-            self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
-            self._smooth = self._smooth + self._weight * (u - self._smooth)
-        far = float(np.linalg.norm(self._smooth))
-        return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
-
-    def values(self) -> tuple[OperatingValue, ...]:
-        """Return the smoothed variables with their 95 % intervals."""
-        if self._smooth is None:
-            return ()
-        surface = self.surface
-        half = 1.96 * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
-        low, high = (self._smooth - half) * surface.ranges, (self._smooth + half) * surface.ranges
-        low[self._smooth <= 0.01 - LIMIT] = -1.0  # at the end of what was simulated, one bound is open
-        high[self._smooth >= LIMIT - 0.01] = 1.0
-        numbers = (self._smooth * surface.ranges, low, high, surface.ranges)
-        return tuple(map(OperatingValue, surface.variables, *(each.tolist() for each in numbers), surface.beyond))
-
-    @property
-    def cycles(self) -> int:
-        """Cycles since the operating point changed, the present one included; 1 if it drifts."""
-        return round(1.0 / self._weight) + self.surface.hold - 2 if self._weight > SMOOTHED else 1
-
-    def changed(self) -> tuple[OperatingValue, ...]:
-        """Return the variables that differ from the baseline significantly."""
-        if self._smooth is None or self._weight > 2.0 * SMOOTHED:
-            return ()
-        far = np.abs(self._smooth) > SIGNIFICANT * self.surface.wander
-        return tuple(value for value, is_far in zip(self.values(), far, strict=True) if is_far)
 
 
 @dataclass(frozen=True)
@@ -282,8 +230,24 @@ class Monitor:
 
     @property
     def operating(self) -> tuple[OperatingValue, ...]:
-        """Operating variables that differ from the baseline."""
-        return () if self._track is None else self._track.changed()
+        """Operating variables that differ from the baseline.
+
+        The point is estimated for a healthy machine, and a fault moves the estimate.  So in an alarm there are only
+        those that are named, and those that are too far outside their ranges for what is named.
+        """
+        changed = () if self._track is None else self._track.changed()
+        if self._episode is None:
+            return changed
+        found = self._episode.named[1]
+        names = {name for candidate in found for name in candidate.name.split(" or ")}
+        named = {value for value in changed if names.intersection(value.beyond.split(" or "))}
+        apart = {value for value in changed if found and value.is_outside}
+        apart = {value for value in apart if not any(self._moves(each, value) for each in found)}
+        return tuple(value for value in changed if value in named | apart)
+
+    @property
+    def _outside(self) -> tuple[OperatingValue, ...]:
+        return () if self._track is None else self._track.outside
 
     @property
     def change(self) -> Change | None:
@@ -302,7 +266,7 @@ class Monitor:
         """
         limits = self.setup.limits
         charted = any(value > limit for value, limit in zip(charts.statistics, limits.alarm, strict=True))
-        beyond = any(value.is_outside for value in self.operating)
+        beyond = bool(self._outside)
         if self._episode is None:
             over = charted or beyond
             if self._track is not None:
@@ -340,15 +304,26 @@ class Monitor:
         if change is None:
             return "pending", ()
         change = episode.change = change.doubted(self._off)
-        outside = tuple(value.candidate for value in self.operating if value.is_outside)
+        outside = tuple(value.candidate for value in self._outside)
         if not change.lasts:
             return ("named", outside[:1]) if outside else ("passing", ())
         found = candidates(change, self.setup.signatures)
-        if outside and not found and self._moved_alone([whole for *_, whole in since[settling:]]):
+        moving = tuple(each for each in found if all(self._moves(each, value) for value in self._outside))
+        if outside and not moving and self._moved_alone([whole for *_, whole in since[settling:]]):
             return "named", outside[:1]
+        found = moving or found
         if not found:
             return ("unknown" if len(rows) >= settling + UNKNOWN_AFTER else "pending"), ()
         return ("named" if len(found) == 1 else "group"), found
+
+    def _moves(self, fault: Candidate, value: OperatingValue) -> bool:
+        """Return whether a fault is taken for a variable so far outside its range, one within its range added."""
+        surface, known = self.setup.operating, (each for each in self.setup.signatures if each.name == fault.name)
+        signature = next(known, None)
+        if surface is None or signature is None or not len(signature.points):
+            return True  # a setup of an earlier version does not tell
+        own = np.interp(fault.size, signature.sizes, signature.points[:, surface.variables.index(value.name)])
+        return bool(abs(value.share / value.range - own) <= OUTSIDE)
 
     def _moved_alone(self, cycles: Sequence[FeatureVector]) -> bool:
         """Return whether operating variables, moved on, leave no more of a change than the model error."""

@@ -59,6 +59,8 @@ class Signature:
         the healthy machine's; empty without excess.
     doubt : ndarray
         Shape (m, d): error of the linear interpolation near each size; empty where the response is smooth.
+    points : ndarray
+        Shape (m, q): the operating point that each size is taken for, as shares of the ranges; empty without variables.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Signature:
     key: str = ""
     scatter: Array = field(default_factory=lambda: np.empty((0, 0, 0)))
     doubt: Array = field(default_factory=lambda: np.empty((0, 0)))
+    points: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def uncertainty(self, cycles: float) -> Array:
         """Return the covariance (m - 1, d, d) of the response for a mean of so many cycles, for each interval of sizes.

@@ -20,15 +20,13 @@ Variables with the same effect on the features form one group; variables without
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import qr
-from scipy.stats import qmc
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
@@ -37,12 +35,10 @@ from mech_twin.studies.monitoring.naming import Candidate, Signature
 DEGREE = 3
 LIMIT = 1.3  # of the ranges: simulated points, and bound of the estimate of u
 OUTSIDE = 1.1  # of a range: beyond it, a variable counts as outside
-POINTS_A_TERM = 3
 SEEN = 0.25  # standard deviations of the features at the end of a range: a smaller effect is not measurable
 STEPS = 8  # of the Gauss-Newton iteration
 SMOOTHED = 0.05  # weight of the newest cycle in the smoothed operating point
 SIGNIFICANT = 5.0  # standard deviations of the smoothed point in the baseline
-LEAST_MOVED = 0.05  # of a range: lower bound of a step, for a cycle near whose end a variable steps
 MOVES = 1.5  # times the largest movement in the baseline: a larger one is a change of operating point
 
 
@@ -191,17 +187,20 @@ class OperatingSurface:
         """Return the effect of a fault on y; if the fault is a variable beyond its range, zero within the range."""
         at_rest = self.rest(self.mean)[0]
         found = np.array([self.rest(self.mean + response)[0] - at_rest for response in signature.responses])
-        if signature.name in self.beyond:
-            found[np.abs(signature.sizes) <= self.ranges[self.beyond.index(signature.name)]] = 0.0
-        maps = [self.annihilator(self.located(self.mean + response)) for response in signature.responses]
+        for beyond, range_ in zip(self.beyond, self.ranges, strict=True):
+            if signature.name in beyond.split(" or "):
+                found[np.abs(signature.sizes) <= range_] = 0.0
+        points = np.array([self.located(self.mean + response) for response in signature.responses])
+        maps = [self.annihilator(point) for point in points]
         uncertainty: dict[str, Any] = {}
         if len(signature.scatter):
             uncertainty["scatter"] = np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])
         if len(signature.doubt):
             uncertainty["doubt"] = np.array([a @ doubt for doubt, a in zip(signature.doubt, maps, strict=True)])
         return Signature(
-            signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key, **uncertainty
-        )
+            signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key,
+            points=points - points[signature.sizes == 0.0], **uncertainty,
+        )  # fmt: skip
 
 
 def polynomial_terms(variables: int) -> Array:
@@ -226,7 +225,7 @@ def term_values(terms: Array, u: Array) -> tuple[Array, Array]:
 
 
 class SurfaceVariable(NamedTuple):
-    """A variable of a surface: joined names of its group, the fault beyond its range, and the range as a share."""
+    """A variable of a surface: joined names of its group and of the faults beyond its range, the range as a share."""
 
     name: str
     beyond: str
@@ -268,90 +267,67 @@ def chosen_variables(
             groups[k] = groups[k]._replace(
                 range=groups[k].range * (1.0 + share * variables[kept[k]].range / groups[k].range)
             )
-        groups[most] = groups[most]._replace(name=f"{groups[most].name} or {variable.name}")
+        first = groups[most]
+        groups[most] = first._replace(
+            name=f"{first.name} or {variable.name}", beyond=f"{first.beyond} or {variable.beyond}"
+        )
     return kept, groups, open_rest
 
 
-def fitted_surface(
-    groups: Sequence[SurfaceVariable],
-    rolled_out: Callable[[Array], Array | None],
-    names: tuple[str, ...],
-    rows: Array,
-    root: Array,
-    unexplained: Array,
-) -> OperatingSurface:
-    """Return the surface fitted to simulations at points of the ranges, centred on the baseline's cycles.
+@dataclass
+class OperatingTrack:
+    """Follows the operating point from cycle to cycle: smooths it and bounds the error of y."""
 
-    Parameters
-    ----------
-    rolled_out : callable
-        Change of the features (d,) at shares (q,) of the healthy values; None where the simulation fails.
-    rows : ndarray
-        Shape (n, d): features of healthy cycles.
-    root : ndarray
-        See `OperatingSurface`.
-    unexplained : ndarray
-        Shape (d,): error due to the variables that were left out.
-    """
-    q, ranges = len(groups), np.array([group.range for group in groups])
-    terms = polynomial_terms(q)
-    count = POINTS_A_TERM * len(terms)
-    places = LIMIT * (2.0 * qmc.Sobol(q, seed=1).random(1 << (count - 1).bit_length())[:count] - 1.0)
-    places = np.concatenate([places, LIMIT * np.eye(q), -LIMIT * np.eye(q)])
-    found = [(u, response) for u in places if (response := rolled_out(u * ranges)) is not None]
-    points, responses = (np.array(each) for each in zip(*found, strict=True))
-    design = np.array([term_values(terms, u)[0] for u in points])
-    coefficients = np.linalg.lstsq(design, responses, rcond=None)[0]
-    leverage = np.clip(np.einsum("ij,ji->i", design, np.linalg.pinv(design)), 0.0, 0.9)
-    held_out = (responses - design @ coefficients) / (1.0 - leverage)[:, None]
-    slope = coefficients[:q].T
-    pivots = tuple(int(i) for i in qr((root.diagonal()[:, None] * slope).T, pivoting=True, mode="r")[1][:q])
-    nothing, nothing_left = np.zeros(q), np.zeros(len(names) - q)
-    blank = OperatingSurface(
-        names, tuple(g.name for g in groups), tuple(g.beyond for g in groups), pivots, ranges, rows.mean(axis=0), root,
-        coefficients, nothing_left, nothing_left, nothing, nothing, np.zeros((q, len(names) - q)), 1,
-    )  # fmt: skip
-    blank = blank.centred(rows)
-    off = np.array([blank.annihilator(u) @ left for u, left in zip(np.clip(points, -1, 1), held_out, strict=True)])
-    doubt = np.sqrt((off**2).mean(axis=0)) + np.abs(blank.annihilator(nothing) @ unexplained)
-    return replace(blank, doubt=doubt)
+    surface: OperatingSurface
 
+    def __post_init__(self) -> None:
+        self._recent: list[Array] = []
+        self._smooth: Array | None = None
+        self._weight = 1.0
+        self.moves = False
+        self.outside: tuple[OperatingValue, ...] = ()  # while the point settles after a movement, those before it
 
-def with_transients(
-    surface: OperatingSurface, runs: Sequence[Sequence[tuple[Array, Array]]], noise: Array
-) -> OperatingSurface:
-    """Return the surface with the transients of y during a movement, from runs with a step of one variable.
+    def advance(self, u: Array) -> Array:
+        """Take the operating point (q,) of a cycle; return the error of y in that cycle, shape (d - q,)."""
+        surface = self.surface
+        self._recent = [*self._recent[1 - surface.hold :], u] if surface.hold > 1 else [u]
+        span = np.ptp(self._recent, axis=0)
+        is_moving = span > MOVES * surface.moved
+        self.moves = bool(is_moving.any())
+        if self._smooth is None or self.moves:
+            self._smooth, self._weight = u, 1.0
+        else:
+            self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
+            self._smooth = self._smooth + self._weight * (u - self._smooth)
+        if self._is_known:
+            self.outside = tuple(value for value in self.changed() if value.is_outside)
+        far = float(np.linalg.norm(self._smooth))
+        return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
 
-    Parameters
-    ----------
-    runs : sequence of sequences of (ndarray, ndarray)
-        For each variable, stepped at several phases of a cycle: y (n, d - q) minus its settled mean from the step on,
-        and the change of u (n, q) since.
-    noise : ndarray
-        Shape (d - q,): standard deviation of y in these runs.
-    """
-    transient, hold = np.zeros((len(surface.variables), len(surface.others))), 2
-    for k, each in enumerate(runs):
-        lasting: list[int] = []
-        for y, u in each:
-            over = np.maximum(np.abs(y) - 4.0 * noise, 0.0)
-            lasting += np.flatnonzero(over.any(axis=1)).tolist()
-            spans = np.maximum.accumulate(np.maximum(u[:, k], 0.0)) - np.minimum.accumulate(np.minimum(u[:, k], 0.0))
-            ratios = over / np.maximum(spans, LEAST_MOVED)[:, None]
-            transient[k] = np.maximum(transient[k], MOVES * ratios.max(axis=0))
-        hold = max([hold, *(cycle + 2 for cycle in lasting if lasting.count(cycle) > 1)])  # seen once it is noise
-    return replace(surface, transient=transient, hold=hold)
+    def values(self) -> tuple[OperatingValue, ...]:
+        """Return the smoothed variables with their 95 % intervals."""
+        if self._smooth is None:
+            return ()
+        surface = self.surface
+        half = 1.96 * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
+        low, high = (self._smooth - half) * surface.ranges, (self._smooth + half) * surface.ranges
+        low[self._smooth <= 0.01 - LIMIT] = -1.0  # at the end of what was simulated, one bound is open
+        high[self._smooth >= LIMIT - 0.01] = 1.0
+        numbers = (self._smooth * surface.ranges, low, high, surface.ranges)
+        return tuple(map(OperatingValue, surface.variables, *(each.tolist() for each in numbers), surface.beyond))
 
+    @property
+    def cycles(self) -> int:
+        """Cycles since the operating point changed, the present one included; 1 if it drifts."""
+        return round(1.0 / self._weight) + self.surface.hold - 2 if self._weight > SMOOTHED else 1
 
-def with_baseline(surface: OperatingSurface, runs: Sequence[Array]) -> OperatingSurface:
-    """Return the surface with the wander and movement of the baseline's points, (n, q) for each run."""
-    moved, smooth = np.zeros(len(surface.variables)), []
-    for u in runs:
-        for first in range(len(u)):
-            moved = np.maximum(moved, np.ptp(u[first : first + surface.hold], axis=0))
-        kept = u[0]
-        for i, each in enumerate(u):
-            kept = kept + max(1.0 / (i + 1.0), SMOOTHED) * (each - kept)
-            smooth.append(kept)
-    scatter = np.concatenate(runs).std(axis=0) * (SMOOTHED / (2.0 - SMOOTHED)) ** 0.5
-    return replace(surface, moved=moved, wander=np.maximum(np.std(smooth, axis=0), scatter))
+    @property
+    def _is_known(self) -> bool:
+        return self._smooth is not None and self._weight <= 2.0 * SMOOTHED
+
+    def changed(self) -> tuple[OperatingValue, ...]:
+        """Return the variables that differ from the baseline significantly."""
+        if self._smooth is None or not self._is_known:
+            return ()
+        far = np.abs(self._smooth) > SIGNIFICANT * self.surface.wander
+        return tuple(value for value, is_far in zip(self.values(), far, strict=True) if is_far)

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
 
 import numpy as np
 from pydantic import ValidationError
+from scipy.linalg import qr
+from scipy.stats import qmc
 
 from mech_twin.capabilities.cycle import TURN, Array
 from mech_twin.capabilities.faults import OperatingVariable
@@ -20,12 +22,14 @@ from mech_twin.studies.monitoring.baseline import feature_runs, regularised
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import USED_CYCLES
 from mech_twin.studies.monitoring.operating import (
+    LIMIT,
+    MOVES,
+    SMOOTHED,
     OperatingSurface,
     SurfaceVariable,
     chosen_variables,
-    fitted_surface,
-    with_baseline,
-    with_transients,
+    polynomial_terms,
+    term_values,
 )
 from mech_twin.studies.monitoring.sensing import (
     MonitoredMachine,
@@ -36,6 +40,8 @@ from mech_twin.studies.monitoring.sensing import (
     steady_cycles,
 )
 
+POINTS_A_TERM = 3
+LEAST_MOVED = 0.05  # of a range: lower bound of a step, for a cycle near whose end a variable steps
 SETTLED_CYCLES = 25  # simulated before the cycles that are averaged
 STEP = 1.0  # of a range, to measure the transient: down at the even phases, up at the odd ones
 STEP_DRAWS, STEP_PHASES = 2, 8
@@ -83,7 +89,7 @@ def operating_surface(
         found = features_at(parameters_at(monitored.parameters, chosen, shares))
         return None if found is None else found - reference
 
-    surface = fitted_surface(groups, rolled_out, names, rows, root, unexplained)
+    surface = _fitted_surface(groups, rolled_out, names, rows, root, unexplained)
     return _drifting(monitored, _settling(monitored, surface, chosen, duration_s), usable, duration_s)
 
 
@@ -99,7 +105,7 @@ def left_by_point(
     """Return the surface with the wander of a baseline, and the residual features y of each cycle."""
     reduced = [surface.reduced(vector) for vector in vectors]
     points = [left._replace(names=surface.variables, values=point) for left, point in reduced]
-    return with_baseline(surface, feature_runs(points, surface.variables)), [left for left, _ in reduced]
+    return _with_baseline(surface, feature_runs(points, surface.variables)), [left for left, _ in reduced]
 
 
 def parameters_at(
@@ -194,7 +200,7 @@ def _features_at(
     if parameters is None:
         return None
     try:
-        found = steady_cycles(monitored, noisy_draws(monitored, parameters, 1.0, duration_s), names)
+        found = steady_cycles(monitored, noisy_draws(monitored, parameters, duration_s), names)
     except MotionError:
         return None
     return None if found is None else found.mean
@@ -250,4 +256,89 @@ def _settling(
         settled = y[-count // 3 :]
         noise = np.maximum(noise, settled.std(axis=0))
         runs[k].append((y - settled.mean(axis=0), u - (before[-1] if before else u[0])))
-    return with_transients(surface, runs, noise)
+    return _with_transients(surface, runs, noise)
+
+
+def _fitted_surface(
+    groups: Sequence[SurfaceVariable],
+    rolled_out: Callable[[Array], Array | None],
+    names: tuple[str, ...],
+    rows: Array,
+    root: Array,
+    unexplained: Array,
+) -> OperatingSurface:
+    """Return the surface fitted to simulations at points of the ranges, centred on the baseline's cycles.
+
+    Parameters
+    ----------
+    rolled_out : callable
+        Change of the features (d,) at shares (q,) of the healthy values; None where the simulation fails.
+    rows : ndarray
+        Shape (n, d): features of healthy cycles.
+    root : ndarray
+        See `OperatingSurface`.
+    unexplained : ndarray
+        Shape (d,): error due to the variables that were left out.
+    """
+    q, ranges = len(groups), np.array([group.range for group in groups])
+    terms = polynomial_terms(q)
+    count = POINTS_A_TERM * len(terms)
+    places = LIMIT * (2.0 * qmc.Sobol(q, seed=1).random(1 << (count - 1).bit_length())[:count] - 1.0)
+    places = np.concatenate([places, LIMIT * np.eye(q), -LIMIT * np.eye(q)])
+    found = [(u, response) for u in places if (response := rolled_out(u * ranges)) is not None]
+    points, responses = (np.array(each) for each in zip(*found, strict=True))
+    design = np.array([term_values(terms, u)[0] for u in points])
+    coefficients = np.linalg.lstsq(design, responses, rcond=None)[0]
+    leverage = np.clip(np.einsum("ij,ji->i", design, np.linalg.pinv(design)), 0.0, 0.9)
+    held_out = (responses - design @ coefficients) / (1.0 - leverage)[:, None]
+    slope = coefficients[:q].T
+    pivots = tuple(int(i) for i in qr((root.diagonal()[:, None] * slope).T, pivoting=True, mode="r")[1][:q])
+    nothing, nothing_left = np.zeros(q), np.zeros(len(names) - q)
+    blank = OperatingSurface(
+        names, tuple(g.name for g in groups), tuple(g.beyond for g in groups), pivots, ranges, rows.mean(axis=0), root,
+        coefficients, nothing_left, nothing_left, nothing, nothing, np.zeros((q, len(names) - q)), 1,
+    )  # fmt: skip
+    blank = blank.centred(rows)
+    off = np.array([blank.annihilator(u) @ left for u, left in zip(np.clip(points, -1, 1), held_out, strict=True)])
+    doubt = np.sqrt((off**2).mean(axis=0)) + np.abs(blank.annihilator(nothing) @ unexplained)
+    return replace(blank, doubt=doubt)
+
+
+def _with_transients(
+    surface: OperatingSurface, runs: Sequence[Sequence[tuple[Array, Array]]], noise: Array
+) -> OperatingSurface:
+    """Return the surface with the transients of y during a movement, from runs with a step of one variable.
+
+    Parameters
+    ----------
+    runs : sequence of sequences of (ndarray, ndarray)
+        For each variable, stepped at several phases of a cycle: y (n, d - q) minus its settled mean from the step on,
+        and the change of u (n, q) since.
+    noise : ndarray
+        Shape (d - q,): standard deviation of y in these runs.
+    """
+    transient, hold = np.zeros((len(surface.variables), len(surface.others))), 2
+    for k, each in enumerate(runs):
+        lasting: list[int] = []
+        for y, u in each:
+            over = np.maximum(np.abs(y) - 4.0 * noise, 0.0)
+            lasting += np.flatnonzero(over.any(axis=1)).tolist()
+            spans = np.maximum.accumulate(np.maximum(u[:, k], 0.0)) - np.minimum.accumulate(np.minimum(u[:, k], 0.0))
+            ratios = over / np.maximum(spans, LEAST_MOVED)[:, None]
+            transient[k] = np.maximum(transient[k], MOVES * ratios.max(axis=0))
+        hold = max([hold, *(cycle + 2 for cycle in lasting if lasting.count(cycle) > 1)])  # seen once it is noise
+    return replace(surface, transient=transient, hold=hold)
+
+
+def _with_baseline(surface: OperatingSurface, runs: Sequence[Array]) -> OperatingSurface:
+    """Return the surface with the wander and movement of the baseline's points, (n, q) for each run."""
+    moved, smooth = np.zeros(len(surface.variables)), []
+    for u in runs:
+        for first in range(len(u)):
+            moved = np.maximum(moved, np.ptp(u[first : first + surface.hold], axis=0))
+        kept = u[0]
+        for i, each in enumerate(u):
+            kept = kept + max(1.0 / (i + 1.0), SMOOTHED) * (each - kept)
+            smooth.append(kept)
+    scatter = np.concatenate(runs).std(axis=0) * (SMOOTHED / (2.0 - SMOOTHED)) ** 0.5
+    return replace(surface, moved=moved, wander=np.maximum(np.std(smooth, axis=0), scatter))

@@ -242,10 +242,10 @@ class SteadyCycles(NamedTuple):
     covariance: Array
 
 
-def noisy_draws(monitored: MonitoredMachine, parameters: Parameters, command: float, duration_s: float) -> list[Seen]:
+def noisy_draws(monitored: MonitoredMachine, parameters: Parameters, duration_s: float) -> list[Seen]:
     """Return the signals of one simulation under several noise draws, which are the same for all parameters."""
     machine, begin_s = monitored.entry.build(parameters), monitored.declared.run_up_s
-    run = roll_out(machine, duration_s, needed_columns(monitored.sensors), None, command)
+    run = roll_out(machine, duration_s, needed_columns(monitored.sensors), None, 1.0)
     if run.error is not None:
         raise run.error
     step_s = machine.coupling_step_s

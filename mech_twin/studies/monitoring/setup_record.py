@@ -84,6 +84,7 @@ class SignatureRecord(_Record):
     scatter: Annotated[list[Rows], Field(max_length=MOST_SIZES)] | None = None
     cycles: list[Number] | None = Field(default=None, max_length=MOST_SIZES, exclude=True)  # of older setups, unused
     doubt: Rows | None = None
+    points: Rows | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> SignatureRecord:
@@ -202,6 +203,9 @@ class SetupRecord(_Record):
             raise ValueError("signatures: expected each name once")
         for signature in self.signatures:
             signature.check_features(len(self.baseline.names))
+            if signature.points:
+                variables = 0 if self.operating is None else len(self.operating.variables)
+                _check_rows(f"points of {signature.name!r}", signature.points, len(signature.sizes), variables)
         if self.operating is not None:
             pivots = {self.operating.names[place] for place in self.operating.pivots}
             if self.baseline.names != [name for name in self.operating.names if name not in pivots]:

@@ -71,8 +71,18 @@ def test_each_fault_is_a_legal_configuration_at_every_size(name: str) -> None:
         assert list(fault.sizes) == sorted(fault.sizes) and 0.0 not in fault.sizes
         for size in fault.sizes:
             changes = fault.changes(machine.parameters, size)
-            assert changes or fault.command(size) != 1.0
-            assert machine.varied(changes) != machine.parameters or not changes, (fault.name, size)
+            assert machine.varied(changes) != machine.parameters, (fault.name, size)
+
+
+@pytest.mark.parametrize("name", sorted(SIX - {"impact_mass"}))
+def test_a_supply_beyond_its_range_is_one_fault_on_both_sides_of_it(name: str) -> None:
+    machine = monitored(name)
+    (variable,) = (each for each in machine.operating if each.name == "supply_frequency")
+    (fault,) = (each for each in machine.faults if each.name == variable.beyond)
+    assert min(fault.sizes) < -variable.range and max(fault.sizes) > variable.range
+    assert all(abs(size) > variable.range for size in fault.sizes)
+    for size in fault.sizes:
+        assert fault.changes(machine.parameters, size) == variable.changes(machine.parameters, size)
 
 
 def test_the_size_of_a_fault_is_asked_for_in_its_unit() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 
 from mech_twin.capabilities.faults import motor_changes
 from mech_twin.capabilities.variation import varied
@@ -17,10 +18,12 @@ from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.studies.monitoring.baseline import Baseline
 from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup, OperatingTrack
+from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.monitoring.naming import Signature
 from mech_twin.studies.monitoring.operating import (
     LIMIT,
     OperatingSurface,
+    OperatingTrack,
     OperatingValue,
     SurfaceVariable,
     chosen_variables,
@@ -42,7 +45,7 @@ def surface() -> OperatingSurface:
     coefficients = random.standard_normal((len(terms), D)) * np.where(terms.sum(axis=1) == 1, 50.0, 3.0)[:, None]
     nothing = np.zeros(D - Q)
     return OperatingSurface(
-        tuple("abcde"), ("supply", "load"), ("supply_sag", "overload"), (0, 3), np.array([0.05, 0.1]),
+        tuple("abcde"), ("supply", "load"), ("supply_frequency_range", "overload"), (0, 3), np.array([0.05, 0.1]),
         np.arange(D) + 1.0, np.eye(D), coefficients, nothing, nothing, np.full(Q, 0.01), np.full(Q, 0.1),
         np.ones((Q, D - Q)), 3,
     )  # fmt: skip
@@ -75,6 +78,7 @@ def test_variables_that_do_the_same_are_one_group_and_what_is_not_seen_is_left_o
     kept, groups, rest = chosen_variables(declared, effects, np.eye(3))
     assert kept == [0]
     assert [group.name for group in groups] == ["voltage or resistance"]
+    assert [group.beyond for group in groups] == ["v or r"]
     assert groups[0].range == pytest.approx(0.05 * (1.0 + 1.0 / 3.0))
     np.testing.assert_allclose(rest, 0.0, atol=1e-12)
 
@@ -137,7 +141,7 @@ def test_a_variable_that_steps_beyond_its_range_began_in_the_cycle_of_its_step(n
     assert [candidate.name for candidate in found.candidates] == [known.beyond[0]]
 
 
-@pytest.mark.parametrize(("left", "name"), [(0.05, "supply_sag"), (0.3, "unknown")])
+@pytest.mark.parametrize(("left", "name"), [(0.05, "supply_frequency_range"), (0.3, "unknown")])
 def test_a_variable_beyond_its_range_is_named_only_for_a_change_that_moving_it_on_explains(
     left: float, name: str
 ) -> None:
@@ -152,15 +156,59 @@ def test_a_variable_beyond_its_range_is_named_only_for_a_change_that_moving_it_o
     for number in range(80):
         row = known.mean + (far + other if number >= 20 else 0.0) + random.standard_normal(D)
         found = monitor.observe(FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row))
-    assert found.operating[0].is_outside
     assert found.finding == name
+    assert [value.is_outside for value in found.operating] == ([True] if name != "unknown" else [])
+
+
+@pytest.mark.parametrize(
+    ("taken_for", "size", "name", "outside"),
+    [
+        (0.0, 0.0, "supply_frequency_range", True),  # the variable alone
+        (0.0, 0.1, "supply_frequency_range", True),  # the fault may as well be absent
+        (0.0, 2.0, "worn", True),  # two at once: the fault does not move the variable
+        (1.3, 2.0, "worn", False),  # the fault alone, which is taken for the variable too
+    ],
+)
+def test_a_fault_is_named_in_place_of_a_variable_outside_its_range_only_where_it_moves_it(
+    taken_for: float, size: float, name: str, outside: bool
+) -> None:
+    known, random = surface(), np.random.default_rng(2)
+    baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
+    limits = ChartLimits(Thresholds(30.0, 80.0, 80.0), Thresholds(20.0, 60.0, 60.0), 1e4, extrapolated=False)
+    outer = np.array((1.3, 0.0))
+    far, slope = known.response(outer)
+    whole = 40.0 * null_space(slope.T)[:, 0]  # of the fault: the point stays where it is
+    sizes, effect = np.array([0.0, 1.0, 2.0, 3.0]), known.annihilator(outer) @ whole
+    points = np.zeros((len(sizes), Q))
+    points[1:, 0] = taken_for
+    worn = Signature("worn", "", "1", sizes, sizes[:, None] * effect, points=points)
+    monitor = Monitor(MonitorSetup("none", baseline, limits, (worn,), operating=known))
+    far = far + size * whole
+    for number in range(80):
+        row = known.mean + (far if number >= 20 else 0.0) + random.standard_normal(D)
+        found = monitor.observe(FeatureVector(number, 0.1 * number, 0.1 * (number + 1), known.names, row))
+    assert found.finding == name
+    assert [value.is_outside for value in found.operating] == ([True] if outside else [])
+
+
+def test_a_variable_stays_outside_its_range_until_the_point_is_known_again() -> None:
+    track = OperatingTrack(surface())
+    for _ in range(60):
+        track.advance(np.array([1.25, 0.0]))
+    assert [value.name for value in track.outside] == ["supply"]
+    track.advance(np.array([1.25, 0.5]))  # a movement: the point is not known for some cycles
+    assert track.changed() == ()
+    assert [value.name for value in track.outside] == ["supply"]
+    for _ in range(60):
+        track.advance(np.array([0.5, 0.5]))
+    assert track.outside == ()
 
 
 def test_only_a_variable_within_its_range_is_told_as_an_operating_point(capsys: pytest.CaptureFixture[str]) -> None:
     limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
     baseline = Baseline(("a",), np.zeros(1), np.zeros((0, 1)), np.eye(1), 1000, 0.1)
     far = OperatingValue("load", -0.13, -1.0, -0.129, 0.1, "boom_load")
-    near = OperatingValue("supply", 0.04, 0.039, 0.041, 0.05, "supply_sag")
+    near = OperatingValue("supply", 0.04, 0.039, 0.041, 0.05, "supply_frequency_range")
     show_runs(
         MonitorSetup("none", baseline, limits),
         {},
@@ -186,7 +234,7 @@ def test_the_interval_of_a_variable_farther_off_than_was_simulated_is_open() -> 
 def test_times_are_told_to_a_hundredth_of_a_second_also_late_in_a_day(capsys: pytest.CaptureFixture[str]) -> None:
     limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
     baseline = Baseline(("a",), np.zeros(1), np.zeros((0, 1)), np.eye(1), 1000, 0.1)
-    value = OperatingValue("supply", 0.03998, 0.03996, 0.04, 0.05, "supply_sag")
+    value = OperatingValue("supply", 0.03998, 0.03996, 0.04, 0.05, "supply_frequency_range")
     alarm = Alarm(40001.234, 40005.678, np.nan, 45, {}, "unknown", "unknown", ())
     found = JudgedRun(400000, 0, (alarm,), (), (value,))
     show_runs(MonitorSetup("none", baseline, limits), {}, [Judged("today", found)], as_json=False)
