@@ -50,6 +50,7 @@ from mech_twin.studies.monitoring.report import (
     JudgedRun,
     drawn_explanation,
     explanation,
+    healthy_features,
     judged,
     known_fault,
 )
@@ -244,8 +245,10 @@ def _say_setup(setup: MonitorSetup) -> None:
 
 def _setup_record(setup: MonitorSetup, units: Mapping[str, str]) -> dict[str, Any]:
     baseline, limits = setup.baseline, setup.limits
-    numbers = zip(baseline.names, baseline.mean.tolist(), baseline.sigma.tolist(), strict=True)
-    features = [{"name": n, "unit": units.get(n, "1"), "mean": mean, "sigma": sigma} for n, mean, sigma in numbers]
+    features = [
+        {"name": name, "unit": units.get(name, "1"), "mean": mean, "sigma": sigma}
+        for name, (mean, sigma) in healthy_features(setup).items()
+    ]
     cycles = {name: getattr(baseline, name) for name in ("cycles", "order", "period_s")}
     head = {"machine": setup.machine, "features": features, "baseline": cycles, "arl0_h": setup.arl0_h}
     thresholds = {"extrapolated": limits.extrapolated, "thresholds": limits.alarm}

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import Array
 from mech_twin.declarations.captions import axis_title
 from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
@@ -283,10 +282,11 @@ def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fau
     if alarm.change is None:
         return None
     (fit,), delta, baseline = fitted_faults(alarm.change, [signature]), alarm.change.delta, setup.baseline
-    found = fit.candidate
+    found, healthy = fit.candidate, healthy_features(setup)
+    means = (healthy[name][0] for name in baseline.names)
     half_95 = HALF_95 * np.sqrt(np.diag(alarm.change.covariance))
     rows = zip(
-        baseline.names, healthy_features(setup), baseline.sigma, delta, half_95, signature.response(found.size),
+        baseline.names, means, baseline.sigma, delta, half_95, signature.response(found.size),
         strict=True,
     )  # fmt: skip
     features = [FeatureChange(name, units.get(name, "1"), *map(float, numbers)) for name, *numbers in rows]
@@ -296,11 +296,21 @@ def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fau
     return Explanation(found, explains, called, alarm.onset_s, alarm.change.cycles, tuple(features))
 
 
-def healthy_features(setup: MonitorSetup) -> Array:
-    """Return the healthy means (d,) of the monitored features, before the operating point's effect is removed."""
-    if setup.operating is None:
-        return setup.baseline.mean
-    return setup.baseline.mean + setup.operating.mean[list(setup.operating.others)]
+def healthy_features(setup: MonitorSetup) -> dict[str, tuple[float, float]]:
+    """Return mean and standard deviation from cycle to cycle of each healthy feature.
+
+    Means are those before the effect of the operating point is removed, and so are the deviations of its pivots.
+    """
+    baseline, surface = setup.baseline, setup.operating
+    charted = dict(zip(baseline.names, zip(baseline.mean.tolist(), baseline.sigma.tolist(), strict=True), strict=True))
+    if surface is None:
+        return charted
+    noise = np.sqrt(np.diag(np.linalg.inv(surface.root.T @ surface.root))).tolist()
+    found = {}
+    for name, mean, sigma in zip(surface.names, surface.mean.tolist(), noise, strict=True):
+        left, spread = charted.get(name, (0.0, sigma))
+        found[name] = (mean + left, spread)
+    return found
 
 
 def drawn_explanation(setup: MonitorSetup, vectors: Sequence[FeatureVector], alarm: Alarm, found: Explanation) -> Any:

@@ -30,7 +30,7 @@ from mech_twin.studies.monitoring.operating import (
     polynomial_terms,
     term_values,
 )
-from mech_twin.studies.monitoring.report import Alarm, JudgedRun
+from mech_twin.studies.monitoring.report import Alarm, JudgedRun, healthy_features
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
@@ -49,6 +49,18 @@ def surface() -> OperatingSurface:
         np.arange(D) + 1.0, np.eye(D), coefficients, nothing, nothing, np.full(Q, 0.01), np.full(Q, 0.1),
         np.ones((Q, D - Q)), 3,
     )  # fmt: skip
+
+
+def test_the_healthy_mean_of_each_feature_is_that_of_the_machine_not_what_the_point_leaves() -> None:
+    known = replace(surface(), root=np.diag([2.0, 1.0, 1.0, 4.0, 1.0]))
+    left = np.array([0.1, -0.2, 0.3])
+    baseline = Baseline(known.left_names, left, np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
+    limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
+    found = healthy_features(MonitorSetup("none", baseline, limits, operating=known))
+    assert list(found) == list(known.names)
+    means, sigmas = zip(*found.values(), strict=True)
+    np.testing.assert_allclose(means, known.mean + np.array([0.0, 0.1, -0.2, 0.0, 0.3]))
+    np.testing.assert_allclose(sigmas, [0.5, 1.0, 1.0, 0.25, 1.0])
 
 
 def test_slopes_of_the_polynomial_are_its_differences() -> None:
