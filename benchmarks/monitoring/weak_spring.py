@@ -242,8 +242,8 @@ def story(healthy_s: float) -> None:
             "monitor", NAME, "healthy", "--map", "map.yaml", *config, "--baseline", "healthy", "--arl0", "0.5",
             "--skip", "0.5", "--save-baseline", "healthy.json", "--force",
         )  # fmt: skip
-        baseline = json.loads(Path("healthy.json").read_text(encoding="utf-8"))["baseline"]
-        wanted = baseline["mean"][baseline["names"].index(FIGURE)]
+        healthy = json.loads(Path("healthy.json").read_text(encoding="utf-8"))["operating"]
+        wanted = healthy["mean"][healthy["names"].index(FIGURE)]
         Path("wish.yaml").write_text(WISH.format(wanted=wanted), encoding="utf-8")
         watch = ("--monitor", "healthy.json", "--black-box", "faults", "--advise", "wish.yaml")
         at_end.enter_context(listening(operator, "watched", *config, *watch))
