@@ -147,7 +147,7 @@ class ChangingMachine:
                 tree = merged_tree(configuration_tree(before), tree_from_flat(changes))
                 parameters = validated(entry, tree, f"--change {change.text}")
             else:
-                parameters = _changed(before, change, name, i / count)
+                parameters = _changed(before, change, name, i / count, made)
             time_s = change.until_s if i == count else change.time_s + (change.until_s - change.time_s) * i / count
             step = math.ceil(time_s / self._step_s - 1e-9)
             self.revisions.append((step, entry.build(parameters)))
@@ -189,14 +189,16 @@ def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
     return float(change.value)
 
 
-def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float) -> Parameters:
-    """Return the parameters after the share ``done`` of a change."""
+def _changed(parameters: Parameters, change: LiveChange, machine: str, done: float, named: Iterable[str]) -> Parameters:
+    """Return the parameters after the share ``done`` of a change, which is none of the named ones."""
     live = live_numbers(parameters)
     motor = getattr(parameters, "motor", None)
     if isinstance(motor, InductionMotorParameters):
         live[TORQUE_CURVE] = motor.torque_curve
     if change.key not in live:
-        raise ConfigurationError(f"--change {change.text}: {_not_live(change.key, type(parameters), live, machine)}")
+        raise ConfigurationError(
+            f"--change {change.text}: {_not_live(change.key, type(parameters), live, machine, named)}"
+        )
     value = change.value
     if change.share is not None:
         if not isinstance(live[change.key], int | float):
@@ -210,13 +212,14 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str, done: flo
     return validated(catalogue_entry(machine), tree, f"--change {change.text}")
 
 
-def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str) -> str:
+def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str, named: Iterable[str]) -> str:
     """Return the error text for a key that is unknown or not live, with a suggestion."""
     units, changing = key_units(model), sorted(live)
     if declared_key(key, units) in units:
         return f"'{key}' is fixed during a run; expected a live key of {machine}, one of {', '.join(changing)}"
-    meant = did_you_mean(key, {name: units.get(name, "") for name in changing})
-    return f"unknown key '{key}'" + (meant or f"; expected one of {', '.join(changing)}")
+    known = [*changing, COMMAND, *sorted(named)]
+    meant = did_you_mean(key, {name: units.get(name, "") for name in known})
+    return f"unknown key '{key}'" + (meant or f"; expected one of {', '.join(known)}")
 
 
 def live_numbers(parameters: Parameters) -> dict[str, Any]:

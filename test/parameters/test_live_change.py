@@ -31,6 +31,8 @@ def test_a_change_of_another_form_is_refused(text: str) -> None:
         ("body.spring_rate_n_per_m=-150%@1", ("spring_rate_n_per_m", "greater than or equal to 1")),
         ("linkage.crank_m=1@1", ("is fixed during a run; expected a live key of mb10_breaker", KEY)),
         ("crank_m=1@1", ("unknown key 'crank_m'; expected one of", KEY)),
+        ("spring_sag=-1%@1", ("unknown key 'spring_sag'", "spring_soft")),
+        ("no_such_fault=-1%@1", ("unknown key", "motor.command", "spring_soft", "supply_frequency", "tool_worn")),
         ("body.sprung=1@1", ("unknown key 'body.sprung'; expected one of", KEY)),
     ],
 )
