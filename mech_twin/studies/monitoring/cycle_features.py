@@ -13,6 +13,7 @@ not on the chunks.  Samples are in SI units; a known lag is subtracted from thei
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import ceil, floor, isfinite, isnan, nextafter, pi
@@ -35,7 +36,8 @@ ORDINARY_GAP, SPACINGS = 0.02, 5.0  # shares of a cycle, and of the usual spacin
 CLOCK_GAIN = 0.02  # gain of the clock's correction by a rise, after 1/gain rises
 CLOCK_RISES = 20  # averaged before the first cycle is counted
 CLOCK_TRUST = 0.25  # of a cycle: a rise farther from its expected instant resets the clock
-LONGEST_CYCLE = 10.0  # times the previous cycle: a longer one is a standstill
+LONGEST_CYCLE = 10.0  # times the shortest of the cycles before: a longer one is a standstill
+CYCLES_BEFORE = 5  # with so many standstills in a row, the machine has become slow
 CROSSING_RAD = pi / 12.0  # on either side of a boundary: a line through these samples gives the crossing
 
 
@@ -161,7 +163,7 @@ class FeatureFeed:
     _turns: float = 0.0
     _last_raw: float | None = None
     _next_angle: float | None = None
-    _usual_s: float | None = None
+    _recent_s: deque[float] = field(default_factory=lambda: deque(maxlen=CYCLES_BEFORE))
     _crossed_s: float = -np.inf
     _rises: int = 1
     _clock_s: float | None = None
@@ -282,8 +284,9 @@ class FeatureFeed:
         reference = self.declared.reference
         times, values = self._buffers[reference.column].between(begin_s, end_s)
         period_s = end_s - begin_s
-        usual_s, self._usual_s = self._usual_s, period_s
-        if usual_s is not None and period_s > LONGEST_CYCLE * usual_s:
+        usual_s = min(self._recent_s, default=period_s)
+        self._recent_s.append(period_s)
+        if period_s > LONGEST_CYCLE * usual_s:
             return None
         if not is_whole(times, begin_s, end_s):
             return None
@@ -308,7 +311,7 @@ class FeatureFeed:
     def _forget(self, end_s: float) -> None:
         for column, buffer in self._buffers.items():
             reference = column == self.declared.reference.column
-            buffer.forget(end_s - (0.5 * (self._usual_s or 0.0) if reference else 0.0))
+            buffer.forget(end_s - (0.5 * (self._recent_s[-1] if self._recent_s else 0.0) if reference else 0.0))
 
 
 def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:

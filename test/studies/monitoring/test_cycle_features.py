@@ -137,6 +137,16 @@ def test_a_silent_channel_is_waited_for_and_then_missing() -> None:
     assert [vector.end_s > 4.0 for vector in found] == silent and any(silent)  # half a cycle of samples is no cycle
 
 
+def test_each_cycle_of_a_standstill_is_left_out_however_many_boundaries_noise_finds_in_it() -> None:
+    speed = np.repeat([SPEED, SPEED / 40.0, SPEED], [2000, 30_000, 2000])  # turns that last forty times a usual one
+    channels = {CRANK: (1e-3 * np.arange(len(speed)), np.cumsum(1e-3 * speed))}
+    feed = FeatureFeed(CycleFeatures(CycleReference(CRANK, "turn", 0.0), FEATURES), [CRANK])
+    found = feed_channels(feed, channels)
+    assert feed.skipped >= 2
+    assert all(vector.end_s - vector.begin_s < 12.0 * pi / SPEED for vector in found)
+    assert sum(vector.begin_s > 32.0 for vector in found) >= 4
+
+
 def test_a_cycle_with_a_gap_in_the_reference_is_left_out_and_counted() -> None:
     channels = measured(5)
     crank_s, crank = channels[CRANK]
