@@ -240,10 +240,11 @@ class Monitor:
             return changed
         found = self._episode.named[1]
         names = {name for candidate in found for name in candidate.name.split(" or ")}
-        named = {value for value in changed if names.intersection(value.beyond.split(" or "))}
-        apart = {value for value in changed if found and value.is_outside}
-        apart = {value for value in apart if not any(self._moves(each, value) for each in found)}
-        return tuple(value for value in changed if value in named | apart)
+        named = tuple(value for value in changed if names.intersection(value.beyond.split(" or ")))
+        if named or not found:
+            return named
+        apart = (value for value in changed if value.is_outside)
+        return tuple(value for value in apart if not any(self._moves(each, value) for each in found))
 
     @property
     def _outside(self) -> tuple[OperatingValue, ...]:

@@ -2,7 +2,7 @@
 """Diagnosis: fits each fault to a measured change of the features and selects the most likely ones.
 
 A change delta is estimated from n cycles with covariance C.  A fault of size s changes the features by r(s), linear
-between the simulated sizes.  The residual is::
+between the simulated sizes, and beyond them on to twice the largest.  The residual is::
 
     open(s) = (delta - r(s))' K^-1 (delta - r(s)),     cost(s) = open(s) + ln det K = -2 ln likelihood
     K = C + diag(0.15 delta)^2 + b b' + (1/n + 1/60) F'F
@@ -13,13 +13,14 @@ least cost.  Each bound is a quantile of chi-square, plus 0.15^2 delta' K^-1 del
 
 A change lasts if delta' C^-1 delta exceeds the quantile of d degrees of freedom at 1e-4.  A fault explains it if
 open(s) is below that of d - 1 degrees at 1e-4; if none does, the change is unknown.  Rivals exceed the least cost by at
-most the quantile of one degree at 1e-3.  The interval of a size exceeds the fault's least cost by at most that at 5 %.
+most the quantile of one degree at 1e-3.  The interval of a size exceeds the fault's least cost by at most that at 5 %;
+where it holds the last size that is tried, it is open.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ INTERVAL = float(chi2.isf(0.05, 1))
 PASSING_CHANCE = 1e-3  # that a lasting change is taken for a transient
 GLITCH_CHANCE = 1e-6  # that noise alone makes a cycle this much of an outlier
 GLITCHES = 0.2  # largest share of outlying cycles since the onset
+REACH = 2.0  # times the largest simulated size: there its line ends
 GRID = 41  # points from one simulated size to the next
 USED_CYCLES = 60  # of a simulation, averaged for the response
 
@@ -88,6 +90,37 @@ class Signature:
     def response(self, size: float) -> Array:
         """Return the change of the features (d,) at a size, by linear interpolation."""
         return np.array([np.interp(size, self.sizes, column) for column in self.responses.T])
+
+    @cached_property
+    def reaching(self) -> Signature:
+        """The signature with each side of two sizes or more continued along its last line, a share to -1 at most.
+
+        What that line leaves of the effect in proportion to the size is the error there.
+        """
+        found, least = self, -1.0 if self.unit == "1" else -np.inf
+        for end, inner in ((0, 1), (-1, -2)):
+            last, before = float(self.sizes[end]), float(self.sizes[inner])
+            far = max(REACH * last, least)
+            if last * before <= 0.0 or far == last:
+                continue
+            line = self.responses[end] + (self.responses[end] - self.responses[inner]) * (far - last) / (last - before)
+            found = found._continued(end, far, line, np.abs(line - self.responses[end] * far / last))
+        return found
+
+    def _continued(self, end: int, far: float, line: Array, doubt: Array) -> Signature:
+        """Return the signature with one more size at an end (0 or -1); scatter and point are those of the last."""
+        place = 0 if end == 0 else len(self.sizes)
+
+        def joined(values: Array, new: Array) -> Array:
+            return np.insert(values, place, new, axis=0)
+
+        known = self.doubt if len(self.doubt) else np.zeros_like(self.responses)
+        return replace(
+            self, sizes=joined(self.sizes, np.array(far)), responses=joined(self.responses, line),
+            doubt=joined(known, np.maximum(doubt, known[end])),
+            scatter=joined(self.scatter, self.scatter[end]) if len(self.scatter) else self.scatter,
+            points=joined(self.points, self.points[end]) if len(self.points) else self.points,
+        )  # fmt: skip
 
     @cached_property
     def fine(self) -> tuple[Array, Array]:
@@ -194,6 +227,7 @@ def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candi
 
 def _fit(change: Change, weight: float, signature: Signature) -> Fit:
     """Return the fit of a fault; the interval includes noise and model error."""
+    signature = signature.reaching
     sizes, responses = signature.fine
     inverse = np.linalg.inv(change.covariance + signature.uncertainty(change.cycles))
     left = left_open(change.delta - responses, inverse)
@@ -201,8 +235,19 @@ def _fit(change: Change, weight: float, signature: Signature) -> Fit:
     best = np.unravel_index(np.argmin(cost), cost.shape)
     inside = sizes[cost <= cost[best] + INTERVAL + min(MODEL_SHARE**2 * weight, left[best])]
     size, open_share = map(float, (sizes[best], left[best] / weight))
-    candidate = Candidate(signature.name, size, float(inside.min()), float(inside.max()), signature.unit, open_share)
+    low, high = _opened(signature, float(inside.min()), float(inside.max()))
+    candidate = Candidate(signature.name, size, low, high, signature.unit, open_share)
     return Fit(float(cost[best]), float(left[best]), candidate)
+
+
+def _opened(signature: Signature, low: float, high: float) -> tuple[float, float]:
+    """Return an interval, open where it holds an end of the sizes that others on its side led to, but for all of it."""
+    sizes, whole = signature.sizes, signature.unit == "1"
+    if low == sizes[0] and sizes[1] < 0.0 and not (whole and low == -1.0):
+        low = -np.inf
+    if high == sizes[-1] and sizes[-2] > 0.0:
+        high = np.inf
+    return low, high
 
 
 def left_open(left: Array, inverse: Any) -> Array:

@@ -286,7 +286,7 @@ def explanation(setup: MonitorSetup, units: Mapping[str, str], alarm: Alarm, fau
     means = (healthy[name][0] for name in baseline.names)
     half_95 = HALF_95 * np.sqrt(np.diag(alarm.change.covariance))
     rows = zip(
-        baseline.names, means, baseline.sigma, delta, half_95, signature.response(found.size),
+        baseline.names, means, baseline.sigma, delta, half_95, signature.reaching.response(found.size),
         strict=True,
     )  # fmt: skip
     features = [FeatureChange(name, units.get(name, "1"), *map(float, numbers)) for name, *numbers in rows]

@@ -161,3 +161,28 @@ def test_a_cycle_of_any_size_is_judged_names_no_fault_and_is_forgotten(
     assert not any(each.verdict in ("named", "group") for each in found)
     assert found[-1].verdict == "healthy"
     assert all(np.isfinite(each.standard).all() for each in found if each.charts is not None)
+
+
+@pytest.mark.parametrize(("size", "low", "high"), [(0.15, 0.0, 0.3), (0.25, 0.1, 0.4), (0.38, 0.2, np.inf)])
+def test_a_fault_beyond_its_largest_simulated_size_is_named_in_proportion_with_an_interval_that_holds_it(
+    setup: MonitorSetup, size: float, low: float, high: float
+) -> None:
+    sizes = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
+    leaking = Signature("leaking", "", "N", sizes, 20.0 * sizes[:, None] * EFFECTS["soft"])
+    found = last_of(replace(setup, signatures=(leaking,)), 20.0 * size * EFFECTS["soft"], 5)
+    (named,) = found.candidates
+    assert named.size == pytest.approx(size, rel=0.05)
+    assert low < named.low_95 <= size <= named.high_95
+    assert named.high_95 <= high and (named.high_95 == np.inf) == (high == np.inf)
+
+
+def test_a_size_is_not_continued_beyond_all_of_a_share_nor_where_there_is_one_alone() -> None:
+    effect = np.array([1.0, -2.0])
+    lost = Signature(
+        "lost", "", "1", np.array([-0.6, -0.3, 0.0, 1.0]), np.array([-0.6, -0.3, 0.0, 1.0])[:, None] * effect
+    )
+    np.testing.assert_allclose(lost.reaching.sizes, [-1.0, -0.6, -0.3, 0.0, 1.0])
+    np.testing.assert_allclose(lost.reaching.responses[0], -effect)
+    np.testing.assert_allclose(lost.reaching.doubt, 0.0, atol=1e-12)
+    bent = replace(lost, responses=np.array([-1.2, -0.3, 0.0, 1.0])[:, None] * effect)
+    assert (bent.reaching.doubt[0] > 0.3 * np.abs(effect)).all()
