@@ -143,6 +143,11 @@ def setup_of_runs(
             raise CommandError(f"{run.path}: has other channels than {runs[0].path}; expected the same in each day")
     vectors, monitored = joined_runs([run.vectors for run in runs]), runs[0].monitored
     found = fitted_setup(monitored, vectors, arl0_h, seed) if sister is None else sister_setup(sister, vectors)
+    for run in runs:
+        far = () if found.operating is None else found.operating.out_of_reach(run.vectors)
+        for name, _, allowed in far:
+            expected = f"expected runs within +-{100.0 * allowed:.3g} % of their mean"
+            raise CommandError(f"{run.path}: {name} is far from that of the other healthy runs; {expected}")
     told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
     return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
 

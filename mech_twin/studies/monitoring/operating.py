@@ -34,6 +34,7 @@ from mech_twin.studies.monitoring.naming import Candidate, Signature
 
 DEGREE = 3
 LIMIT = 1.3  # of the ranges: simulated points, and bound of the estimate of u
+MOST_FAR = 0.1  # of healthy cycles that may be farther off than was simulated
 OUTSIDE = 1.1  # of a range: beyond it, a variable counts as outside
 SEEN = 0.25  # standard deviations of the features at the end of a range: a smaller effect is not measurable
 STEPS = 8  # of the Gauss-Newton iteration
@@ -147,6 +148,14 @@ class OperatingSurface:
                 break
             u = later
         return u
+
+    def out_of_reach(self, vectors: Sequence[FeatureVector]) -> tuple[SurfaceVariable, ...]:
+        """Return the variables that are farther off than was simulated in a tenth of the cycles or more."""
+        rows = (vector.row(self.names) for vector in vectors)
+        points = np.array([self.located(row) for row in rows if np.isfinite(row).all()])
+        far = (np.abs(points) >= LIMIT - 0.01).mean(axis=0) >= MOST_FAR if len(points) else [False] * len(self.ranges)
+        known = map(SurfaceVariable, self.variables, self.beyond, self.ranges.tolist())
+        return tuple(variable for variable, is_far in zip(known, far, strict=True) if is_far)
 
     def centred(self, rows: Array) -> OperatingSurface:
         """Return the surface with the mean of healthy cycles (n, d) reduced to u = 0."""

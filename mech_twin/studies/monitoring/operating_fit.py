@@ -213,9 +213,8 @@ def _rows(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> Array:
 
 def _root_of_noise(vectors: Sequence[FeatureVector], names: tuple[str, ...]) -> Array:
     """Return L^-1, with L L' half the covariance of the differences between neighbouring cycles."""
-    rows = _rows(vectors, names)
-    steps = np.diff(rows, axis=0)
-    found = regularised(0.5 * steps.T @ steps / max(len(steps) - 1, 1), rows.mean(axis=0))
+    steps = np.concatenate([np.diff(run, axis=0) for run in feature_runs(vectors, names)])
+    found = regularised(0.5 * steps.T @ steps / max(len(steps) - 1, 1), _rows(vectors, names).mean(axis=0))
     return np.asarray(np.linalg.inv(np.linalg.cholesky(found)))
 
 

@@ -15,7 +15,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.cli.monitor import Judged, show_runs
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
-from mech_twin.studies.monitoring.baseline import Baseline
+from mech_twin.studies.monitoring.baseline import Baseline, joined_runs
 from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
@@ -30,6 +30,7 @@ from mech_twin.studies.monitoring.operating import (
     polynomial_terms,
     term_values,
 )
+from mech_twin.studies.monitoring.operating_fit import sister_surface
 from mech_twin.studies.monitoring.report import Alarm, JudgedRun, healthy_features
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
 
@@ -78,6 +79,32 @@ def test_nothing_is_left_of_a_healthy_machine_at_another_point_and_the_point_is_
     np.testing.assert_allclose(point, u, atol=2e-3)  # the prior pulls by a share of 1/50^2
     np.testing.assert_allclose(left, 0.0, atol=1e-2)
     np.testing.assert_allclose(known.annihilator(point) @ known.response(point)[1], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("u", "far"), [((0.9, -0.9), []), ((0.2, 1.6), ["load"]), ((-2.0, 0.0), ["supply"])])
+def test_a_variable_of_healthy_cycles_that_is_farther_off_than_was_simulated_is_named(
+    u: tuple[float, float], far: list[str]
+) -> None:
+    known, numbers = surface(), range(40)
+    rows = [known.mean + known.response(np.array(u if number % 4 == 0 else (0.1, 0.0)))[0] for number in numbers]
+    vectors = [FeatureVector(number, number, number + 1, known.names, rows[number]) for number in numbers]
+    assert [variable.name for variable in known.out_of_reach(vectors)] == far
+    assert known.out_of_reach([]) == ()
+
+
+def test_the_noise_of_days_at_other_points_is_that_within_each_day() -> None:
+    known, random = surface(), np.random.default_rng(6)
+
+    def days(*places: float) -> list[FeatureVector]:
+        runs = []
+        for place in places:
+            rows = known.mean + known.response(np.array((place, 0.0)))[0] + random.standard_normal((2000, D))
+            runs.append([FeatureVector(i, 0.1 * i, 0.1 * i + 0.1, known.names, row) for i, row in enumerate(rows)])
+        return joined_runs(runs)
+
+    for places in ((0.0,), (-0.9, 0.9)):
+        root = sister_surface(known, days(*places)).root
+        np.testing.assert_allclose(np.linalg.inv(root.T @ root), np.eye(D), atol=0.1)
 
 
 def test_variables_that_do_the_same_are_one_group_and_what_is_not_seen_is_left_out() -> None:
