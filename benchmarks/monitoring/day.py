@@ -53,7 +53,10 @@ def day_run(machine: MonitoredMachine, motion: int, random: np.random.Generator)
     for k, variable in enumerate(variables):
         if variable.name == "yarn_weight":  # a package that runs off was wound of one yarn
             shares[:, k] = shares[-1, k]
-    return operated_run(machine, variables, at_s, shares * ranges, wander(steps, step_s, random))
+    command = wander(steps, step_s, random)
+    if not any(variable.is_commanded for variable in variables):  # a drive gives no more than what is configured
+        command = np.minimum(command, 1.0)
+    return operated_run(machine, variables, at_s, shares * ranges, command)
 
 
 def day(name: str, cycles: int, baselines: int) -> None:
