@@ -20,7 +20,7 @@ from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.errors import MotionError
 from mech_twin.studies.monitoring.baseline import feature_runs, regularised
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
-from mech_twin.studies.monitoring.naming import USED_CYCLES
+from mech_twin.studies.monitoring.naming import MODEL_SHARE, USED_CYCLES
 from mech_twin.studies.monitoring.operating import (
     LIMIT,
     MOVES,
@@ -42,6 +42,7 @@ from mech_twin.studies.monitoring.sensing import (
 
 POINTS_A_TERM = 3
 LEAST_MOVED = 0.05  # of a range: lower bound of a step, for a cycle near whose end a variable steps
+PASSES, NEAR = 3, 0.05  # of a range: a baseline is so near the point about which effects are computed
 SETTLED_CYCLES = 25  # simulated before the cycles that are averaged
 STEP = 1.0  # of a range, to measure the transient: down at the even phases, up at the odd ones
 STEP_DRAWS, STEP_PHASES = 2, 8
@@ -54,8 +55,13 @@ def operating_surface(
     monitored: MonitoredMachine,
     vectors: Sequence[FeatureVector],
     names: tuple[str, ...],
+    passes: int = PASSES,
 ) -> OperatingSurface | None:
-    """Return the operating surface for these features; None if no declared variable has a measurable effect."""
+    """Return the operating surface for these features; None if no declared variable has a measurable effect.
+
+    A baseline that differs from the configuration as one at another operating point does is taken for that, and effects
+    are computed about its point, again in so many ``passes`` at most.
+    """
     declared = monitored.operating
     if not declared:
         return None
@@ -90,6 +96,12 @@ def operating_surface(
         return None if found is None else found - reference
 
     surface = _fitted_surface(groups, rolled_out, names, rows, root, unexplained)
+    configured, own = replace(surface, mean=reference), rows.mean(axis=0)
+    point = configured.located(own)
+    if passes and np.abs(point).max() > NEAR and configured.open_share(own) <= MODEL_SHARE**2:
+        parameters = parameters_at(monitored.parameters, chosen, point * surface.ranges)
+        if parameters is not None:
+            return operating_surface(replace(monitored, parameters=parameters), vectors, names, passes - 1)
     return _drifting(monitored, _settling(monitored, surface, chosen, duration_s), usable, duration_s)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from runpy import run_path
@@ -112,6 +113,21 @@ def test_a_step_of_the_mains_within_their_range_alarms_at_no_phase_of_the_cycle(
         found = judged(Monitor(setup), machine.vectors(seen))
         assert found.alarms == ()
         assert found.operating[0].share == pytest.approx(share, abs=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [-0.04, 0.04])
+def test_effects_are_those_about_the_point_of_the_baseline_wherever_that_is(share: float) -> None:
+    machine = monitored_in_the_proof("vibration_crank")
+    elsewhere = parameters_at(machine.parameters, machine.operating[:1], [share])
+    assert elsewhere is not None
+    setup = fitted_setup(machine, simulated_vectors(replace(machine, parameters=elsewhere), 600, 1), 24.0)
+    for later in (0.0, 0.75 * share):
+        there = parameters_at(machine.parameters, machine.operating[:1], [later])
+        assert there is not None
+        found = judged(Monitor(setup), simulated_vectors(replace(machine, parameters=there), 150, 2))
+        assert found.alarms == ()
+        assert found.operating[0].share == pytest.approx((1.0 + later) / (1.0 + share) - 1.0, abs=1e-3)
 
 
 @pytest.mark.slow
