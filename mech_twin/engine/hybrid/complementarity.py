@@ -6,7 +6,9 @@
 A = W M^-1 W' is positive definite where the active directions are independent.  Then the solution is unique, and
 principal pivoting by least index (K. G. Murty, Linear Complementarity, Linear and Nonlinear Programming, 1988,
 chapter 4) terminates.  Where they are dependent (two stops on one body) the laws declared first carry the force, and
-the others take the admissible force nearest to zero; inconsistent laws give `CONTRADICTION`.
+the others take the admissible force nearest to zero.  Where they turn apart (friction under two feet of a body)
+pivoting may go round: then each law yields a little by itself, `YIELDING`, which makes A definite.  Inconsistent laws
+without bounds give `CONTRADICTION`.
 
 Impacts are the same problem in velocities and impulses, for all contacts that close at one instant.
 
@@ -26,6 +28,7 @@ from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 SOLVED, CONTRADICTION = 0, -1
 DEPENDENT = 1e-11  # relative pivot below which a law counts as linearly dependent on earlier holding ones
 NEAR = 1e-11  # relative to the terms summed: a smaller acceleration or force is rounding
+YIELDING = 1e-10  # of its mobility: what a law yields by itself, where pivoting does not end
 STRUCK, CLOSED = 1, 2  # what an impact did to a law
 CLOSED_M = 1e-12  # a gap up to this counts as closed
 
@@ -196,6 +199,13 @@ def earlier_law(at: Equations, law: int) -> int:
     return -1
 
 
+@embedded_kernel
+def let_yield(at: Equations) -> None:
+    """Let each law yield by itself, by `YIELDING` of its mobility."""
+    for i in range(len(at.matrix)):
+        at.matrix[i, i] *= 1.0 + YIELDING
+
+
 @borrowing_kernel
 def solve_laws(at: Equations, force: Array) -> int:
     """Solve for forces and status of the laws that are not `OPEN`; return `SOLVED` or `CONTRADICTION`.
@@ -219,6 +229,8 @@ def solve_laws(at: Equations, force: Array) -> int:
                 force[i] = 0.0
         solve_holding(at, force)
         terms = 0.0 if turn < turns else largest_terms(at, force)  # pivoting ends but for rounding
+        if turn == turns:
+            let_yield(at)
         wrong = -1
         for i in range(m):
             if at.status[i] == OPEN:

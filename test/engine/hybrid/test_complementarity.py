@@ -90,6 +90,21 @@ def test_two_drives_that_prescribe_different_motions_of_one_joint_contradict_eac
     assert answer == CONTRADICTION
 
 
+@given(st.integers(0, 2**32 - 1), st.integers(2, 6), st.integers(1, 3))
+def test_bounded_forces_along_dependent_directions_have_a_solution(seed, m, rank):
+    """Friction under the feet of one body: the feet share their direction, and turn so that they cannot all stick."""
+    rng = np.random.default_rng(seed)
+    w = rng.integers(-1, 2, size=(m, rank)) + np.eye(m, rank)
+    matrix, high = w @ w.T + 0.0, 10.0 ** rng.uniform(0, 3, m)
+    free = w @ rng.normal(size=rank) * 10.0 ** rng.uniform(0, 4) + rng.normal(size=m) * 10.0 ** rng.uniform(-6, 2)
+    answer, force, a, _ = solve(matrix, free, -high, high, rng.choice([HOLD, LOW, HIGH], m))
+    near = 1e-7 * (1.0 + np.abs(free).max())
+    assert answer == SOLVED
+    assert np.all(np.abs(force) <= high * (1.0 + 1e-9))
+    assert np.all((a <= near) | (force <= -high * (1.0 - 1e-9)))
+    assert np.all((a >= -near) | (force >= high * (1.0 - 1e-9)))
+
+
 @given(st.floats(40.0, 60.0), st.floats(1e-17, 1e-14))
 def test_bounds_below_the_rounding_of_other_forces_do_not_keep_pivoting_from_its_end(fall, friction):
     """A tool between a wall and a striker whose crank a weight takes away: friction of the crank is next to nothing."""

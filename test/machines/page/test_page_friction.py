@@ -44,6 +44,38 @@ joints:
 drives: {motor: {kind: constant_speed, joint: shaft, speed_rpm: 400}}
 contacts: {sole: {point: block, line: trough, normal_deg: 90, restitution: 0.0, friction: 0.6}}
 """
+PLATE = """
+gravity_m_per_s2: [0, -9.80665]
+bodies:
+  plate:
+    mass_kg: 60
+    inertia_kg_m2: 4
+    centre_m: [0, 0.1]
+    points_m: {front: [0.3, 0], rear: [-0.3, 0], axle: [0.1, 0.12]}
+  deck: {mass_kg: 30, inertia_kg_m2: 1.5, points_m: {left: [-0.2, -0.1], right: [0.2, -0.1]}}
+joints:
+  fly: {kind: free, between: [ground, plate], start_y_m: 0.002}
+  deck_fly: {kind: free, between: [plate, deck], start_y_m: 0.45}
+drives: {exciter: {kind: unbalance, point: plate.axle, mass_kg: 0.9, radius_m: 0.04, speed_rpm: 2400, start_deg: 30}}
+supply: {initial_fraction: 0, rate_per_s: 1}
+springs:
+  s_left: {between: [plate.rear, deck.left], rate_n_per_m: 40000, preload_n: 150}
+  s_right: {between: [plate.front, deck.right], rate_n_per_m: 40000, preload_n: 150}
+dampers:
+  d_left: {between: [plate.rear, deck.left], rate_ns_per_m: 300}
+  d_right: {between: [plate.front, deck.right], rate_ns_per_m: 300}
+contacts:
+  front_soil:
+    {point: plate.front, line: ground, normal_deg: 90, stiffness_n_per_m: 5.0e+7, damping_s_per_m: 1.5, friction: 0.4}
+  rear_soil:
+    {point: plate.rear, line: ground, normal_deg: 90, stiffness_n_per_m: 5.0e+7, damping_s_per_m: 1.5, friction: 0.4}
+coupling: {step_s: 0.0005}
+"""
+
+
+def test_a_plate_whose_two_feet_stick_while_it_turns_goes_on_and_keeps_its_energy():
+    _, simulation = run(PLATE, 0.5)
+    assert all(r.worst <= r.limit for r in simulation.residuals().values())
 
 
 def test_a_block_on_a_belt_is_taken_along_by_mu_g_until_it_rides():
