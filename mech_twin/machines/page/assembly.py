@@ -87,10 +87,6 @@ class Assembly:
     @cached_property
     def structure(self) -> Structure:
         """The structure in numbers."""
-        for name, joint in self.page.joints.items():
-            (first, _), (second, _) = (self.page.point(point) for point in joint.between)
-            if first == second:
-                raise ConfigurationError(f"joints.{name}.between: both points are of {first}; expected two bodies")
         made = structure_of(self.page, float, self.offsets)
         try:
             size = made.size

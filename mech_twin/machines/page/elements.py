@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import RANGES, Parameters, choice, quantity
 from mech_twin.machines.page.rods import ContactRod
 from mech_twin.machines.page.tables import TableRows, table
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 
-LONGEST_M, LARGEST = 1e3, 1e9
 RPM, DEGREE = math.pi / 30.0, math.pi / 180.0
 NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
@@ -31,13 +31,14 @@ def _plain(name: str) -> str:
 Name = Annotated[str, AfterValidator(_plain)]
 
 
-def _inside(vector: tuple[float, float]) -> tuple[float, float]:
-    if not all(abs(x) <= LARGEST for x in vector):
-        raise ValueError(f"expected two numbers up to {LARGEST:g}")
+def _inside(most: float, vector: tuple[float, float]) -> tuple[float, float]:
+    if not all(abs(x) <= most for x in vector):
+        raise ValueError(f"expected two numbers up to {most:g}")
     return vector
 
 
-Vector = Annotated[tuple[float, float], AfterValidator(_inside)]
+Vector = Annotated[tuple[float, float], AfterValidator(partial(_inside, RANGES["N"][1]))]
+Place = Annotated[tuple[float, float], AfterValidator(partial(_inside, RANGES["m"][1]))]
 
 
 def vector(unit: str, meaning: str, **options: Any) -> Any:
@@ -70,7 +71,7 @@ def one_of(element: Parameters, *keys: str) -> str:
 class Ground(Parameters):
     """What stands still."""
 
-    points_m: dict[Name, Vector] = vector("m", "points by name", default={})
+    points_m: dict[Name, Place] = vector("m", "points by name", default={})
 
 
 class BodyElement(Parameters):
@@ -78,8 +79,8 @@ class BodyElement(Parameters):
 
     mass_kg: float = quantity("kg", "mass", default=0.0, ge=0.0)
     inertia_kg_m2: float = quantity("kg m2", "inertia about the centre of mass", default=0.0, ge=0.0)
-    centre_m: Vector = vector("m", "centre of mass", default=(0.0, 0.0))
-    points_m: dict[Name, Vector] = vector("m", "points by name", default={})
+    centre_m: Place = vector("m", "centre of mass", default=(0.0, 0.0))
+    points_m: dict[Name, Place] = vector("m", "points by name", default={})
 
 
 class JointElement(Parameters):
@@ -331,7 +332,6 @@ class LoadElement(Parameters):
     against_backward_nm: float | None = quantity(
         "N m", "moment against a falling angle", live=True, default=None, ge=0.0
     )
-
     table_m_n: TableRows | None = table("m, N", "force against the motion, over the travel", default=None)
     table_deg_nm: TableRows | None = table(
         "deg, N m", "moment against the motion, over the angle; of a table of 360 deg each turn", default=None

@@ -109,7 +109,12 @@ class Page(Parameters):
         return self
 
     def _check_what_moves(self) -> None:
-        """Refuse a contact of a body with itself, and a load on the ground."""
+        """Refuse a joint, spring, damper or contact of a body with itself, and a load on the ground."""
+        for group in ("joints", "springs", "dampers"):
+            for name, element in getattr(self, group).items():
+                bodies = {point.partition(".")[0] for point in element.between or ()}
+                if len(bodies) == 1:
+                    raise ValueError(f"{group}.{name}.between: both points are of {bodies.pop()}; expected two bodies")
         for name, contact in self.contacts.items():
             ends = [point.partition(".")[0] for point in (contact.point, contact.line) if point is not None]
             if len(ends) == 2 and ends[0] == ends[1]:

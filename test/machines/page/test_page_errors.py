@@ -41,6 +41,24 @@ def test_an_unknown_point_is_named_with_those_there():
     assert "joints.pin.between: crank has no point 'pinn'; expected one of pin" in told
 
 
+def test_places_reach_as_far_as_other_lengths():
+    told = refused(SLIDER_CRANK, bodies={"rod": {"points_m": {"end": [1e8, 0.0]}}})
+    assert "expected two numbers up to 10000" in told
+
+
+@pytest.mark.parametrize(
+    ("group", "element"),
+    [
+        ("joints", {"kind": "weld", "between": ["crank.pin", "crank"]}),
+        ("springs", {"between": ["crank.pin", "crank"], "rate_n_per_m": 1.0, "free_m": 0.1}),
+        ("dampers", {"between": ["crank.pin", "crank"], "rate_ns_per_m": 1.0}),
+    ],
+)
+def test_what_joins_a_body_with_itself_is_refused(group, element):
+    told = refused(SLIDER_CRANK, **{group: {"one": element}})
+    assert f"{group}.one.between: both points are of crank; expected two bodies" in told
+
+
 def test_an_unknown_body_and_joint_are_named():
     assert "no body 'pistn'" in refused(SLIDER_CRANK, joints={"wrist": {"between": ["rod.end", "pistn"]}})
     assert "drives.motor.joint: no joint 'berring'" in refused(SLIDER_CRANK, drives={"motor": {"joint": "berring"}})
