@@ -95,7 +95,7 @@ class Page(Parameters):
         for group, elements in self.groups():
             for name, element in elements.items():
                 joint = getattr(element, "joint", None)
-                if joint is not None and "joint" in element.model_fields_set:
+                if joint is not None and getattr(element, "kind", "") != "unbalance":
                     self._check_joint(f"{group}.{name}", joint, element)
         for name, drive in self.drives.items():
             others = [other for other, d in self.drives.items() if d.joint == drive.joint and other != name]

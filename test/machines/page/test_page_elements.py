@@ -11,7 +11,9 @@ import pytest
 from machines.page.pages import BALL, SLIDER_CRANK, page, run
 
 from mech_twin import rollout
+from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.machines.page import build
+from mech_twin.machines.page.parameters import Page
 from mech_twin.samples import EffortCommand
 
 BLOCK = """
@@ -30,6 +32,13 @@ bodies: {first: {inertia_kg_m2: 0.2}, second: {inertia_kg_m2: 0.3}}
 joints:
   first_shaft: {kind: revolute, between: [ground, first], start_rad_per_s: 2}
   second_shaft: {kind: revolute, between: [ground, second]}
+"""
+SHAKER = """
+gravity_m_per_s2: [0, 0]
+bodies: {box: {mass_kg: 9}}
+joints: {guide: {kind: slider, between: [ground, box]}}
+springs: {spring: {joint: guide, rate_n_per_m: 4000, free_m: 0}}
+drives: {shaker: {kind: unbalance, point: box, mass_kg: 1, radius_m: 0.05, speed_rpm: 300}}
 """
 
 
@@ -288,20 +297,19 @@ def test_a_layer_gives_nothing_back_and_lets_the_plate_go():
 
 
 def test_an_unbalance_shakes_its_body_as_a_rotating_force():
-    text = """
-gravity_m_per_s2: [0, 0]
-bodies: {box: {mass_kg: 9}}
-joints: {guide: {kind: slider, between: [ground, box]}}
-springs: {spring: {joint: guide, rate_n_per_m: 4000, free_m: 0}}
-drives: {shaker: {kind: unbalance, point: box, mass_kg: 1, radius_m: 0.05, speed_rpm: 300}}
-"""
-    told, _ = balanced(text, 1.0)
+    told, _ = balanced(SHAKER, 1.0)
     w, w0 = 10.0 * math.pi, math.sqrt(4000.0 / 10.0)
     size = 0.05 * w * w / 10.0 / (w0 * w0 - w * w)
     for frame in told[::25]:
         t = frame.linkage.time_s
         x = size * (math.cos(w * t) - math.cos(w0 * t))
         assert frame.linkage.joint("guide").position == pytest.approx(x, abs=1e-10)
+
+
+@pytest.mark.parametrize("text", [BALL, SLIDER_CRANK, SHAKER])
+def test_a_page_is_the_same_when_all_of_its_keys_are_given(text):
+    """As a recording and the nodes of a run give them."""
+    assert Page.model_validate(configuration_tree(page(text))) == page(text)
 
 
 def test_the_numbers_of_a_run_leave_out_what_comes_before_it_has_settled():
