@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from mech_twin.declarations.quantity import RANGES, Parameters, choice, quantity
 from mech_twin.machines.page.rods import ContactRod
-from mech_twin.machines.page.tables import TableRows, table
+from mech_twin.machines.page.tables import TableRows, TurnRows, table
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 
 RPM, DEGREE = math.pi / 30.0, math.pi / 180.0
@@ -163,7 +163,7 @@ class DriveElement(Parameters):
     )
     table_rpm_nm: TableRows | None = table("rpm, N m", "torque of the motor over its speed, held beyond", default=None)
     table_m_per_s_n: TableRows | None = table("m/s, N", "force over speed, held beyond", default=None)
-    table_deg_nm: TableRows | None = table(
+    table_deg_nm: TurnRows | None = table(
         "deg, N m", "torque over the angle; of a table of 360 deg each turn", default=None
     )
     table_m_n: TableRows | None = table("m, N", "force over the travel, held beyond", default=None)
@@ -333,7 +333,7 @@ class LoadElement(Parameters):
         "N m", "moment against a falling angle", live=True, default=None, ge=0.0
     )
     table_m_n: TableRows | None = table("m, N", "force against the motion, over the travel", default=None)
-    table_deg_nm: TableRows | None = table(
+    table_deg_nm: TurnRows | None = table(
         "deg, N m", "moment against the motion, over the angle; of a table of 360 deg each turn", default=None
     )
     against: Literal["both", "forward", "backward"] | None = choice(

@@ -35,7 +35,18 @@ def _in_rows(value: Any) -> Any:
     return [*zip(value[::2], value[1::2], strict=True)] if flat else value
 
 
+def _closed(rows: Rows) -> Rows:
+    (first, begun), (last, ended) = rows[0], rows[-1]
+    if last - first == TURN_DEG and begun != ended:
+        raise ValueError(
+            f"a table of {TURN_DEG:g} deg holds for every turn: its last value must be its first, {begun:g}, "
+            f"got {ended:g}"
+        )
+    return rows
+
+
 TableRows = Annotated[Rows, BeforeValidator(_in_rows), AfterValidator(_rising)]
+TurnRows = Annotated[TableRows, AfterValidator(_closed)]
 
 
 def table(unit: str, meaning: str, **options: Any) -> Any:
@@ -93,7 +104,7 @@ def scaled_rows(rows: Rows, x: float) -> Rows:
 
 def repeats(rows_deg: Rows) -> bool:
     """Return whether a table over an angle spans a whole turn, and so is periodic."""
-    return rows_deg[-1][0] - rows_deg[0][0] == TURN_DEG and rows_deg[0][1] == rows_deg[-1][1]
+    return rows_deg[-1][0] - rows_deg[0][0] == TURN_DEG
 
 
 def wrapped(x: Number, first: Number, span: Number) -> Number:

@@ -41,6 +41,15 @@ def test_an_unknown_point_is_named_with_those_there():
     assert "joints.pin.between: crank has no point 'pinn'; expected one of pin" in told
 
 
+@pytest.mark.parametrize(("group", "kind"), [("drives", {"kind": "table"}), ("loads", {})])
+def test_a_table_of_a_whole_turn_ends_as_it_begins(group, kind):
+    rows = [[0, 1.0], [90, 4.0], [360, 3.0]]
+    told = refused(PENDULUM, **{group: {"one": {**kind, "joint": "pivot", "table_deg_nm": rows}}})
+    assert "a table of 360 deg holds for every turn: its last value must be its first, 1, got 3" in told
+    rows[-1][1] = 1.0
+    build(page(PENDULUM, **{group: {"one": {**kind, "joint": "pivot", "table_deg_nm": rows}}}))
+
+
 def test_places_reach_as_far_as_other_lengths():
     told = refused(SLIDER_CRANK, bodies={"rod": {"points_m": {"end": [1e8, 0.0]}}})
     assert "expected two numbers up to 10000" in told
