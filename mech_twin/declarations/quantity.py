@@ -63,6 +63,10 @@ class Parameters(BaseModel):
             raise ValueError(f"expected a number in {extra['unit']}")
         return value
 
+    def unused(self) -> frozenset[str]:
+        """Return the keys that an element of this kind does not have; they are at their defaults."""
+        return frozenset()
+
 
 def quantity(unit: str, meaning: str, *, live: bool = False, **bounds: Any) -> Any:
     """Return the field declaration of a number.

@@ -51,8 +51,11 @@ class Key(NamedTuple):
 
 
 def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
-    """Yield every key of a configuration, nested groups included."""
+    """Yield every key of a configuration, nested groups included, but for those that an element does not have."""
+    unused = parameters.unused()
     for name, field in type(parameters).model_fields.items():
+        if name in unused:
+            continue
         value = getattr(parameters, name)
         if isinstance(value, Parameters):
             yield from keys(value, f"{prefix}{name}.")

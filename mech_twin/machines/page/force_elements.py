@@ -95,6 +95,11 @@ class CouplingElement(Parameters):
             raise ValueError("ratio of a belt must be above 0; a crossed one is a gear with a ratio below 0")
         return self
 
+    def unused(self) -> frozenset[str]:
+        """Return damping and play in the other unit, of a firm one in either."""
+        turning, sliding = {"damping_nms_per_rad", "backlash_deg"}, {"damping_ns_per_m", "backlash_m"}
+        return frozenset(turning | sliding if self.firm else turning if self.slides else sliding)
+
     @property
     def slides(self) -> bool:
         """Whether its second joint is a slider."""

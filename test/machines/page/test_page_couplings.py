@@ -9,6 +9,10 @@ import pytest
 from machines.page.pages import page
 from machines.page.test_page_elements import TWO_WHEELS, balanced
 
+from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.machines.page.parameters import Page
+from mech_twin.parameters.live_change import live_numbers
+
 FIRST, SECOND, SPEED = 0.2, 0.3, 2.0  # inertias of the two wheels (kg m2), speed of the first at the start (rad/s)
 PINION = """
 gravity_m_per_s2: [0, 0]
@@ -86,3 +90,22 @@ def test_a_gear_with_play_carries_nothing_across_it():
     assert (met.kind, met.contact) == ("contact", "train_backward")
     assert met.time_s == pytest.approx(math.radians(3.0) / (2.0 * SPEED), abs=1e-9)
     assert all(f.linkage.velocity[1] == 0.0 for f in told if f.linkage.time_s < met.time_s)
+
+
+@pytest.mark.parametrize(
+    ("coupling", "live"),
+    [
+        ({"kind": "belt", "ratio": 2, "rate_nm_per_rad": 9}, ["damping_nms_per_rad", "rate_nm_per_rad"]),
+        ({"kind": "gear", "ratio": 2}, []),
+        ({"kind": "rack", "radius_m": 1, "rate_n_per_m": 9}, ["damping_ns_per_m", "rate_n_per_m"]),
+        ({"kind": "rack", "radius_m": 1}, []),
+    ],
+)
+def test_each_live_key_of_a_coupling_may_change(coupling, live):
+    second = {"kind": "slider", "between": ["ground", "second"]} if coupling["kind"] == "rack" else {}
+    joints = {"first_shaft": {"start_rad_per_s": None}, "second_shaft": second}
+    tree = page(TWO_WHEELS, joints=joints, couplings={"one": {**coupling, "joints": ["first_shaft", "second_shaft"]}})
+    found = {name: value for name, value in live_numbers(tree).items() if name.startswith("couplings.")}
+    assert sorted(name.removeprefix("couplings.one.") for name in found) == live
+    for name, value in found.items():
+        Page.model_validate(merged_tree(configuration_tree(tree), tree_from_flat({name: 1.0 + value})))
