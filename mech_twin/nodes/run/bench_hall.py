@@ -137,7 +137,8 @@ class Hall:
             last_lines = [*last_lines, line.decode(errors="replace").strip()][-SHOWN_LINES:]
         code = await process.wait()
         failed = code not in (0, 1) if verb == "compare" else code != 0
-        text = f"{verb}: {'; '.join(last_lines)}" if failed else f"{verb} is over"
+        reasons = [line for line in last_lines if line.startswith("mech-twin: ")] or last_lines
+        text = f"{verb}: {'; '.join(reasons)}" if failed else f"{verb} is over"
         if failed:
             self._tell("status", {"text": text})
         self._tell("end", {"text": text, "has_failed": failed})

@@ -89,6 +89,34 @@ def test_of_two_orders_at_once_the_second_ends_what_the_first_began(tmp_path, mo
     assert [code is None for code in asyncio.run(order_twice())] == [False, True]
 
 
+@pytest.mark.parametrize(
+    ("lines", "shown"),
+    [
+        (["starting", "[INFO] frames", "mech-twin: mine: no pose"], "run: mech-twin: mine: no pose"),
+        (["Traceback", "  here", "KeyError: 'x'"], "run: Traceback; here; KeyError: 'x'"),
+    ],
+)
+def test_of_a_run_that_fails_its_reason_is_told_alone(tmp_path, monkeypatch, lines, shown):
+    program = tmp_path / "program"
+    program.write_text("#!/bin/sh\ncat >&2 <<'END'\n" + "\n".join(lines) + "\nEND\nexit 2\n", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setattr(bench_hall.sys, "executable", str(program))
+    told = []
+
+    async def order() -> None:
+        async def clear() -> None:
+            pass
+
+        hall = Hall(tmp_path, ["mb10_breaker"], "bench:nowhere", clear, lambda *words: told.append(words), str)
+        await hall.obey({"name": RUN, "values": {"machine": "mb10_breaker"}})
+        async with asyncio.timeout(LIMIT_S):
+            while not any(kind == "end" for kind, _ in told):
+                await asyncio.sleep(0.01)
+
+    asyncio.run(order())
+    assert [content for kind, content in told if kind == "end"] == [{"text": shown, "has_failed": True}]
+
+
 def test_a_page_put_into_the_folder_later_is_offered_at_the_next_look(tmp_path):
     told = []
     hall = Hall(tmp_path, ["mb10_breaker"], "bench:nowhere", None, lambda _, content: told.append(content), str)
