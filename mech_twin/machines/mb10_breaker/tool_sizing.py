@@ -28,8 +28,8 @@ from mech_twin.parts.rod_waves.parameters import WaveTool, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import rod_blow
 
 OBJECTIVE = "transmitted_energy_j"  # made large
-# the power is at most that of the motor
 ASSUMED = ("tool.wave.face.stiffness_n_per_m", "tool.wave.wall.stiffness_n_per_m")
+# the power is at most that of the motor
 LIMITS: dict[str, float] = {"peak_stress_pa": 2.5e8, "blow_power_w": inf, "tool_mass_kg": inf}
 DIAMETERS_M = np.geomspace(0.025, 0.1, 9)
 LENGTHS_M = np.geomspace(0.15, 1.2, 7)
