@@ -110,11 +110,33 @@ def failed(done: Advance) -> bool:
 
 
 @kernel
+def turned(
+    former: Former, command: float, begin_s: float, longest_s: float, nodes: int, stop: float, y: Array, modes: Modes
+) -> tuple[Advance, TurnColumns]:
+    """Integrate the state up to a crank angle, at most ``longest_s``; return the end, and the values at the nodes.
+
+    One kernel for a turn of unknown time and for the columns of a known one: each would hold the whole integration.
+    """
+    found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
+    torque, done = supplied_motor(former.motor, command), Advance(begin_s, 0, modes, 0)
+    for node in range(nodes):
+        now, t = state_of(y), begin_s + longest_s * node / nodes
+        shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
+        found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
+        found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
+        found[5, node] = twist_acceleration(former, torque, t, y, done.modes.drive_direction)
+        found[6, node] = coupling_moment(former, now)
+        found[7, node], found[8, node] = geared(former, shaft, done.modes.drive_direction), shaft
+        until = begin_s + longest_s * (node + 1) / nodes
+        done, log = advance_motion(former, torque, t, until, y, done.modes, log, stop)
+    columns = TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
+    return done, columns
+
+
 def next_section(former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float) -> Advance:
     """Integrate the state over one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
-    torque = supplied_motor(former.motor, command)
-    done, _ = advance_motion(former, torque, t, t + longest_s, y, modes, np.empty((8, EVENT_WIDTH)), stop)
+    done, _ = turned(former, command, t, longest_s, 1, stop, y, modes)
     if y[CRANK] < stop:
         return Advance(np.nan, done.status, done.modes, done.steps)
     y[CRANK] = stop - TURN
@@ -129,7 +151,7 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
     """
     steps = 0
 
-    def turned(start: Array) -> Array:
+    def end_of_turn(start: Array) -> Array:
         nonlocal steps
         end = start.copy()
         done = next_section(former, 1.0, 0.0, end, modes, longest_s)
@@ -138,13 +160,13 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
 
     free = slice(CRANK + 1, TWIST_RATE + 1)
     scales = np.array(former.scales[free])
-    base = turned(y)
+    base = end_of_turn(y)
     missed = (base - y)[free] / scales
     slopes = np.empty((len(scales), len(scales)))
     for i in range(len(scales)):
         beside = y.copy()
         beside[CRANK + 1 + i] += SHOT_OFFSET * scales[i]
-        slopes[:, i] = (turned(beside) - base)[free] / scales / SHOT_OFFSET
+        slopes[:, i] = (end_of_turn(beside) - base)[free] / scales / SHOT_OFFSET
     if not (np.isfinite(slopes).all() and np.isfinite(missed).all()):
         return y, steps
     try:
@@ -154,28 +176,9 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
     for share in SHOT_SHARES:
         shot = y.copy()
         shot[free] += share * correction * scales
-        if shot[SPEED] > 0.0 and np.abs((turned(shot) - shot)[free] / scales).max() < np.abs(missed).max():
+        if shot[SPEED] > 0.0 and np.abs((end_of_turn(shot) - shot)[free] / scales).max() < np.abs(missed).max():
             return shot, steps
     return y, steps
-
-
-@kernel
-def turn_columns(former: Former, command: float, turn_time_s: float, nodes: int, y: Array, modes: Modes) -> TurnColumns:
-    """Integrate the state over one turn, and return its values at the nodes."""
-    found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
-    torque = supplied_motor(former.motor, command)
-    for node in range(nodes):
-        now, t = state_of(y), turn_time_s * node / nodes
-        shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
-        found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
-        found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
-        found[5, node] = twist_acceleration(former, torque, t, y, modes.drive_direction)
-        found[6, node] = coupling_moment(former, now)
-        found[7, node], found[8, node] = geared(former, shaft, modes.drive_direction), shaft
-        until = turn_time_s * (node + 1) / nodes
-        done, log = advance_motion(former, torque, t, until, y, modes, log, np.inf)
-        modes = done.modes
-    return TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
 
 
 def steady_turn(former: Former) -> SteadyTurn | None:
@@ -211,7 +214,7 @@ def steady_turn(former: Former) -> SteadyTurn | None:
         works, y = y, state_array(0.0, 0.0) + y * KEPT
         modes = done.modes
         if change < criterion:
-            columns = turn_columns(former, 1.0, done.time_s - t, NODES, y, modes)
+            _, columns = turned(former, 1.0, 0.0, done.time_s - t, NODES, inf, y, modes)
             return SteadyTurn(
                 done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
             )
