@@ -51,8 +51,7 @@ unexport PYTHONDONTWRITEBYTECODE
 run: $(VENV)/.run
 	$(BIN)/mech-twin run $(ARGS)
 
-test: $(VENV)/.test # every room, without the slow tests
-	$(MAKE) -j2 lint kernels
+test: kernels # every room, without the slow tests
 	$(BESIDE) $(PYTEST) -m "$(MAIN)" $(SHARED) $(ARGS) beside $(PYTEST) -m "$(MAIN)" $(ALONE) $(ARGS)
 	$(PYTEST) -m "$(MAIN)" $(FAULTS) $(ARGS)
 
@@ -65,6 +64,7 @@ test-rest: $(VENV)/.test # what `make test` leaves out
 	  $(PYTEST) -m "$(REST)" $(ALONE) $(ARGS) then make test-browser then make colcon then make test-ros ROS=kilted
 
 test-all:
+	$(MAKE) lint
 	$(MAKE) test
 	$(MAKE) test-rest
 

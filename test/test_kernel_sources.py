@@ -17,6 +17,7 @@ def imports(body: list[ast.stmt]) -> list[str]:
     return [ast.unparse(x) for x in _loaded_statements(body) if isinstance(x, ast.Import | ast.ImportFrom)]
 
 
+@pytest.mark.slow
 def test_the_imports_of_each_file_are_those_of_the_parser() -> None:
     assert len(FILES) > 300
     for file in FILES:

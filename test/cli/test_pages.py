@@ -154,6 +154,7 @@ def test_info_of_a_page_is_its_check(page):
         answer("info", page, "--csv")
 
 
+@pytest.mark.slow
 def test_view_of_a_page_shows_its_run(page, tmp_path):
     file = tmp_path / "shown.rrd"
     answer("view", page, "--duration", "0.2", "--save", file)
@@ -186,6 +187,7 @@ def test_questions_that_a_page_does_not_answer_are_refused_by_name(page, questio
         answer("study", page, question)
 
 
+@pytest.mark.slow
 def test_a_search_by_runs_finds_the_length_that_a_limit_allows(tmp_path):
     """At its far dead point a slider-crank reaches r + l, and at its near one l - r."""
     page, found = tmp_path / "my.yaml", tmp_path / "found.yaml"

@@ -59,6 +59,7 @@ def reported(monkeypatch, folder, *words: str) -> str:
     return (folder / "s.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_designs_are_reported_with_the_question_and_the_best_of_each_objective(tmp_path, monkeypatch):
     words = ("--count", "2000", "--seed", "3", "--bound", "crank=0.03:0.08", "--set", "drive.speed_rpm=200.0")
     html = reported(monkeypatch, tmp_path, "compaction_press", "designs", *words)

@@ -19,6 +19,7 @@ from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parts.induction_motor import CORRECTED
 
 
+@pytest.mark.slow
 def test_a_motor_of_somebody_else_that_gives_the_same_effort_gives_the_same_motion(unit: Any) -> None:
     run = mt.rollout("impact_mass", 0.5)
     efforts = {name: run[name] for name in _efforts_given_to(unit("impact_mass", 2))}

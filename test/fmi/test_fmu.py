@@ -265,6 +265,7 @@ def test_what_cannot_be_exported_is_refused_in_one_line(
     assert complaint.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_unit_that_holds_its_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -297,6 +298,7 @@ def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(tmp_path: Pat
     assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == "rammer"
 
 
+@pytest.mark.slow
 def test_a_step_that_was_compiled_once_serves_other_numbers_and_no_other_structure() -> None:
     def code_of(overrides: dict[str, object]) -> StepCode:
         machine = built_machine("impact_mass", None, overrides)

@@ -18,6 +18,7 @@ def bounces(restitution: float, count: int, first_s: float = 0.6) -> Array:
     return np.cumsum([0.1, *(first_s * restitution ** np.arange(count))])
 
 
+@pytest.mark.slow
 @given(restitutions, st.integers(3, 20), st.floats(1e-3, 10.0))
 def test_flights_give_the_restitution_whatever_their_scale(restitution: float, count: int, first_s: float) -> None:
     found = restitution_from_flights(bounces(restitution, count, first_s))
@@ -25,6 +26,7 @@ def test_flights_give_the_restitution_whatever_their_scale(restitution: float, c
     assert (found.missed, found.false, found.used) == ((), (), count + 1)
 
 
+@pytest.mark.slow
 @given(st.floats(0.7, 0.95), st.integers(2, 9), st.integers(0, 1000))
 def test_a_missed_impact_is_named(restitution: float, lost: int, seed: int) -> None:
     times = bounces(restitution, 12) * (1.0 + 1e-4 * np.random.default_rng(seed).uniform(-1.0, 1.0, 13))
@@ -34,6 +36,7 @@ def test_a_missed_impact_is_named(restitution: float, lost: int, seed: int) -> N
     assert found.value == pytest.approx(restitution, rel=0.02)
 
 
+@pytest.mark.slow
 @given(st.floats(0.7, 0.95), st.integers(2, 9), st.floats(0.1, 0.9), st.integers(0, 1000))
 def test_a_false_impact_is_named(restitution: float, place: int, share: float, seed: int) -> None:
     times = bounces(restitution, 12) * (1.0 + 1e-4 * np.random.default_rng(seed).uniform(-1.0, 1.0, 13))

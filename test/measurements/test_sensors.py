@@ -105,6 +105,7 @@ def sensor(draw: st.DrawFn, place: int) -> dict[str, Any]:
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     st.integers(1, 3).flatmap(lambda n: st.tuples(*(sensor(i) for i in range(n)))), st.integers(0, 2**31), st.booleans()

@@ -55,6 +55,7 @@ def integrated(m, k, zeta, v, a):
     return max([c * v, *peaks]), done.t[-1], done.y[2, -1], -done.y[1, -1]
 
 
+@pytest.mark.slow
 @given(m=mass, k=stiffness, zeta=damping, v=speed, share=fading)
 @example(m=1.0, k=1e3, zeta=1.0, v=1.0, share=-0.125)
 @settings(max_examples=40, deadline=None)

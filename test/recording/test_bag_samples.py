@@ -252,6 +252,7 @@ def mutated(entry: Entry, chance: random.Random) -> Entry:
     return entry._replace(raw=bytes(raw))
 
 
+@pytest.mark.slow
 def test_mutated_messages_are_counted_and_never_fatal(
     frames: list[Frame], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

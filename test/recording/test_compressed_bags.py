@@ -96,6 +96,7 @@ def test_a_compressed_bag_is_salvaged_into_a_plain_one(plain: Path, tmp_path: Pa
         assert by_topic(list(one.messages())) == by_topic(list(other.messages()))
 
 
+@pytest.mark.slow
 def test_a_compressed_file_that_is_cut_is_told_and_salvaged_as_far_as_it_goes(tmp_path: Path) -> None:
     bag = written(tmp_path / "bag", 20_000, compression="none")
     whole = bag_info(bag).message_count

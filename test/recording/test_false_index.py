@@ -174,6 +174,7 @@ def test_a_summary_that_contradicts_the_data_is_refused_and_recovered_without(tm
     assert recover(file, tmp_path / "out").messages == {"/n": CHUNKS * EACH}
 
 
+@pytest.mark.slow
 def test_empty_messages_without_end_are_bounded_by_their_number() -> None:
     empty = encoded(Message(channel_id=1, log_time=0, data=b"", publish_time=0, sequence=0))
     with pytest.raises(UnreadableRecordError, match="more than 1048576 records"):

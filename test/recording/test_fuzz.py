@@ -100,6 +100,7 @@ def test_damaged_recordings(tmp_path: Path, part: int) -> None:
         used(bag, tmp_path / f"out_{number}")
 
 
+@pytest.mark.slow
 def test_a_few_damaged_recordings(tmp_path: Path) -> None:
     bag = written(tmp_path / "bag", 30, chunk_bytes=1500)
     file = bag / "bag_0.mcap"

@@ -101,6 +101,7 @@ def test_cut_anywhere(sound: Sound, tmp_path: Path) -> None:
         assert bool(messages) == (sound.whole_chunks(size) > 0)
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_costs_no_more_than_its_chunk(sound: Sound, tmp_path: Path) -> None:
     source = random.Random(2)
     largest = max(Counter(_chunk_of(sound, time) for _, time, _ in sound.messages).values())

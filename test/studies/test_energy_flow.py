@@ -70,6 +70,7 @@ def test_the_last_turn_begins_between_samples():
         last_turn(rows[rows[:, 1] <= rows[0, 1] + 1.0])
 
 
+@pytest.mark.slow
 def test_the_diagram_names_each_element_and_is_written(tmp_path):
     figure = drawn_flow("wheel", flow_of(build(page(WHEEL)), "page", 1.3))
     names = [label.get_text() for label in figure.axes[1].get_yticklabels()]

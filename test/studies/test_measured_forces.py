@@ -76,6 +76,7 @@ def test_the_regime_is_that_of_the_run_in_either_sense(sense: float) -> None:
     assert len(seen) == 2
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(st.floats(0.5, 30.0), st.floats(0.0, 1e-4), st.integers(0, 99))
 def test_smoothing_gives_the_derivatives_of_a_noisy_motion(speed: float, noise: float, seed: int) -> None:

@@ -136,6 +136,7 @@ def test_the_sigma_of_the_impact_mass_holds_with_noise_and_wrong_parameters() ->
     assert np.mean(inside) >= 0.95
 
 
+@pytest.mark.slow
 def test_a_wrong_key_is_carried_on_as_what_it_is_and_not_as_noise() -> None:
     """From an exact state a key that pushes by g in each step leads n steps on to ``(sum F^i g)(sum F^i g)'``."""
     run = model_run(built("vibration_crank"), 1.0)

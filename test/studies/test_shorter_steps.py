@@ -159,6 +159,7 @@ def test_figures_of_a_sizing_by_runs_are_told_in_digits_that_a_third_step_has_to
     assert f"flight_share <= 0.95 (has {flight:.6g})" in {row[0] for row in constraint_rows(answer)}
 
 
+@pytest.mark.slow
 def test_a_design_found_by_runs_is_told_in_digits_that_a_third_step_has_too() -> None:
     limits = {"speed_max_rad_per_s": (0.0, 1e3)}
     found = search_runs(

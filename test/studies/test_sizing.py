@@ -136,6 +136,7 @@ def test_limits_that_cannot_be_met_name_themselves():
         size("winding_drum")
 
 
+@pytest.mark.slow
 def test_a_limit_that_the_answer_does_not_keep_is_no_answer():
     with pytest.raises(StudyError, match=r"no sizes keep damping_gain <= -1"):
         size("roller_former", limits={"damping_gain": -1.0}, tolerance=0.0)

@@ -234,6 +234,7 @@ def test_the_curve_evaluated_in_bulk_is_the_one_of_the_written_configuration():
         assert tuple(design.margins.values()) == pytest.approx(found.margins[place], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_layer_met_in_the_working_quarter_is_the_same_in_bulk_and_as_written():
     parameters = machine_parameters("compaction_press", None, {"working_force.working_quarter": True})
     row = np.array([[0.055, 0.5, 0.24, 0.295]])

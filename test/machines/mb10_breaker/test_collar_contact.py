@@ -183,6 +183,7 @@ def test_energy_never_grows_in_contact_without_load(ratio, preload, restitution)
         energy = now
 
 
+@pytest.mark.slow
 def test_momentum_balance_closes_over_a_cycle():
     body = body_at(0.3, 0.4)
     found = [(piece, ending) for piece, ending in chain(body, 3) if piece.cycle == 2]

@@ -105,12 +105,14 @@ def test_the_nominal_edge_of_the_running_machine_has_no_margin():
     assert not seats(seating(off))
 
 
+@pytest.mark.slow
 def test_a_limit_between_the_forces_tried_first_is_used_up():
     found = size("mb10_breaker", objective="flight_share", limits={"largest_force_n": 900.0}, tolerance=0.0)
     assert 895.0 < found.metrics["largest_force_n"] <= 900.0
     assert found.binding.startswith("largest_force_n <= 900")
 
 
+@pytest.mark.slow
 def test_no_preload_beside_the_gentlest_is_gentler():
     found = size("mb10_breaker", objective="return_speed_m_per_s", tolerance=0.0)
     for beside_n in (-20.0, 20.0):

@@ -53,6 +53,7 @@ def drive_torque(name, frame):
     return effort - inertia * linkage.memory["crank_bearing_acceleration_rad_per_s2"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMER)
 def test_a_converted_page_moves_and_bears_as_the_former_machine(name):
     run, former, shared = told(name), FORMER[name], built(name).linkage.shared

@@ -85,6 +85,7 @@ def test_units_of_slider_and_revolute_are_kept_apart():
     assert "friction.rub.joint: 'guide' is a slider; expected keys in m, m/s, or N" in told
 
 
+@pytest.mark.slow
 def test_a_loop_that_cannot_close_tells_by_how_much():
     told = refused(
         SLIDER_CRANK, joints={"guide": {"between": ["ground.far", "piston"]}}, ground={"points_m": {"far": [0.0, 2.0]}}

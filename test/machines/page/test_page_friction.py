@@ -73,6 +73,7 @@ coupling: {step_s: 0.0005}
 """
 
 
+@pytest.mark.slow
 def test_a_plate_whose_two_feet_stick_while_it_turns_goes_on_and_keeps_its_energy():
     _, simulation = run(PLATE, 0.5)
     assert all(r.worst <= r.limit for r in simulation.residuals().values())

@@ -48,6 +48,7 @@ def at_angle_of(name, frame, angle):
     return linkage_of(name).guided(frame.linkage.step, frame.linkage.time_s, CrankState(angle, speed, 0.0))
 
 
+@pytest.mark.slow
 def test_the_impact_mass_strikes_as_the_machine_does():
     ours, theirs = told(page("impact_mass")), told("impact_mass")
     found = [e for f in ours for e in f.linkage.events if e.kind == "impact" and e.pre_velocity_m_per_s > 1e-3]
@@ -155,6 +156,7 @@ def test_the_breaker_coasts_as_the_machine_does():
     assert theirs[0].linkage.time_s + here[:, 0] == pytest.approx(there[:, 0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_breaker_runs_up_as_the_machine_does():
     """Page and machine hold the motor's torque differently within a step of 1 ms."""
     theirs, ours = told("mb10_breaker"), told(page("breaker"))

@@ -72,6 +72,7 @@ def test_a_slider_crank_at_constant_speed_has_its_closed_form():
     assert all(residual.worst <= residual.limit for residual in simulation.residuals().values())
 
 
+@pytest.mark.slow
 def test_a_given_speed_keeps_its_angle_over_ten_thousand_steps():
     told, _ = run(SLIDER_CRANK, 10.0)
     last = told[-1].linkage

@@ -189,6 +189,7 @@ def test_work_of_the_drive_is_kinetic_energy_less_gravity_and_plus_friction():
     assert worst["energy_balance"] < 1e-10
 
 
+@pytest.mark.slow
 def test_full_package_let_go_swings_under_its_weight_and_comes_to_rest():
     full = {"layer_thickness_m": 0.05, "direction": "winding", "supply.initial_fraction": 1.0, **WITH_FRICTION}
     drum, samples, worst = last_frames({**full, "yarn_speed_m_per_s": 1.0, "friction.viscous_nms_per_rad": 5.0}, 30.0)
@@ -360,6 +361,7 @@ LEGAL = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=30, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(keys=LEGAL, thick=st.floats(1e-3, 1.0), over=st.floats(1.0001, 10.0), off=st.floats(0.0, 1.0))
 def test_legal_drums_run_within_their_limits_or_are_refused_in_a_line(keys, thick, over, off):

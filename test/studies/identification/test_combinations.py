@@ -160,6 +160,7 @@ def test_an_exact_combination_holds_the_truth_in_92_to_98_of_100_repeats_though_
     assert inside == alone  # nothing is added where nothing bends
 
 
+@pytest.mark.slow
 def test_where_no_form_is_exact_the_bend_is_in_the_interval() -> None:
     inside, alone = inside_of("neither", 100)
     assert inside >= 92

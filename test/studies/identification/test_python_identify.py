@@ -70,6 +70,7 @@ def found(plant: tuple[Path, Path]) -> SavedIdentification:
     return mt.identify(MACHINE, [plant[0]], plant[1], list(TRUE), cores=1)
 
 
+@pytest.mark.slow
 def test_all_keys_free_are_what_the_channels_see_and_the_others_stay(
     plant: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,6 +121,7 @@ def test_the_table_holds_the_machine_that_was_measured(found: SavedIdentificatio
     assert found.better
 
 
+@pytest.mark.slow
 def test_what_is_saved_is_the_table_and_a_configuration_that_runs(found: SavedIdentification, tmp_path: Path) -> None:
     written = found.save(tmp_path / "found")
     assert sorted(path.name for path in written) == ["identification.json", "report.html", f"{MACHINE}.yaml"]
@@ -159,6 +161,7 @@ def test_the_picture_shows_the_interval_of_each_key(found: SavedIdentification) 
         np.testing.assert_allclose(np.sort(np.asarray(bar, dtype=float)), ends, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "share",
     [

@@ -144,6 +144,7 @@ def test_a_longer_stated_time_between_alarms_gives_wider_thresholds() -> None:
     assert all(a < b for low, high in pairwise(alarms) for a, b in zip(low, high, strict=True))
 
 
+@pytest.mark.slow
 def test_a_setup_survives_its_file() -> None:
     setup = healthy_setup(500, 500.0)
     again = of_plain(MonitorSetup, json.loads(json.dumps(plain(setup))))
@@ -155,6 +156,7 @@ def test_a_setup_survives_its_file() -> None:
         assert one._replace(standard=other.standard, onset_s=0.0) == other._replace(onset_s=0.0)
 
 
+@pytest.mark.slow
 def test_a_missing_feature_is_said_and_nothing_is_made_up() -> None:
     setup = healthy_setup(500, 500.0)
     rows = autoregressive(12, COEFFICIENTS, COVARIANCE, 3) + np.array([10.0, -3.0, 0.5])

@@ -77,6 +77,7 @@ def same(one: list[FeatureVector], other: list[FeatureVector]) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_each_feature_is_what_it_says() -> None:
     vectors = feed_channels(fresh(), measured(1))
     assert len(vectors) == int(turned(np.array([7.999]))[0] / (2.0 * pi)) - 1  # the first turn begins before the run

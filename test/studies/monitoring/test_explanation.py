@@ -56,6 +56,7 @@ def test_a_fault_is_explained_by_what_each_feature_did_beside_what_it_would_do(s
     assert (inside >= 33).all() and inside.sum() < 3 * len(seeds)  # of 40 at 95 %: 32 or less has a chance of 1e-3
 
 
+@pytest.mark.slow
 def test_a_fault_that_is_not_the_one_is_told_with_what_it_leaves_open(setup: MonitorSetup) -> None:
     found = explanation(setup, UNITS, alarm_of(setup, 5), "worn")
     assert found is not None and not found.explains and found.finding == "soft"

@@ -51,6 +51,7 @@ def last_of(setup: MonitorSetup, change: np.ndarray, seed: int, cycles: int = 60
     return [monitor.observe(vector) for vector in vectors(rows[: 41 + cycles])][-1]
 
 
+@pytest.mark.slow
 def test_the_fault_is_named_and_its_size_lies_in_the_interval(setup: MonitorSetup) -> None:
     inside = 0
     for seed in range(40):
@@ -143,6 +144,7 @@ def test_the_estimated_change_is_unbiased_and_its_covariance_is_that_of_its_scat
     np.testing.assert_allclose(np.linalg.solve(estimate.covariance, np.cov(scatter.T)), np.eye(4), atol=0.35)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=30)
 @given(
     size=st.floats(min_value=200.0, allow_infinity=False),

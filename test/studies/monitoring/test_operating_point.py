@@ -92,6 +92,7 @@ def test_a_variable_of_healthy_cycles_that_is_farther_off_than_was_simulated_is_
     assert known.out_of_reach([]) == ()
 
 
+@pytest.mark.slow
 def test_the_noise_of_days_at_other_points_is_that_within_each_day() -> None:
     known, random = surface(), np.random.default_rng(6)
 

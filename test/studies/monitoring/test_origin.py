@@ -70,6 +70,7 @@ def test_what_sensors_measure_counts_and_how_noisy_they_are_does_not(changed: di
     assert (sensors_hash(given) != sensors_hash(other)) is counts
 
 
+@pytest.mark.slow
 def test_the_origin_is_kept_in_the_file_and_nonsense_in_it_is_refused() -> None:
     baseline, innovations = fitted_baseline(joined_runs([vectors(rows) for rows in days()]))
     machine = monitored("impact_mass")
