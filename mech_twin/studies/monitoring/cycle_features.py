@@ -23,51 +23,26 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, CycleReference, SampledCycle, sampled
-from mech_twin.capabilities.cycle_kernels import crossed_turn, first_rise, gap_limits, phase_of_turn
+from mech_twin.capabilities.cycle_kernels import crossed_turn, first_rise, phase_of_turn
 from mech_twin.errors import StudyError
-from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, channel_quality
+from mech_twin.studies.monitoring.sensor_quality import (
+    LEAST_SAMPLES,
+    ChannelBuffer,
+    ChannelQuality,
+    channel_quality,
+    is_whole,
+)
 
 PATIENCE_S = 1.0  # by which the reference may run ahead of another channel
 EVENT_WAIT_S = 0.1  # the same for an event channel, which is silent while nothing happens
 FARTHEST_RAD = 1e9  # largest angle: beyond it, rounding destroys the count of turns
-LEAST_SAMPLES = 6  # of a channel in a cycle; an event channel needs one
-LARGEST_GAP = 0.25  # of a cycle, between samples of a channel
-ORDINARY_GAP, SPACINGS = 0.02, 5.0  # shares of a cycle, and of the usual spacing; a gap exceeds the larger of both
 CLOCK_GAIN = 0.02  # gain of the clock's correction by a rise, after 1/gain rises
 CLOCK_RISES = 20  # averaged before the first cycle is counted
 CLOCK_TRUST = 0.25  # of a cycle: a rise farther from its expected instant resets the clock
 LONGEST_CYCLE = 10.0  # times the shortest of the cycles before: a longer one is a standstill
 CYCLES_BEFORE = 5  # with so many standstills in a row, the machine has become slow
+QUICK = 0.5  # of the usual turn: a quicker one of fewer than `LEAST_SAMPLES` is none of the machine
 CROSSING_RAD = pi / 12.0  # on either side of a boundary: a line through these samples gives the crossing
-
-
-@dataclass
-class ChannelBuffer:
-    """Samples of a channel that may still be needed, and its newest stamp."""
-
-    times_s: Array = field(default_factory=lambda: np.empty(0))
-    values: Array = field(default_factory=lambda: np.empty(0))
-    newest_s: float = -np.inf
-
-    def add(self, times_s: Array, values: Array) -> None:
-        """Append samples later than the newest one; drop earlier ones and those that are not finite."""
-        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
-        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
-        self.times_s = np.concatenate([self.times_s, times_s[kept]])
-        self.values = np.concatenate([self.values, values[kept]])
-        if kept.any():
-            self.newest_s = float(self.times_s[-1])
-
-    def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
-        """Return stamps and values of the samples in [begin, end)."""
-        first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s)
-        return self.times_s[first:last], self.values[first:last]
-
-    def forget(self, before_s: float) -> None:
-        """Drop the samples before an instant (s)."""
-        first = int(self.times_s.searchsorted(before_s))
-        if first > 0:
-            self.times_s, self.values = self.times_s[first:], self.values[first:]
 
 
 def turn_crossing(
@@ -159,12 +134,17 @@ class FeatureFeed:
     _begun_s: float | None = None
     _buffers: dict[str, ChannelBuffer] = field(default_factory=dict)
     _boundaries: list[float] = field(default_factory=list)
+    _wrong: dict[float, int] = field(default_factory=dict)  # turns of the angle, in a cycle that ends then and is none
+    _turns_s: deque[float] = field(default_factory=lambda: deque(maxlen=CYCLES_BEFORE))
+    _quick: int = 0
+    _is_rest: bool = False  # of a turn in which the angle went back
     _number: int = 0
     _turns: float = 0.0
     _last_raw: float | None = None
     _next_angle: float | None = None
     _recent_s: deque[float] = field(default_factory=lambda: deque(maxlen=CYCLES_BEFORE))
     _crossed_s: float = -np.inf
+    _begun_turn_s: float = -np.inf
     _rises: int = 1
     _clock_s: float | None = None
 
@@ -224,18 +204,64 @@ class FeatureFeed:
 
     def _find_boundaries(self) -> None:
         buffer = self._buffers[self.declared.reference.column]
-        find = turn_crossing if self.declared.reference.kind == "turn" else rise_crossing
+        is_turn = self.declared.reference.kind == "turn"
+        find = turn_crossing if is_turn else rise_crossing
         since = self._crossed_s
         while len(buffer.times_s):
             found = find(self.declared.reference, buffer, self._next_angle, since)
+            back_s = self._turned_back(np.inf if found is None else found[0]) if is_turn else None
+            if back_s is not None:
+                since = self._crossed_s = self._begun_turn_s = back_s
+                self._boundaries.append(back_s)
+                continue
             if found is None:
                 return
             crossed_s, self._next_angle = found
             if crossed_s > since:
+                samples = np.subtract(*buffer.times_s.searchsorted([crossed_s, since]))
                 since = self._crossed_s = crossed_s
+                if is_turn and self._is_wrong(crossed_s, int(samples)):
+                    continue
                 begun_s = self._clocked(crossed_s)
                 if begun_s is not None:
                     self._boundaries.append(begun_s)
+
+    @property
+    def _usual_turn_s(self) -> float:
+        return sorted(self._turns_s)[len(self._turns_s) // 2] if self._turns_s else 0.0
+
+    def _is_wrong(self, crossed_s: float, samples: int) -> bool:
+        """Return whether a turn is too quick for the machine and its samples; such are counted for the time of one."""
+        turn_s, usual_s = crossed_s - self._begun_turn_s, self._usual_turn_s
+        if turn_s < usual_s if self._quick else turn_s < QUICK * usual_s and samples < LEAST_SAMPLES:
+            self._quick += 1
+            return True
+        if self._quick or self._is_rest:
+            self._wrong[crossed_s], self._quick = self._quick and self._quick + 1, 0
+        elif turn_s < np.inf:
+            self._turns_s.append(turn_s)
+        self._begun_turn_s, self._is_rest = crossed_s, False
+        return False
+
+    def _turned_back(self, before_s: float) -> float | None:
+        """Return the first instant before ``before_s`` at which the angle is a turn below the last boundary.
+
+        There is at most one in the time of a turn; the next boundary is then the one ahead of that angle.
+        """
+        reference, buffer = self.declared.reference, self._buffers[self.declared.reference.column]
+        if self._next_angle is None or self._crossed_s == -np.inf:
+            return None
+        sooner_s = self._begun_turn_s + self._usual_turn_s
+        is_back = (buffer.values < self._next_angle - 2.0 * TURN) & (buffer.times_s < before_s)
+        is_back &= (buffer.times_s > self._crossed_s) & (buffer.times_s >= sooner_s)
+        if not is_back.any():
+            return None
+        place = int(is_back.argmax())
+        turns = ceil((buffer.values[place] + CROSSING_RAD - reference.begin) / TURN)
+        back_s, ahead = float(buffer.times_s[place]), reference.begin + TURN * turns
+        self._wrong[back_s], self._quick, self._is_rest = round((ahead - self._next_angle) / TURN), 0, True
+        self._next_angle = ahead
+        return back_s
 
     def _clocked(self, crossed_s: float) -> float | None:
         """Return the start of the cycle (s) by the clock that drives the signal; None until that is known well enough.
@@ -284,6 +310,11 @@ class FeatureFeed:
         reference = self.declared.reference
         times, values = self._buffers[reference.column].between(begin_s, end_s)
         period_s = end_s - begin_s
+        wrong = self._wrong.pop(end_s, None)
+        if wrong is not None:
+            quality = {reference.column: ChannelQuality(0, np.nan, 0.0, 0.0, wrong)}
+            nothing = np.full(len(self._names), np.nan)
+            return FeatureVector(self._number, begin_s, end_s, self._names, nothing, quality) if wrong else None
         usual_s = min(self._recent_s, default=period_s)
         self._recent_s.append(period_s)
         if period_s > LONGEST_CYCLE * usual_s:
@@ -312,16 +343,6 @@ class FeatureFeed:
         for column, buffer in self._buffers.items():
             reference = column == self.declared.reference.column
             buffer.forget(end_s - (0.5 * (self._recent_s[-1] if self._recent_s else 0.0) if reference else 0.0))
-
-
-def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
-    """Return whether a cycle has enough samples and no gap, which would look like a change of the machine."""
-    if len(times_s) < LEAST_SAMPLES:
-        return False
-    largest_s, spacing_s = gap_limits(times_s, begin_s, end_s)
-    period_s = end_s - begin_s
-    usual_s = max(ORDINARY_GAP * period_s, SPACINGS * spacing_s)
-    return bool(largest_s <= min(LARGEST_GAP * period_s, usual_s))
 
 
 def available_features(declared: CycleFeatures, columns: Iterable[str]) -> tuple[CycleFeature, ...]:

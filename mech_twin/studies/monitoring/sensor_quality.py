@@ -13,28 +13,75 @@ and one whose samples come in bursts, as at events, has no spacing that could ch
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.capabilities.cycle_kernels import sample_quality
+from mech_twin.capabilities.cycle_kernels import gap_limits, sample_quality
 
 PLATEAU = 0.3  # of a cycle: with a longer plateau in the baseline, a channel is not tested for being stuck
 LOST = 0.1  # share of samples lost in excess of the baseline
 EVEN = 0.5  # of a cycle that its samples fill at their spacing: with less in the baseline, the spacing is not tested
 SPACING = 1.15  # ratio to the usual spacing, or its inverse: beyond it the rate has changed
 ISOLATION = 4.0  # times the largest isolation in the baseline
-KINDS = ("stuck", "dropout", "rate", "spikes")
+LEAST_SAMPLES = 6  # of a channel in a cycle; an event channel needs one
+LARGEST_GAP = 0.25  # of a cycle, between samples of a channel
+ORDINARY_GAP, SPACINGS = 0.02, 5.0  # shares of a cycle, and of the usual spacing; a gap exceeds the larger of both
+KINDS = ("turns", "stuck", "dropout", "rate", "spikes")
+
+
+@dataclass
+class ChannelBuffer:
+    """Samples of a channel that may still be needed, and its newest stamp."""
+
+    times_s: Array = field(default_factory=lambda: np.empty(0))
+    values: Array = field(default_factory=lambda: np.empty(0))
+    newest_s: float = -np.inf
+
+    def add(self, times_s: Array, values: Array) -> None:
+        """Append samples later than the newest one; drop earlier ones and those that are not finite."""
+        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
+        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
+        self.times_s = np.concatenate([self.times_s, times_s[kept]])
+        self.values = np.concatenate([self.values, values[kept]])
+        if kept.any():
+            self.newest_s = float(self.times_s[-1])
+
+    def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
+        """Return stamps and values of the samples in [begin, end)."""
+        first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s)
+        return self.times_s[first:last], self.values[first:last]
+
+    def forget(self, before_s: float) -> None:
+        """Drop the samples before an instant (s)."""
+        first = int(self.times_s.searchsorted(before_s))
+        if first > 0:
+            self.times_s, self.values = self.times_s[first:], self.values[first:]
 
 
 class ChannelQuality(NamedTuple):
-    """A channel in one cycle: samples, quartile of spacing (s), share of longest equal run, isolation (SI)."""
+    """A channel in one cycle: samples, quartile of spacing (s), share of longest equal run, isolation (SI).
+
+    ``wrong_turns``: turns of the angle that counts the cycles, if they cannot be the machine's; below 0 backward.
+    """
 
     samples: int
     spacing_s: float
     equal_share: float
     isolation: float
+    wrong_turns: int = 0
+
+
+def is_whole(times_s: Array, begin_s: float, end_s: float) -> bool:
+    """Return whether a cycle has enough samples and no gap, which would look like a change of the machine."""
+    if len(times_s) < LEAST_SAMPLES:
+        return False
+    largest_s, spacing_s = gap_limits(times_s, begin_s, end_s)
+    period_s = end_s - begin_s
+    usual_s = max(ORDINARY_GAP * period_s, SPACINGS * spacing_s)
+    return bool(largest_s <= min(LARGEST_GAP * period_s, usual_s))
 
 
 def channel_quality(times_s: Array, values: Array) -> ChannelQuality:
@@ -72,7 +119,7 @@ def sensor_limits(cycles: Sequence[tuple[float, Mapping[str, ChannelQuality]]]) 
     """Return the usual values from healthy cycles: duration (s) and the quality of each channel."""
     found = {}
     for column in dict.fromkeys(name for _, qualities in cycles for name in qualities):
-        rows = np.array([[period_s, *qualities[column]] for period_s, qualities in cycles if column in qualities])
+        rows = np.array([[period_s, *qualities[column][:4]] for period_s, qualities in cycles if column in qualities])
         rows = rows[rows[:, 1] >= 3]
         if not len(rows):
             continue
@@ -99,7 +146,9 @@ def sensor_findings(
         stretched = quality.spacing_s / usual.spacing_s
         is_tested = usual.rate_hz * usual.spacing_s >= EVEN
         is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many samples as fill the cycle at their spacing
-        if usual.equal_share < PLATEAU and quality.equal_share > 0.5 * (1.0 + usual.equal_share):
+        if quality.wrong_turns:
+            found.append(SensorFinding("turns", column, quality.wrong_turns))
+        elif usual.equal_share < PLATEAU and quality.equal_share > 0.5 * (1.0 + usual.equal_share):
             found.append(SensorFinding("stuck", column, quality.equal_share))
         elif is_tested and is_even and not 1.0 / SPACING <= stretched <= SPACING:
             found.append(SensorFinding("rate", column, stretched))

@@ -123,6 +123,32 @@ def test_sample_by_sample_gives_the_same_bits() -> None:
     assert same(feed_channels(fresh(), channels), [*found, *feed.finish()])
 
 
+def turned_wrong(times: np.ndarray, angles: np.ndarray, gain: float) -> np.ndarray:
+    """Return an unwrapped angle that is shown with a gain from 1 s to 2 s."""
+    angles = np.unwrap(angles)
+    return np.where((times >= 1.0) & (times < 2.0), angles * gain, angles)
+
+
+@pytest.mark.parametrize("gain", [-1.0, 180.0 / pi, -180.0 / pi, 150.0])
+@pytest.mark.parametrize("every", [4, 10])
+def test_turns_that_are_none_of_the_machine_are_told_in_the_time_of_its_turns(gain: float, every: int) -> None:
+    whole = measured(1, duration_s=4.0)
+    times, angles = (each[::every] for each in whole[CRANK])
+    channels = {**whole, CRANK: (times, turned_wrong(times, angles, gain))}
+    found = feed_channels(fresh(), channels)
+    told = [vector for vector in found if CRANK in vector.quality and vector.quality[CRANK].wrong_turns]
+    assert 2 <= len(told) <= 4 and all(vector.begin_s > 0.6 and vector.end_s < 2.7 for vector in told)
+    assert all(np.isnan(vector.values).all() for vector in told)
+    assert gain != -1.0 or told[0].quality[CRANK].wrong_turns == -1
+    assert sum(np.isfinite(vector.values).all() for vector in found) >= 4  # before and after
+    feed, piecewise = fresh(), []
+    for column, samples in channels.items():
+        piecewise += [] if column == CRANK else feed.feed(column, *samples)
+    for at, value in zip(*channels[CRANK], strict=True):
+        piecewise += feed.feed(CRANK, [at], [value])
+    assert same(found, [*piecewise, *feed.finish()])
+
+
 def test_a_silent_channel_is_waited_for_and_then_missing() -> None:
     channels = measured(4)
     torque_s, torque = channels[TORQUE]

@@ -110,6 +110,20 @@ def test_a_sensor_at_fault_is_named_and_the_machine_is_not(
     assert since_s - period_s <= first.onset_s <= since_s + 2.0 * period_s
 
 
+@pytest.mark.parametrize("gain", [-1.0, 180.0 / np.pi], ids=["reversed", "in degrees"])
+def test_an_encoder_that_turns_otherwise_than_the_machine_is_named(gain: float) -> None:
+    machine, setup = watched(NAME)
+    seen, since_s, period_s = healthy(NAME)
+    column = machine.declared.reference.column
+    times, angles = seen[column]
+    monitor = Monitor(setup)
+    shown = np.where(times < since_s, angles, gain * angles)
+    found = [monitor.observe(vector) for vector in machine.vectors({**seen, column: (times, shown)})]
+    assert {each.finding for each in found if each.finding} == {f"sensor_turns:{column}"}
+    assert min(each.onset_s for each in found if each.finding) >= since_s - period_s
+    assert {life.name for life in found[-1].faults if life.state == "active"} == {f"sensor_turns:{column}"}
+
+
 @pytest.mark.parametrize("name", MACHINES)
 def test_a_healthy_sensor_is_not_named(name: str) -> None:
     assert not any(each.finding for each in told(lambda times, values: (times, values), name))
