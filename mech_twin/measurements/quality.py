@@ -93,7 +93,7 @@ class QualityGauge:
     """Computes the quality of one channel, block by block."""
 
     def __init__(self) -> None:
-        self._tail = np.empty((2, 0))
+        self._stamps, self._shown = np.empty(0), np.empty(0)  # the last stamp, and two values of rising stamps
         self._intervals, self._bends, self._kept = _Thinned(), _Thinned(), _Thinned()
         self._samples = self._repeats = self._back = self._nan = 0
         self._longest: list[Array] = []
@@ -115,8 +115,7 @@ class QualityGauge:
         self._last_s = float(times[-1])
         finite = np.isfinite(values)
         self._nan += int(np.count_nonzero(~finite))
-        with_tail = np.concatenate([self._tail[0], times])
-        intervals = np.diff(with_tail[-len(times) - 1 :])
+        intervals = np.diff(np.concatenate([self._stamps, times]))
         self._repeats += int(np.count_nonzero(intervals == 0.0))
         self._back += int(np.count_nonzero(intervals < 0.0))
         self._intervals.add(intervals[intervals > 0.0])
@@ -125,11 +124,12 @@ class QualityGauge:
             self._longest = [np.sort(np.concatenate(self._longest))[-KEPT:]]
         if finite.any():
             self._take_values(values[finite])
-        shown = np.concatenate([self._tail[1], values])
+        risen = np.append(np.ones(len(times) - len(intervals), dtype=bool), intervals > 0.0)
+        shown = np.concatenate([self._shown, values[risen]])  # a repeated sample has no curvature of its own
         bends = np.diff(shown, 2)
         self._bends.add(np.abs(bends[np.isfinite(bends)]))
         self._kept.add(values[finite])
-        self._tail = np.stack([with_tail[-2:], shown[-2:]])
+        self._stamps, self._shown = times[-1:], shown[-2:]
         if len(block.delays_s):
             delays = block.delays_s[stamped]
             self._delays += [(float(times[0]), float(delays[0])), (float(times[-1]), float(delays[-1]))]

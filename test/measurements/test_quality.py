@@ -36,6 +36,14 @@ def test_rate_jitter_and_noise_are_those_that_were_put_in() -> None:
     assert found.flaws() == []
 
 
+def test_samples_that_come_twice_change_no_noise() -> None:
+    times, values = (np.repeat(each, 2) for each in motion())
+    for cuts in ((), (1, 2, 501, 2000)):
+        found = gauged(times, values, cuts=cuts)
+        assert found.repeats == COUNT
+        assert found.noise == gauged(*motion()).noise
+
+
 def test_each_flaw_is_counted_and_named() -> None:
     times, values = motion()
     kept = np.delete(np.arange(COUNT), [100, 101, 900])
