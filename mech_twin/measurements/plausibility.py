@@ -114,9 +114,12 @@ def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
     """Compare the speed of the crank with the model's: its sense, and its size within a wide factor."""
     if isinstance(crank.channel.gain, str):
         return []
-    duration_s = float(crank.times_s[-1] - crank.times_s[0])
-    speed, usual = float(crank.values[-1] - crank.values[0]) / duration_s, turn.speed_rad_per_s
-    told = f"{crank.name} turns at {speed:.4g} rad/s in the mean, the model at {usual:.4g}"
+    duration_s, usual = float(crank.times_s[-1] - crank.times_s[0]), turn.speed_rad_per_s
+    speed = float(crank.values[-1] - crank.values[0]) / duration_s
+    usually = float(np.median(np.diff(crank.values) / np.diff(crank.times_s)))
+    if abs(usually) > SPEED_FACTOR * abs(usual):
+        speed = usually  # an angle that starts anew at each turn, in another unit, has hardly any mean speed
+    told = f"{crank.name} turns at {speed:.4g} rad/s, the model at {usual:.4g}"
     if not 1.0 / SPEED_FACTOR < abs(speed / usual) < SPEED_FACTOR:
         return [f"{told}{_fitting_unit(crank, 'rad', abs(speed), abs(usual), SPEED_FACTOR)}"]
     return [] if speed * usual > 0.0 else [f"{told}: expected sign {-crank.channel.sign}"]

@@ -116,6 +116,11 @@ def test_a_wrong_unit_is_named_with_the_right_one(motion: dict[str, Array], turn
     assert any("expected unit deg?" in line for line in implausible(in_degrees, turn, UNITS))
 
 
+def test_an_angle_in_degrees_that_starts_anew_at_each_turn_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    wrapped = with_values(measured(motion, COLUMNS[0]), COLUMNS[0], lambda x: np.mod(np.degrees(x), 360.0))
+    the_line(implausible(wrapped, turn, UNITS), COLUMNS[0], "expected unit deg?")
+
+
 def test_the_unit_of_what_slides_is_a_length_whatever_its_name() -> None:
     machine, ram = built("vibration_crank"), "linkage.slider.position"
     rows = [frame.linkage for frame in frames(machine, 3.0)]
