@@ -41,7 +41,13 @@ from mech_twin.studies.monitoring.naming import (
     candidates,
     estimated_change,
 )
-from mech_twin.studies.monitoring.operating import OUTSIDE, OperatingSurface, OperatingTrack, OperatingValue
+from mech_twin.studies.monitoring.operating import (
+    OUTSIDE,
+    SETTLED_CYCLES,
+    OperatingSurface,
+    OperatingTrack,
+    OperatingValue,
+)
 from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLimits, sensor_findings
 
 SENSOR = "sensor_"
@@ -323,7 +329,8 @@ class Monitor:
         signature = next(known, None)
         if surface is None or signature is None or not len(signature.points):
             return True  # a setup of an earlier version does not tell
-        own = np.interp(fault.size, signature.sizes, signature.points[:, surface.variables.index(value.name)])
+        drawn = [np.interp(fault.size, signature.sizes, points) for points in signature.points.T]
+        own = surface.freed(np.array(drawn), SETTLED_CYCLES)[0][surface.variables.index(value.name)]
         return bool(abs(value.share / value.range - own) <= OUTSIDE)
 
     def _moved_alone(self, cycles: Sequence[FeatureVector]) -> bool:

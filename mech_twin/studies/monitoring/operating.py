@@ -39,6 +39,7 @@ OUTSIDE = 1.1  # of a range: beyond it, a variable counts as outside
 SEEN = 0.25  # standard deviations of the features at the end of a range: a smaller effect is not measurable
 STEPS = 8  # of the Gauss-Newton iteration
 SMOOTHED = 0.05  # weight of the newest cycle in the smoothed operating point
+SETTLED_CYCLES = 2.0 / SMOOTHED - 1.0  # whose mean is as exact as the smoothed operating point
 SIGNIFICANT = 5.0  # standard deviations of the smoothed point in the baseline
 MOVES = 1.5  # times the largest movement in the baseline: a larger one is a change of operating point
 
@@ -148,6 +149,19 @@ class OperatingSurface:
                 break
             u = later
         return u
+
+    def freed(self, u: Array, cycles: float) -> tuple[Array, Array]:
+        """Return the point (q,) whose mean over so many cycles is u, and the factor (q,) on the deviation of that mean.
+
+        In every cycle the prior draws u towards 0, where features hardly tell variables apart.  Here it counts once::
+
+            H = J' N^-1 J,      (n H + 1) freed = n (H + 1) u
+        """
+        weighted, one = self.root @ self.response(u)[1], np.eye(len(u))
+        known = weighted.T @ weighted
+        drawn, after = np.linalg.inv(known + one), np.linalg.inv(cycles * known + one)
+        spread = np.diag(drawn @ known @ drawn) / cycles
+        return after @ (cycles * (known + one) @ u), np.sqrt(np.diag(after) / spread)
 
     def out_of_reach(self, vectors: Sequence[FeatureVector]) -> tuple[SurfaceVariable, ...]:
         """Return the variables that are farther off than was simulated in a tenth of the cycles or more."""
@@ -317,12 +331,13 @@ class OperatingTrack:
         """Return the smoothed variables with their 95 % intervals."""
         if self._smooth is None:
             return ()
-        surface = self.surface
-        half = 1.96 * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
-        low, high = (self._smooth - half) * surface.ranges, (self._smooth + half) * surface.ranges
-        low[self._smooth <= 0.01 - LIMIT] = -1.0  # at the end of what was simulated, one bound is open
-        high[self._smooth >= LIMIT - 0.01] = 1.0
-        numbers = (self._smooth * surface.ranges, low, high, surface.ranges)
+        surface, cycles = self.surface, 2.0 / self._weight - 1.0
+        point, factor = surface.freed(self._smooth, cycles)
+        half = 1.96 * factor * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
+        low, high = (point - half) * surface.ranges, (point + half) * surface.ranges
+        low[point <= 0.01 - LIMIT] = -1.0  # at the end of what was simulated, one bound is open
+        high[point >= LIMIT - 0.01] = 1.0
+        numbers = (point * surface.ranges, low, high, surface.ranges)
         return tuple(map(OperatingValue, surface.variables, *(each.tolist() for each in numbers), surface.beyond))
 
     @property

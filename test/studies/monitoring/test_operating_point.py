@@ -124,7 +124,7 @@ def test_variables_that_do_the_same_are_one_group_and_what_is_not_seen_is_left_o
 
 
 def test_while_the_point_moves_the_charts_allow_for_the_transient() -> None:
-    track = OperatingTrack(surface())
+    track = OperatingTrack(replace(surface(), root=1e3 * np.eye(D)))
     for _ in range(60):
         still = track.advance(np.zeros(Q))
     np.testing.assert_array_equal(still, 0.0)
@@ -136,6 +136,31 @@ def test_while_the_point_moves_the_charts_allow_for_the_transient() -> None:
     (value,) = track.changed()
     assert (value.name, value.share) == ("supply", pytest.approx(0.02))
     assert not value.is_outside
+
+
+@pytest.mark.parametrize("noise", [1.0, 30.0, 150.0])
+def test_the_variable_that_is_told_is_not_drawn_to_its_neighbour_by_the_prior_of_every_cycle(noise: float) -> None:
+    """Two variables of almost the same effect: each cycle's estimate splits the change, the mean of many must not."""
+    known = surface()
+    linear = np.zeros_like(known.coefficients)
+    linear[:Q] = 50.0 * np.array([[1.0, -1.0, 0.5, 0.3, 1.0], [1.2, -0.8, 0.4, 0.5, 0.9]])
+    known = replace(known, coefficients=linear, root=np.eye(D) / noise, wander=np.zeros(Q))
+    true, random = np.array([0.9, 0.0]), np.random.default_rng(5)
+    track = OperatingTrack(replace(known, moved=np.full(Q, np.inf)))
+    rows = known.mean + known.response(true)[0] + noise * random.standard_normal((2000, D))
+    points = np.array([known.located(row) for row in rows])
+    scatter = points.std(axis=0) * (0.05 / 1.95) ** 0.5
+    track.surface = replace(track.surface, wander=scatter)
+    inside = []
+    for point in points:
+        track.advance(point)
+        inside.append(
+            [
+                value.low_95 <= share <= value.high_95
+                for value, share in zip(track.values(), true * known.ranges, strict=True)
+            ]
+        )
+    assert (np.mean(inside[100:], axis=0) > 0.9).all()
 
 
 def test_a_step_of_the_point_within_a_cycle_is_no_alarm_and_another_change_is_one_a_cycle_later() -> None:
