@@ -140,7 +140,9 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
         wanted = f"expected {lacking} in the map, or" if lacking else "expected"
         raise ConfigurationError(f"key 'figure', value {wish.figure!r}: {wanted} one of {', '.join(figures)}")
     output = wish.output
-    if not output.low <= output.value <= output.high or output.low == output.high:
+    if output.low >= output.high:
+        raise ConfigurationError(f"key 'output.low', value {output.low}: expected less than output.high, {output.high}")
+    if not output.low <= output.value <= output.high:
         raise ConfigurationError(f"key 'output.value', value {output.value}: expected {output.low} to {output.high}")
     if output.key != COMMAND:
         live = [key for key, value in live_numbers(parameters).items() if isinstance(value, float)]

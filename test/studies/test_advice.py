@@ -177,6 +177,8 @@ def test_a_machine_that_is_where_it_should_be_gets_no_advice() -> None:
         ({"figure": "blow_energy_j"}, "key 'figure', value 'blow_energy_j': expected one of period_s"),
         ({"output": {"key": "masses.boom_kg", "low": 1.0, "high": 9.0, "value": 2.0}}, "or a live parameter"),
         ({"output": {"key": COMMAND, "low": 0.5, "high": 0.9, "value": 1.0}}, "expected 0.5 to 0.9"),
+        ({"output": {"key": COMMAND, "low": 1.0, "high": 0.5, "value": 1.0}}, "less than output.high, 0.5"),
+        ({"output": {"key": COMMAND, "low": 1.0, "high": 1.0, "value": 1.0}}, "less than output.high, 1.0"),
     ],
 )
 def test_a_wish_that_cannot_be_had_is_told_in_one_line(changes: dict[str, object], line: str) -> None:
