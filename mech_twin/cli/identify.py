@@ -27,7 +27,7 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
 from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.units import is_event, joint_column
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.load import description_text, kind_of
 from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import GuidedLinkage
@@ -329,7 +329,9 @@ def _write_found(request: IdentifyVerb, parameters: Parameters, keys: Sequence[A
         else f"# {key.key}: kept, {key.verdict}: {key.reason}\n"
         for key in keys
     ]
-    write_text(request.out, "".join(notes) + description_text(request.machine, parameters), force=request.force)
+    write_text(
+        request.out, "".join(notes) + description_text(kind_of(request.machine), parameters), force=request.force
+    )
     say(f"wrote {request.out}")
 
 

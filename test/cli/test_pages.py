@@ -321,3 +321,26 @@ def test_the_keys_of_a_group_are_told_with_unit_and_meaning():
     assert "dampers" not in told
     with pytest.raises(CommandError, match=r"--keys sprngs: expected all or one of .*springs"):
         answer("new", "--keys", "sprngs")
+
+
+def test_a_point_of_a_page_is_identified_and_written_into_the_folder(tmp_path):
+    sensors = """machine: page
+time: {column: t}
+channels:
+  - {source: {column: w}, is: linkage.crank_bearing.position, rate_hz: 500, sigma: 0.001}
+  - {source: {column: p}, is: linkage.guide.position, rate_hz: 400, sigma: 1.0e-4}
+"""
+    page, told, key = tmp_path / "my.yaml", tmp_path / "sensors.yaml", "bodies.crank.points_m.pin.0"
+    page.write_text(answer("new", "slider_crank"), encoding="utf-8")
+    told.write_text(sensors, encoding="utf-8")
+    run, found = tmp_path / "run.csv", tmp_path / "found"
+    answer("simulate", page, "--duration", "2", "--sensors", told, "--table", run, "--set", f"{key}=0.053")
+    answer("identify", page, run, "--map", told, "--free", key, "--out", found)
+    assert sorted(path.name for path in tmp_path.glob("*.yaml")) == ["my.yaml", "sensors.yaml"]
+    text = (found / "my.yaml").read_text(encoding="utf-8")
+    assert machine_parameters(str(found / "my.yaml")).bodies["crank"].points_m["pin"][0] == pytest.approx(
+        0.053, abs=2e-5
+    )
+    assert re.search(r"- 0\.05\d+  # identified 0\.05", text)
+    with pytest.raises(ConfigurationError, match=r"pin\.2: expected a key of .* that is a number"):
+        answer("identify", page, run, "--map", told, "--free", "bodies.crank.points_m.pin.2")

@@ -144,7 +144,10 @@ def number_in(tree: Mapping[str, Any], key: str) -> Any:
     """Return the value at a dotted key; None without one."""
     branch: Any = tree
     for word in key.split("."):
-        branch = branch.get(word) if isinstance(branch, Mapping) else None
+        if isinstance(branch, list | tuple):
+            branch = branch[int(word)] if word.isdecimal() and int(word) < len(branch) else None
+        else:
+            branch = branch.get(word) if isinstance(branch, Mapping) else None
     return branch
 
 
@@ -178,6 +181,10 @@ def scalar_lines(text: str) -> Iterator[tuple[str, tuple[int, ...]]]:
                 yield from below(value, "" if name in ("/**", "ros__parameters") else f"{prefix}{name}.", lines)
             elif isinstance(value, yaml.ScalarNode):
                 yield prefix + name, lines
+            elif isinstance(value, yaml.SequenceNode):
+                for place, each in enumerate(value.value):
+                    if isinstance(each, yaml.ScalarNode) and each.start_mark.line > lines[-1]:  # a line of its own
+                        yield f"{prefix}{name}.{place}", (*lines, each.start_mark.line)
 
     yield from below(yaml.compose(text, Loader=yaml.SafeLoader), "", ())
 

@@ -25,7 +25,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, plain, written_file
-from mech_twin.parameters.load import configuration_read, description_text
+from mech_twin.parameters.load import configuration_read, description_text, kind_of
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
@@ -45,7 +45,7 @@ ASKED = ("keys", "bounds", "priors", "longest_begin_s", "cores", "scheduler")  #
 
 def configuration_text(found: Identification, runs: Sequence[str]) -> str:
     """Return the resulting configuration as a parameter file, with a comment of the result beside each free key."""
-    text = description_text(found.question.machine, found.parameters)
+    text = description_text(kind_of(found.question.machine), found.parameters)
     notes = {key.key: _note(key, runs) for key in found.keys}
     lines = text.splitlines()
     for key, (*_, line) in scalar_lines(text):
@@ -281,7 +281,7 @@ class SavedIdentification:
         texts = {out: configuration}
         if not is_file(out):
             out.mkdir(parents=True, exist_ok=True)
-            machine = self.found.question.machine
+            machine = Path(self.found.question.machine).stem  # of a page, its path
             record = json.dumps(plain(self._with_helps), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
             texts = {out / f"{machine}.yaml": configuration, out / "identification.json": record}
             if find_spec("matplotlib") is not None:
