@@ -6,7 +6,8 @@ by the linkage; under the half sine it has a clock of its own and is cut at its 
 
 What is gathered of the body's motion in one cycle of its excitation: lift, spring force, returns, contact.
 
-What is gathered of drive and mechanism from one blow on the tool to the next.
+What is gathered of drive and mechanism in one pass of the striker, up to a blow on the tool or a miss; only a blow has
+the figures of a blow.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
+from statistics import harmonic_mean
 
 from mech_twin.machines.crank_run import LAST, MotorDuty, MotorState, duty_after, duty_metrics, over_last, shaft_work_j
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
@@ -22,7 +24,7 @@ from mech_twin.machines.mb10_breaker.metrics import blow_metrics, is_seated
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces
 from mech_twin.machines.mb10_breaker.state import EventSide
-from mech_twin.parts.induction_motor import MotorConstants, motor_constants, motor_torque
+from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
 
 COUNTED_ABOVE_M_PER_S = 1e-3  # slower returns to the collar are the tail of a chatter series and not counted
@@ -73,12 +75,11 @@ class BodyCycle:
         thrown = bool(blow.post) and EventSide(*blow.post).body.velocity > 0.0
         return BodyCycle(blow.time_s, None if thrown else self.resting_since_s)
 
-    def metrics(self, end_s: float, gap_at_blow_m: float) -> dict[str, float]:
+    def metrics(self, end_s: float) -> dict[str, float]:
         """Return the metrics of the cycle, ended by a blow; the rest goes on into the next."""
         duration = end_s - self.start_s
         found = {
             "body_cycle_rate_hz": 1.0 / duration,
-            "gap_at_blow_m": gap_at_blow_m,
             "largest_lift_at_tool_m": self.lift_m,
             "largest_spring_force_n": self.spring_force_n,
             "largest_return_speed_m_per_s": self.return_speed_m_per_s,
@@ -115,8 +116,7 @@ def blow_energy(b: Breaker, event: Event) -> float:
 def striker_energy(event: Event) -> float:
     """Return the kinetic energy (J) of the mechanism's effective mass at the striker before a blow.
 
-    The impulse J is that mass times the loss of the striker's speed, so E = J v^2/(2 (v - v')); 0 for a pass that
-    misses the tool.
+    The impulse J is that mass times the loss of the striker's speed, so E = J v^2/(2 (v - v')); 0 without impulse.
     """
     before, after = (EventSide(*side).tool.velocity for side in (event.pre, event.post))
     speed, left = event.pre_velocity_m_per_s + before, event.post_velocity_m_per_s + after
@@ -134,17 +134,10 @@ def blow_peaks(record: Mapping[str, float], contact_force_n: float) -> dict[str,
     return {f"{pin}_blow_peak_n": ratio * record[f"{pin}_impulse_peak_ns"] for pin in STRUCK}
 
 
-class BlowCycle:
-    """Drive and mechanism from one blow to the next.
+class Pass:
+    """Drive and mechanism from one blow or miss to the next."""
 
-    Parameters
-    ----------
-    start_s : float
-        Time of the blow that begins it.
-    """
-
-    def __init__(self, start_s: float) -> None:
-        self.start_s = start_s
+    def __init__(self) -> None:
         self.fastest = self.slowest = math.nan
         self.duty = MotorDuty()
         self.steps = 0
@@ -166,34 +159,38 @@ class BlowCycle:
             size = math.hypot(force_x, force_y)
             peaks[i] = max(peaks[i], size)
 
-    def metrics(self, b: Breaker, motor: MotorConstants, blow: Event, forces: ForceSample) -> dict[str, float]:
-        """Return the metrics of the cycle that this blow (or miss) ends."""
-        energy, brought = blow_energy(b, blow), striker_energy(blow)
-        found = forces.quantities.as_dict()
-        crank, *_ = blow.pre
-        crank_after, body_after, *_ = blow.post
+    def metrics(self) -> dict[str, float]:
+        """Return the metrics of the pass, but for the motor's duty."""
         return {
-            "blow_rate_hz": 1.0 / (blow.time_s - self.start_s),
-            "blow_energy_j": energy,
-            "striker_energy_j": brought,
-            "blow_efficiency_fraction": energy / brought if brought > 0.0 else 0.0,
-            "blow_impulse_ns": blow.impulse_ns,
-            "blow_energy_over_overtravel_n": energy / b.overtravel_m,
-            "striking_speed_m_per_s": blow.pre_velocity_m_per_s,
-            "crank_before_blow_rad_per_s": crank.velocity,
-            "crank_after_blow_rad_per_s": crank_after.velocity,
-            "body_leaves_at_rad_per_s": body_after.velocity,
             "largest_absolute_crank_speed_rad_per_s": self.fastest,
             "smallest_absolute_crank_speed_rad_per_s": self.slowest,
             "fluctuation": 2.0 * (self.fastest - self.slowest) / (self.fastest + self.slowest),
-            **duty_metrics(self.duty, motor),
             "largest_body_moment_nm": self.greatest_moment,
             "smallest_body_moment_nm": self.least_moment,
-            "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],
-            "crank_bearing_impulse_peak_ns": found["crank_bearing_impulse_ns"],
-            "rocker_bearing_impulse_peak_ns": found["rocker_bearing_impulse_ns"],
             **dict(zip(PEAKS, self.peaks, strict=True)),
         }
+
+
+def struck_metrics(b: Breaker, blow: Event, forces: ForceSample) -> dict[str, float]:
+    """Return the metrics of a blow on the tool."""
+    energy, brought = blow_energy(b, blow), striker_energy(blow)
+    found = forces.quantities.as_dict()
+    crank, *_ = blow.pre
+    crank_after, body_after, *_ = blow.post
+    return {
+        "blow_energy_j": energy,
+        "striker_energy_j": brought,
+        "blow_efficiency_fraction": energy / brought if brought > 0.0 else 0.0,
+        "blow_impulse_ns": blow.impulse_ns,
+        "blow_energy_over_overtravel_n": energy / b.overtravel_m,
+        "striking_speed_m_per_s": blow.pre_velocity_m_per_s,
+        "crank_before_blow_rad_per_s": crank.velocity,
+        "crank_after_blow_rad_per_s": crank_after.velocity,
+        "body_leaves_at_rad_per_s": body_after.velocity,
+        "blow_impulse_on_body_nms": found["blow_impulse_on_body_nms"],
+        "crank_bearing_impulse_peak_ns": found["crank_bearing_impulse_ns"],
+        "rocker_bearing_impulse_peak_ns": found["rocker_bearing_impulse_ns"],
+    }
 
 
 COUNTED = {"blow": "blows", "missed": "missed_blows", "off_collar": "off_collar_blows", "stalled": "stalled"}
@@ -217,10 +214,10 @@ class BreakerObserver:
         self._stiffness = parameters.tool.contact_stiffness_n_per_m
         self._counts = dict.fromkeys((*COUNTED.values(), "unseated_blows"), 0.0)
         self._line = parameters.tool.wave.life.line
-        self._cycle = BlowCycle(0.0)
+        self._cycle = Pass()
         self._body = BodyCycle(0.0, 0.0 if parameters.body.contact == "one_sided" else None)
-        self._blows: deque[Record] = deque(maxlen=LAST)
-        self._waves: deque[Record] = deque(maxlen=LAST)
+        self._passes: deque[tuple[MotorDuty, Record, Record | None]] = deque(maxlen=LAST)
+        self._feed_m = 0.0
         self._body_cycles: deque[Record] = deque(maxlen=LAST)
         self._worst: Record = {}
         self._run: Record = dict.fromkeys(
@@ -258,12 +255,15 @@ class BreakerObserver:
         found["rest_force_n"] = self._b.spring_rate_n_per_m * self._b.preload_m
         found.update({f"run_{name}": value for name, value in self._run.items()})
         found.update({f"worst_{name}": value for name, value in self._worst.items()})
-        for count, records in (("steady_blows", self._blows), ("steady_body_cycles", self._body_cycles)):
-            if records:
-                found[count] = float(len(records))
-                found.update(over_last(records))
-        if self._waves:
-            found.update(over_last(self._waves))
+        if self._passes:
+            duties, passes, blows = zip(*self._passes, strict=True)
+            duty, struck = MotorDuty(*map(math.fsum, zip(*duties, strict=True))), [each for each in blows if each]
+            found |= {"steady_blows": float(len(struck)), "steady_blow_rate_hz": len(struck) / duty.time_s}
+            found |= over_last([duty_metrics(duty, self._motor)]) | over_last(passes)
+            found |= over_last(struck) if struck else {}
+        if self._body_cycles:
+            found |= {"steady_body_cycles": float(len(self._body_cycles)), **over_last(self._body_cycles)}
+            found["steady_body_cycle_rate_hz"] = harmonic_mean(each["body_cycle_rate_hz"] for each in self._body_cycles)
         return found
 
     def _motor_state(self, crank_speed: float, body_speed: float, command: float) -> MotorState:
@@ -324,27 +324,31 @@ class BreakerObserver:
         if not tool:
             self._body.take_event(event)
         if event.kind in {"blow", "missed"} and tool:
-            self._end_blow_cycle(event, frame)
+            self._end_pass(event, frame)
         elif event.kind == "blow" and frame.body is not None:
             self._end_body_cycle(event, frame.body.memory.as_dict()["blow_angle_rad"])
 
-    def _end_blow_cycle(self, event: Event, frame: Frame) -> None:
-        """End the cycle at this blow, or miss, and begin the next."""
-        body = EventSide(*event.pre).body
-        if self._b.waves and event.kind == "blow":
-            self._waves.append(blow_metrics(self._b, event, self._line))
-        if self._seen_blow and self._cycle.steps and event.time_s > self._cycle.start_s:
-            record = self._cycle.metrics(self._b, self._motor, event, frame.forces)
-            if self._stiffness is not None and not self._b.waves and event.impulse_ns > 0.0:
-                record.update(self._contact(event, self._stiffness))
-                record.update(blow_peaks(record, record["contact_peak_force_n"]))
-            elif self._b.waves and event.kind == "blow" and event.impulse_ns > 0.0:
-                record.update(blow_peaks(record, self._waves[-1]["peak_force_n"]))
-            record["feed_per_blow_m"] = frame.linkage.memory.as_dict()["feed_per_blow_m"]  # of the pass before
-            self._blows.append(record)
+    def _end_pass(self, event: Event, frame: Frame) -> None:
+        """End the pass at this blow, or miss, and begin the next."""
+        body, cycle = EventSide(*event.pre).body, self._cycle
+        self._feed_m += frame.linkage.memory.as_dict()["feed_per_blow_m"]  # of the pass before
+        blow = None
+        if event.kind == "blow" and event.impulse_ns > 0.0:
+            blow = struck_metrics(self._b, event, frame.forces) | {"feed_per_blow_m": self._feed_m}
+            self._feed_m = 0.0
+            if not self._b.held:
+                blow["gap_at_blow_m"] = self._b.tool_radius_m * body.position
+            if self._b.waves:
+                blow |= blow_metrics(self._b, event, self._line)
+                blow |= blow_peaks(blow, blow["peak_force_n"])
+            elif self._stiffness is not None:
+                blow |= self._contact(event, self._stiffness)
+                blow |= blow_peaks(blow, blow["contact_peak_force_n"])
+        if self._seen_blow and cycle.steps and cycle.duty.time_s > 0.0:
+            self._passes.append((cycle.duty, cycle.metrics(), blow))
         self._seen_blow = True
         self._keep_peaks()
-        self._cycle = BlowCycle(event.time_s)
+        self._cycle = Pass()
         self._cycle.take_speed(absolute_crank_speed(event.post))
         if not self._b.held:
             self._end_body_cycle(event, body.position)
@@ -357,11 +361,13 @@ class BreakerObserver:
 
     def _end_body_cycle(self, event: Event, angle: float) -> None:
         gap, time_s = self._b.tool_radius_m * angle, event.time_s
-        if event.kind == "blow" and time_s > self._body.start_s:
-            self._counts["unseated_blows"] += not is_seated(gap, self._body.contact_share(time_s))
-        self._run["largest_gap_at_blow_m"] = max(self._run["largest_gap_at_blow_m"], gap)
+        if event.kind == "blow":
+            self._run["largest_gap_at_blow_m"] = max(self._run["largest_gap_at_blow_m"], gap)
+            if time_s > self._body.start_s:
+                self._counts["unseated_blows"] += not is_seated(gap, self._body.contact_share(time_s))
         if self._seen_body_blow and time_s > self._body.start_s:
-            self._body_cycles.append(self._body.metrics(time_s, gap))
+            own = {"gap_at_blow_m": gap} if self._b.held else {}
+            self._body_cycles.append(self._body.metrics(time_s) | own)
         self._seen_body_blow = True
         self._body = self._body.next(event)
 

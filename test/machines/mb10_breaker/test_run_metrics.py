@@ -73,6 +73,22 @@ def test_mean_power_is_what_the_blows_and_the_losses_take(together):
     assert found["steady_motor_power_w"] == pytest.approx(at_crank / 0.97, rel=0.02)
 
 
+def test_figures_of_a_blow_are_of_the_blows_that_hit_and_their_rate_counts_no_miss():
+    twin, taken, found = observed(6.0, **{"body.preload_deflection_m": 0.002, "tool.wall_force_n": 0.0})
+    events = [event for frame in taken for event in frame.linkage.events if event.kind in {"blow", "missed"}]
+    passes = events[-20:]
+    blows = [event for event in passes if event.kind == "blow"]
+    assert len(blows) < len(passes)
+    assert found["steady_blows"] == len(blows)
+    span_s = passes[-1].time_s - events[-21].time_s
+    assert found["steady_blow_rate_hz"] == pytest.approx(len(blows) / span_s, rel=1e-12)
+    energies = [event.impulse_ns**2 / (2.0 * twin.parameters.tool.mass_kg) for event in blows]
+    assert found["steady_blow_energy_j"] == pytest.approx(sum(energies) / len(blows), rel=1e-12)
+    gaps = [twin.parameters.body.tool_radius_m * event.pre[1].position for event in blows]
+    assert found["steady_gap_at_blow_m"] == pytest.approx(sum(gaps) / len(blows), rel=1e-12)
+    assert found["run_largest_gap_at_blow_m"] < twin.parameters.tool.overtravel_m
+
+
 def test_means_do_not_depend_on_the_samples(together):
     """Integrals cut at the blows differ between steps by the scheme's error, not by how the samples fall."""
     _, _, fine = together
