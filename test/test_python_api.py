@@ -233,6 +233,10 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.rollout("winding_drum", duration_s=0.1, command="half"), "command 'half': expected a number"),
         (lambda: mt.rollout("winding_drum", duration_s=0.1, changes=[(float("nan"), {})]), "change at nan: expected"),
         (
+            lambda: mt.rollout("winding_drum", duration_s=0.1, changes=[(0.2, {"yarn_speed_m_per_s": 1.0})]),
+            "change at 0.2 s: expected up to the end of the run at 0.1 s",
+        ),
+        (
             lambda: mt.rollout("winding_drum", duration_s=0.1, start=mt.rollout("impact_mass", duration_s=0.0).final),
             "expected one of winding_drum",
         ),

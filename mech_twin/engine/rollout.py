@@ -295,14 +295,15 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
         if changed.name != machine.name or changed.coupling_step_s != machine.coupling_step_s:
             raise StudyError(f"change at {time_s} s: machine and coupling.step_s cannot change during a run")
         begin = max(step_at(time_s, machine.coupling_step_s), first + 1)
+        if begin > first + count:
+            end_s = (first + count) * machine.coupling_step_s
+            raise StudyError(f"change at {time_s} s: expected up to the end of the run at {end_s:g} s")
         if begin < bounds[-1]:
             raise StudyError(f"change at {time_s} s: expected changes in ascending order of time")
         bounds.append(begin)
         machines.append(changed)
-    last = first + count + 1
-    ends = [min(bound, last) for bound in (*bounds[1:], last)]
-    begins = [min(bound, last) for bound in bounds]
-    return [RunPiece(m, end - begin) for m, begin, end in zip(machines, begins, ends, strict=True)]
+    ends = (*bounds[1:], first + count + 1)
+    return [RunPiece(m, end - begin) for m, begin, end in zip(machines, bounds, ends, strict=True)]
 
 
 def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:

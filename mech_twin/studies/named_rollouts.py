@@ -150,7 +150,7 @@ def rollout(
         Requested fraction of rated supply frequency, or an effort instead.  One value for the run; ``command(step)``;
         pairs of time (s) and the command from then on, 1 before the first; or one number per step, from the start on.
     changes : sequence of pairs
-        Start time (s), and live keys (dotted) with their values, or a whole configuration.
+        Start time (s), within the run, and live keys (dotted) with their values, or a whole configuration.
 
     Raises
     ------
