@@ -59,6 +59,8 @@ def assigned(
             raise CommandError(f"{option} {text}: expected {expected}")
         if demand is not None and not demand[1](value):
             raise CommandError(f"{option} {text}: expected {demand[0]}")
+        if name.strip() in found:
+            raise CommandError(f"{option} {text}: '{name.strip()}' stands twice; expected it once")
         found[name.strip()] = value
     return found
 

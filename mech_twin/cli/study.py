@@ -50,7 +50,7 @@ def axes_of(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
         if not equals or not key.strip() or not values.strip():
             raise CommandError(f"--over {text}: expected KEY={RANGE}")
         if key.strip() in axes:
-            raise CommandError(f"--over {text}: key '{key.strip()}' stands twice")
+            raise CommandError(f"--over {text}: key '{key.strip()}' stands twice; expected it once")
         axes[key.strip()] = _range(text, values) if ":" in values else _list(text, values)
     return axes
 

@@ -258,13 +258,13 @@ def assignments(texts: Iterable[str]) -> dict[str, Any]:
     Raises
     ------
     ConfigurationError
-        If a text has no ``=`` or its value is not YAML.
+        If a text has no ``=``, its value is not YAML, or a key stands twice.
     """
     flat = {}
     for text in texts:
         key, equals, value = text.partition("=")
-        if not equals or not key.strip():
-            raise ConfigurationError(f"--set {text[:LONGEST_VALUE]}: expected key.path=value")
+        if not equals or not key.strip() or key.strip() in flat:
+            raise ConfigurationError(f"--set {text[:LONGEST_VALUE]}: expected key.path=value, each key once")
         try:
             refuse_aliases_and_tags(value)
             flat[key.strip()] = scalar(value)

@@ -148,6 +148,11 @@ def test_an_assignment_that_cannot_be_read_is_refused(text: str) -> None:
         tree_from_flat(assignments([text, "a.b=1", "a=2"] if text == "a: b=: c: d" else [text]))
 
 
+def test_a_key_that_is_assigned_twice_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"--set a=2: expected key\.path=value, each key once"):
+        assignments(["a=1", "b=1", "a=2"])
+
+
 trees = st.recursive(
     st.floats(allow_nan=False), lambda inner: st.dictionaries(st.sampled_from("abc"), inner, max_size=3), max_leaves=8
 ).filter(lambda tree: isinstance(tree, dict))
