@@ -176,6 +176,7 @@ class Assembly:
         """Return the pose found from a guess by the Levenberg-Marquardt method, and its largest closure error."""
         s, damping, turning = guess.copy(), 1e-3, [name not in self.slides for name in self.coordinates]
         values, rows = self._closures(s)
+        least = 1e-15 * max(1.0, self.size_m) ** 2  # of the damping: less is lost in the sum
         for _ in range(TURNS):
             if np.abs(values).max(initial=0.0) <= CLOSED * self.size_m or damping > 1e12:
                 break
@@ -183,7 +184,7 @@ class Assembly:
             pull *= min(1.0, NEAR_RAD / np.abs(pull[turning]).max(initial=NEAR_RAD))
             trial_values, trial_rows = self._closures(s + pull)
             if np.linalg.norm(trial_values) < np.linalg.norm(values):
-                s, values, rows, damping = s + pull, trial_values, trial_rows, max(0.2 * damping, 1e-15)
+                s, values, rows, damping = s + pull, trial_values, trial_rows, max(0.2 * damping, least)
             else:
                 damping *= 5.0
         return s, float(np.abs(values).max(initial=0.0))

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 
@@ -48,6 +50,13 @@ def test_a_table_of_a_whole_turn_ends_as_it_begins(group, kind):
     assert "a table of 360 deg holds for every turn: its last value must be its first, 1, got 3" in told
     rows[-1][1] = 1.0
     build(page(PENDULUM, **{group: {"one": {**kind, "joint": "pivot", "table_deg_nm": rows}}}))
+
+
+@pytest.mark.parametrize("length_m", [1e3, 1e4])
+def test_a_loop_that_cannot_close_is_refused_at_any_length(length_m):
+    text = (Path(__file__).parents[3] / "config" / "pages" / "slider_crank.yaml").read_text(encoding="utf-8")
+    told = refused(text, bodies={"rod": {"points_m": {"end": [0.2, length_m]}}})
+    assert told.startswith("joints")
 
 
 def test_places_reach_as_far_as_other_lengths():
