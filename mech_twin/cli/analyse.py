@@ -53,7 +53,7 @@ def _write_csv(document: Mapping[str, Any]) -> None:
 
 def _show(document: Mapping[str, Any], *, wide: bool) -> None:
     name = document["machine"]
-    show_groups(f"{name}: one cycle", analysed_groups(document["summary"]))
+    show_groups(f"{name}: without a run", analysed_groups(document["summary"]))
     if "position" in document:
         title, position = f"{name} at {document['crank_deg']:g} degrees", document["position"]
         rows = {key: value for key, value in position.items() if _is_row(value)}
