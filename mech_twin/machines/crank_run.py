@@ -151,7 +151,8 @@ class Extremes:
         """Return minima and maxima by their full names."""
         out: dict[str, float] = {}
         for name, (least, most) in self.found.items():
-            out[prefix + name.format("min")], out[prefix + name.format("max")] = least, most
+            out[prefix + name.format("min")] = least + 0.0  # no -0
+            out[prefix + name.format("max")] = most + 0.0
         return out
 
 

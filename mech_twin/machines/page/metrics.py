@@ -27,7 +27,7 @@ from mech_twin.errors import StudyError
 from mech_twin.machines.crank_run import LAST, Extremes, over_last
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import PageInstant
-from mech_twin.machines.page.parameters import Page
+from mech_twin.machines.page.parameters import Page, distinct
 from mech_twin.machines.page.roles import PageModel
 from mech_twin.samples import Frame, LinkageSample
 
@@ -96,7 +96,7 @@ class PageRun:
 
     def __init__(self, shared: PageModel) -> None:
         self._shared = shared
-        self._extremes = Extremes()
+        self._joints, self._pins, self._quantities = Extremes(), Extremes(), Extremes()
         self._blows: dict[str, list[float]] = {}  # count, largest impulse, sum of impulses, fastest, energy
         self._rods: dict[str, deque[dict[str, float]]] = {n: deque(maxlen=LAST) for n in shared.rods.rods}
         self._struck: dict[str, LinkageSample] = {}  # at the end of the step of the last blow
@@ -120,12 +120,12 @@ class PageRun:
         slides = shared.assembly.slides
         for name, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):
             unit = "m" if name in slides else "rad"
-            self._extremes.take(f"{name}_{{}}_{unit}", position)
-            self._extremes.take(f"{name}_speed_{{}}_{unit}_per_s", speed)
+            self._joints.take(f"{name}_{{}}_{unit}", position)
+            self._joints.take(f"{name}_speed_{{}}_{unit}_per_s", speed)
         for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
-            self._extremes.take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
+            self._pins.take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
         for name, value in frame.forces.quantities.as_dict().items():
-            self._extremes.take(_with_place(name), value)
+            self._quantities.take(_with_place(name), value)
         for event in events:
             if event.kind == "impact":
                 self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
@@ -143,7 +143,19 @@ class PageRun:
         found[4] += 0.5 * impulse * (before + after)  # work of the impulse, at the mean of the speeds
 
     def numbers(self) -> dict[str, float]:
-        """Return the numbers so far."""
+        """Return the numbers so far; of two with one name, the later bears that of its kind too."""
+        out: dict[str, float] = {}
+        for kind, found in (("joints", self._joints), ("pins", self._pins), ("forces", self._quantities)):
+            for name, ends in found.found.items():
+                numbers = Extremes({name: ends}).numbers("")
+                while numbers.keys() & out.keys():
+                    numbers = {f"{kind}_{key}": value for key, value in numbers.items()}
+                out |= numbers
+        for kind, numbers in (("contacts", self._of_blows()), ("run", self._of_works())):
+            out |= {distinct(kind, name, out): value for name, value in numbers.items()}
+        return out
+
+    def _of_blows(self) -> dict[str, float]:
         out: dict[str, float] = {}
         span = self._last - self._first
         for name, (count, largest, total, fastest, energy) in self._blows.items():
@@ -162,15 +174,16 @@ class PageRun:
                     for ahead in (0.0, blows[-1]["blow_window_s"])
                 ]
                 out[f"last_{name}_striker_mass_change"] = masses[1] / masses[0] - 1.0
-        for name, (least, most) in self._extremes.found.items():
-            if "{}" in name:  # has a sign
-                out[name.format("min")] = least + 0.0  # no -0
-            out[name.format("max")] = most + 0.0
-        out |= {f"run_{name}": value for name, value in self._work.items()}
+        return out
+
+    def _of_works(self) -> dict[str, float]:
+        out = {f"run_{name}": value for name, value in self._work.items()}
+        span = self._last - self._first
         if span > 0.0:
             drives = (*self._shared.places.driven_names, *self._shared.places.motors)
             work = sum(self._work.get(f"{name}_work_j", 0.0) for name in drives)
-            out["run_drive_work_j"] = work
+            total = "drive" if drives == ("drive",) else distinct("all", "drive", self._shared.page.named)
+            out[f"run_{total}_work_j"] = work
             out["run_power_mean_w"] = work / span
         return out
 

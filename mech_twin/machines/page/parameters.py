@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from functools import cached_property
 from typing import Self
 
@@ -31,6 +31,13 @@ MOST_BODIES, MOST_ELEMENTS = 30, 60
 GROUPS = ("joints", "couplings", "drives", "springs", "dampers", "friction", "contacts", "loads", "resets", "outputs")
 USUAL_STEP_S = 0.001
 DOWN = (0.0, -9.80665)
+
+
+def distinct(whose: str, name: str, taken: Container[str]) -> str:
+    """Return a name that is not taken: the name itself, or with ``whose`` before it."""
+    while name in taken:
+        name = f"{whose}_{name}"
+    return name
 
 
 class Page(Parameters):
@@ -146,6 +153,11 @@ class Page(Parameters):
                 self._check_body(f"outputs.{name}.angle", body)
 
     @cached_property
+    def named(self) -> frozenset[str]:
+        """Names of all bodies and elements."""
+        return frozenset((*self.bodies, *(name for _, elements in self.groups() for name in elements)))
+
+    @cached_property
     def expanded(self) -> Page:
         """The page with a body and a joint for each unbalance: a mass on an arm that a constant speed turns."""
         shaken = {name: drive for name, drive in self.drives.items() if drive.kind == "unbalance"}
@@ -153,7 +165,7 @@ class Page(Parameters):
             return self
         bodies, joints, drives = dict(self.bodies), dict(self.joints), dict(self.drives)
         for name, drive in shaken.items():
-            mass, shaft = f"{name}_mass", f"{name}_shaft"
+            mass, shaft = (distinct("drives", f"{name}_{part}", self.named) for part in ("mass", "shaft"))
             bodies[mass] = BodyElement(mass_kg=drive.mass_kg or 0.0, centre_m=(drive.radius_m or 0.0, 0.0))
             joints[shaft] = JointElement(
                 kind="revolute", between=(drive.point or "", mass), start_deg=drive.start_deg or 0.0

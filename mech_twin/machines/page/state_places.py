@@ -11,7 +11,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.force_elements import CouplingElement, SpringElement
-from mech_twin.machines.page.parameters import Page
+from mech_twin.machines.page.parameters import Page, distinct
 from mech_twin.machines.page.tables import Rows, bends_of, instants
 from mech_twin.mechanics.kinematics import Kinematics
 
@@ -82,16 +82,17 @@ class StatePlaces:
                 found.setdefault(contact.joint or "", []).append(name)
         for name, drive in page.drives.items():
             if (drive.gear_efficiency or 1.0) < 1.0:
-                found.setdefault(drive.joint, []).append(f"{name}_gear")
+                found.setdefault(drive.joint, []).append(distinct("drives", f"{name}_gear", page.named))
         for name, coupling in page.couplings.items():
             if coupling.efficiency < 1.0:
-                found.setdefault(coupling.joints[1], []).append(f"{name}_loss")
+                found.setdefault(coupling.joints[1], []).append(distinct("couplings", f"{name}_loss", page.named))
         return {names[0] if len(names) == 1 else joint: joint for joint, names in found.items()}
 
     @cached_property
     def rubbing(self) -> dict[str, str]:
         """The contact of each law of friction along a line, by the law's name."""
-        return {f"{name}_friction": name for name, c in self.page.contacts.items() if c.friction > 0.0}
+        rubbing = (name for name, c in self.page.contacts.items() if c.friction > 0.0)
+        return {distinct("contacts", f"{name}_friction", self.page.named): name for name in rubbing}
 
     @cached_property
     def motors(self) -> tuple[str, ...]:
@@ -196,7 +197,7 @@ class StatePlaces:
     @property
     def books(self) -> tuple[str, ...]:
         """Names of the work integrals in their order in the state; the last are the works of impacts and resets."""
-        return (*self.driven_names, *self.worked, *self.laws, "impacts", *self.resets)
+        return (*self.driven_names, *self.worked, *self.laws, distinct("all", "impacts", self.page.named), *self.resets)
 
     @property
     def state(self) -> int:

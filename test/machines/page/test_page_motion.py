@@ -228,3 +228,48 @@ def test_friction_that_lets_go_beside_a_closed_gap_is_no_endless_series_of_event
     found = rollout("config/pages/spring_hammer.yaml", 0.2, {"springs.spring.rate_n_per_m": rate})
     assert len(found.event_numbers.kind) < 100
     assert abs(found["linkage.residual.energy_balance"]).max() < 1e-9
+
+
+CLASHING = """
+gravity_m_per_s2: [0, -9.81]
+ground: {points_m: {floor: [0, 0]}}
+bodies:
+  {ball: {mass_kg: 1}, cart: {mass_kg: 2}, SHAKEN: {mass_kg: 3}, wheel: {inertia_kg_m2: 1}, half: {inertia_kg_m2: 1}}
+joints:
+  fall: {kind: slider, between: [ground, ball], direction_deg: 90, start_m: 0.1}
+  way: {kind: slider, between: [ground, cart], start_m: 0.1}
+  TRACK: {kind: slider, between: [ground, SHAKEN], start_m: 0.1, start_m_per_s: 7}
+  axle: {kind: revolute, between: [ground, wheel]}
+  second: {kind: revolute, between: [ground, half]}
+drives:
+  push: {kind: constant_force, joint: way, force_n: 5}
+  TOTAL: {kind: constant_force, joint: TRACK, force_n: 0.5}
+  motor: {kind: dc_motor, joint: axle, stall_torque_nm: 1, no_load_speed_rpm: 60, gear_ratio: 2, gear_efficiency: 0.9}
+  shaker: {kind: unbalance, point: cart, mass_kg: 0.1, radius_m: 0.01, speed_rpm: 600}
+couplings:
+  belt: {kind: belt, joints: [axle, second], ratio: 1, rate_nm_per_rad: 1, damping_nms_per_rad: 0.1, efficiency: 0.9}
+dampers:
+  BLOWS: {joint: way, rate_ns_per_m: 3}
+  GEAR: {joint: TRACK, rate_ns_per_m: 2}
+  LOSS: {joint: TRACK, rate_ns_per_m: 1}
+friction: {a: {joint: way, coulomb_n: 1}, b: {joint: way, coulomb_n: 0.5}, RUB: {joint: TRACK, coulomb_n: 0.1}}
+contacts: {hit: {point: ball, line: ground.floor, normal_deg: 90, restitution: 0.4, friction: 0.1}}
+outputs: {SPEED: {distance: [ground.floor, cart]}}
+"""
+ITS_OWN = {
+    "BLOWS": "impacts", "TOTAL": "drive", "GEAR": "motor_gear", "LOSS": "belt_loss", "RUB": "hit_friction",
+    "SHAKEN": "shaker_mass", "TRACK": "hit_impact", "SPEED": "way_speed",
+}  # fmt: skip
+
+
+def test_names_lose_no_number():
+    told = []
+    for names in ({name: name.lower() for name in ITS_OWN}, ITS_OWN):
+        text = CLASHING
+        for place, name in names.items():
+            text = text.replace(place, name)
+        frames, simulation = run(text, 0.3)
+        samples = [*frames[-1].linkage.memory.as_dict().values(), *frames[-1].forces.quantities.as_dict().values()]
+        told.append((sorted(samples), sorted(simulation.numbers().values())))
+    for plain, clashing in zip(*told, strict=True):
+        assert clashing == pytest.approx(plain, rel=1e-12)
