@@ -215,6 +215,10 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.search("compaction_press", limits={"stroke_m": "a"}), "limit stroke_m 'a': expected"),
         (lambda: mt.search("compaction_press", seed=-1), "seed: expected a whole number"),
         (lambda: studies.search_runs("winding_drum", "x", {"core_radius_m": 1}), "bounds of core_radius_m 1: expected"),
+        (
+            lambda: studies.search_runs("roller_former", "x", {"carts.count": (1.0, 4.0)}),
+            "bounds of carts.count: 2 is a choice or a count; expected a key of real numbers",
+        ),
         (lambda: studies.synthesise("impact_mass", 1e-9), "key 'period_s', value 4333333333.333333: input should be"),
         (lambda: studies.synthesise("impact_mass", 2.0, options={"margn": 1}), "no option 'margn'; expected one of"),
         (lambda: studies.regimes("impact_mass", [10.0]), "phase1_duration_s = 10.0, period_s = 0.05"),

@@ -32,7 +32,7 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.shorter_steps import checked_numbers
 from mech_twin.studies.spreading import spread, used_cores
-from mech_twin.studies.sweep_table import Question, question, summary
+from mech_twin.studies.sweep_table import Question, question, summary, value_at
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -143,6 +143,12 @@ def run_search(
         real_number(f"bounds of {key}, high", high, f"a finite number above {low:g}")
         if not low < high:
             raise StudyError(f"bounds of {key}: {low:g} < {high:g} fails")
+        there = value_at(asked.tree, key)
+        if isinstance(there, str | int):
+            raise StudyError(
+                f"bounds of {key}: {there!r} is a choice or a count; expected a key of real numbers; "
+                "a sweep takes its values one by one"
+            )
     known = summary(asked, {})
     for what, name in (("objective", objective.removeprefix(LARGE)), *(("limit", name) for name in limits)):
         if name not in known:
