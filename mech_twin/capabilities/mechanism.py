@@ -125,7 +125,8 @@ class FrameTree(NamedTuple):
     """The tree, parents before children; its opened loops; shapes and masses of its links.
 
     ``lengths`` are joints of linkage and motor without a frame whose positions are lengths (m).  ``inertias`` are the
-    machine's masses; those of one link add up.  ``untold`` are remarks on unknown masses of links.
+    machine's masses; those of one link add up.  ``untold`` are remarks on unknown masses of links.  ``leading`` is the
+    joint that the drive leads; empty for the first of the linkage.
     """
 
     joints: tuple[Joint, ...]
@@ -134,6 +135,7 @@ class FrameTree(NamedTuple):
     lengths: tuple[str, ...] = ()
     inertias: tuple[Inertia, ...] = ()
     untold: tuple[str, ...] = ()
+    leading: str = ""
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -149,6 +149,12 @@ def sliding_in(machine: Machine) -> frozenset[str]:
     return named if machine.mechanism is None else named | machine.mechanism.sliding_joints
 
 
+def leading_in(machine: Machine) -> str:
+    """Return the joint that the drive leads, by the mechanism; else the first of the linkage."""
+    leading = "" if machine.mechanism is None else machine.mechanism.leading
+    return leading or machine.linkage.joints[0]
+
+
 def joint_column(column: str) -> JointColumn | None:
     """Return the parts of a joint's column; None for other columns."""
     role, _, rest = column.partition(".")

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
-from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, MotorSample, Shape
+from mech_twin.samples import BodySample, Coordinate, Event, ForceSample, LinkageSample, MotorSample, Shape
 from mech_twin.view.extent import Bounds, round_above, with_prefix
 
 LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
@@ -210,6 +210,7 @@ class Banner:
         self.body_regimes: tuple[str, ...] = ()
         self._slides: frozenset[str] = frozenset() if tree is None else tree.sliding_joints
         self._known = tree is not None
+        self._leading = "" if tree is None else tree.leading  # the first where it is empty
         self._command = math.nan
         self._linkage: LinkageSample | None = None
         self._begin()
@@ -250,7 +251,7 @@ class Banner:
         if before is not None and linkage.time_s < before.time_s - AGAIN_S:
             self._begin()
         elif before is not None:
-            moved = linkage.position[0] - before.position[0]
+            moved = self._leader(linkage).position - self._leader(before).position
             self._turned_rad += math.remainder(moved, TURN) if math.isfinite(moved) else 0.0
 
     def _drive(self, time_s: float, power_w: float) -> None:
@@ -259,7 +260,7 @@ class Banner:
         work_j += 0.5 * (power_w + self._power_w) * (time_s - former_s)
         self._power.append((time_s, self._turned_rad, work_j))
         self._power_w, linkage = power_w, self._linkage
-        slow = linkage is not None and self._turns(linkage) and abs(linkage.velocity[0]) * SLOWEST_S > TURN
+        slow = linkage is not None and self._turns(linkage) and abs(self._leader(linkage).velocity) * SLOWEST_S > TURN
         while len(self._power) > 2:
             next_s, next_rad, _ = self._power[1]
             within_a_turn = slow and abs(self._turned_rad - next_rad) < TURN
@@ -281,7 +282,10 @@ class Banner:
         return (now_j - first_j) / (now_s - first_s) if now_s > first_s else self._power_w
 
     def _turns(self, linkage: LinkageSample) -> bool:
-        return self._known and linkage.joints[0] not in self._slides
+        return self._known and (self._leading or linkage.joints[0]) not in self._slides
+
+    def _leader(self, linkage: LinkageSample) -> Coordinate:
+        return linkage.joint(self._leading or linkage.joints[0])
 
     def strike(self, event: Event) -> None:
         """Update with an event."""
@@ -311,7 +315,7 @@ class Banner:
             return "stalled"
         if self._command > 0.0:
             return "running"
-        return "running down" if abs(linkage.velocity[0]) > AT_REST else "stopped"
+        return "running down" if abs(self._leader(linkage).velocity) > AT_REST else "stopped"
 
     @property
     def command(self) -> float | None:
@@ -329,7 +333,7 @@ class Banner:
         return [] if linkage is None else [*self._speed(linkage), *self._work(linkage)]
 
     def _speed(self, linkage: LinkageSample) -> list[Card]:
-        joint, speed = linkage.joints[0], linkage.velocity[0]
+        joint, speed = self._leading or linkage.joints[0], self._leader(linkage).velocity
         if not self._known:
             return []
         name = joint.replace("_", " ")

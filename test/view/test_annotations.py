@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 from catalogue import NAMES, built
@@ -13,6 +14,8 @@ from mech_twin.capabilities.mechanism import poses
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.machines.mb10_breaker.state import breaker
+from mech_twin.measurements.units import leading_in
+from mech_twin.parameters.load import machine
 from mech_twin.samples import Event
 from mech_twin.view.annotations import FLASH_S, Annotations, Banner, lost_energy
 from mech_twin.view.extent import Bounds, is_logged, with_prefix, written_beside
@@ -183,3 +186,14 @@ def test_the_speed_of_a_shaft_at_rest_is_shown_as_zero():
     frame = next(iter(frames(machine, 0.1)))
     banner.add(frame.motor, frame.linkage._replace(velocity=(2.8e-30,) * len(frame.linkage.joints)), frame.forces)
     assert banner.cards()[0].shown == "0 rad/s"
+
+
+@pytest.mark.parametrize(("page", "drive", "joint"), [("rammer", "engine", "shaft"), ("sommerfeld", "motor", "shaft")])
+def test_the_leading_joint_is_that_of_the_drive(page, drive, joint):
+    built_page = machine(str(Path(__file__).parents[2] / "config" / "pages" / f"{page}.yaml"))
+    assert leading_in(built_page) == joint == built_page.parameters.drives[drive].joint
+    banner = Banner(built_page.mechanism)
+    for frame in frames(built_page, 0.01):
+        banner.add(frame.motor, frame.linkage, frame.forces)
+    card = banner.cards()[0]
+    assert (card.name, card.unit, card.value) == (joint, "rad/s", frame.linkage.joint(joint).velocity)

@@ -114,7 +114,10 @@ def mechanism(shared: PageModel) -> FrameTree:
         for name, body in page.bodies.items()
         if body.inertia_kg_m2 > 0.0 == body.mass_kg
     )
-    return FrameTree(tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, untold)
+    driven = sorted((drive.joint for drive in page.drives.values()), key=lambda n: page.joints[n].kind != REVOLUTE)
+    return FrameTree(
+        tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, untold, next(iter(driven), "")
+    )
 
 
 def _bars(shared: PageModel) -> tuple[Bar, ...]:

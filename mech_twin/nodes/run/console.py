@@ -24,7 +24,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
-from mech_twin.measurements.units import sliding_in
+from mech_twin.measurements.units import leading_in, sliding_in
 from mech_twin.messages.topics import SPEED_COMMAND
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.samples import Event, Frame
@@ -116,11 +116,11 @@ class RunStatus:
         if frame is None:
             return "starting"
         linkage = frame.linkage
-        joint, speed = linkage.joints[0], linkage.velocity[0]
-        unit = "m/s" if joint in sliding_in(self._metrics.machine) else "rad/s"
+        machine = self._metrics.machine
+        joint, unit = leading_in(machine), "m/s" if leading_in(machine) in sliding_in(machine) else "rad/s"
         parts = [
             f"{linkage.time_s:.2f} s",
-            f"{joint} {speed:.4g} {unit}",
+            f"{joint} {linkage.joint(joint).velocity:.4g} {unit}",
             *self._blows(linkage.time_s),
             self._state(frame),
             f"lag {self._lag_s(linkage.time_s, now_s):.2f} s",

@@ -22,7 +22,7 @@ from std_msgs.msg import Float64
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.measurements.units import is_event, joint_column, sliding_in
+from mech_twin.measurements.units import is_event, joint_column, leading_in, sliding_in
 from mech_twin.messages import impacts
 from mech_twin.messages.cdr import CdrError, Header, Stamp, StepMessage, encoded
 from mech_twin.messages.topics import (
@@ -122,7 +122,7 @@ class ShadowOutputs:
         for pin in machine.forces.pins:
             places = [columns.get(f"forces.{pin}.{name}") for name in ("force_x_n", "force_y_n", "moment_nm")]
             self._add(output, virtual_pin(pin), frames + pin, *places)
-        first = machine.linkage.joints[0]
+        first = leading_in(machine)
         drive = columns[f"linkage.{first}.effort"]
         by_force = first in sliding_in(machine)
         self._add(output, VIRTUAL_DRIVE, frames + first, drive if by_force else None, None, None if by_force else drive)
