@@ -91,8 +91,9 @@ def simulate(
         from mech_twin.recording.bag_metadata import check_recording_directory
         from mech_twin.results.opened_runs import recorded_to
 
-        check_recording_directory(Path(bag), force=force)
-        recording = closing(recorded_to(Path(bag), built))
+        directory = _file("bag", bag)
+        check_recording_directory(directory, force=force)
+        recording = closing(recorded_to(directory, built))
     with recording as recorder:
         for frame in frames(built, duration_s):
             simulation.observe(frame)

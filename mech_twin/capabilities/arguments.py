@@ -95,4 +95,4 @@ def several(name: str, value: Any, expected: str) -> tuple[Any, ...]:
 
 
 def _shown(value: Any) -> str:
-    return repr(value.item() if isinstance(value, np.generic) else value)
+    return " ".join(repr(value.item() if isinstance(value, np.generic) else value).split())[:80]

@@ -59,7 +59,7 @@ class Parameters(BaseModel):
     def _quantity_is_a_number(cls, value: Any, info: ValidationInfo) -> Any:
         """Reject a string or boolean for a number, which pydantic would convert silently."""
         extra = cls.model_fields[info.field_name or ""].json_schema_extra
-        if isinstance(extra, dict) and "unit" in extra and isinstance(value, str | bool):
+        if isinstance(extra, dict) and "unit" in extra and isinstance(value, str | bytes | bool):
             raise ValueError(f"expected a number in {extra['unit']}")
         return value
 

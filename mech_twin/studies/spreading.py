@@ -191,7 +191,7 @@ def _dask() -> Any:
 def _client(scheduler: str) -> Any:
     try:
         client = _dask().Client(scheduler, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, TimeoutError, TypeError, ValueError) as error:
         raise StudyError(f"scheduler {scheduler}: no connection within {CONNECT_S:g} s") from error
     if not client.scheduler_info(n_workers=-1)["workers"]:
         client.close()

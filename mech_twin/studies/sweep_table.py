@@ -90,8 +90,6 @@ def question(
     StudyError
         If there is no such key, an axis has no values, or there are too many points.
     """
-    if not axes:
-        raise StudyError("a sweep needs at least one key")
     fixed = []
     for key, values in by_name("axes", axes, "keys with their values, such as {'coupling.step_s': [0.001]}").items():
         require_key(type(parameters), key)
@@ -101,6 +99,8 @@ def question(
         for value in fixed[-1][1]:
             if not isinstance(value, float | int | str | bool | None):
                 raise StudyError(f"key '{key}', value {value!r:.80}: expected numbers or names")
+    if not fixed:
+        raise StudyError("a sweep needs at least one key")
     wanted = several("outputs", outputs, "a list of names")
     seconds = real_number("duration", duration_s, "a finite number of seconds, 0 or more", 0.0)
     asked = Question(machine, configuration_tree(parameters), tuple(fixed), wanted, seconds)
@@ -147,9 +147,9 @@ def require_outputs(asked: Question) -> None:
         known = summary(asked, {})
         for name in asked.outputs:
             if name not in known:
-                near = get_close_matches(name, known, 1)
+                near = get_close_matches(str(name), known, 1)
                 hint = f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(known)}"
-                raise StudyError(f"no summary number '{name}'{hint}")
+                raise StudyError(f"no summary number {name!r}{hint}")
 
 
 def point(asked: Question, index: int) -> Point:
