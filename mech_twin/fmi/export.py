@@ -156,7 +156,8 @@ def _linked(unit: MachineUnit, code: StepCode, platform: Platform, version: int,
 def _sizes(unit: MachineUnit, token: str) -> str:
     failures = getattr(unit.machine.linkage, "failures", ())
     counts = {
-        "REAL_COUNT": len(unit.packed.reals), "ROW_COUNT": len(unit.first_row), "EFFORT_COUNT": len(unit.efforts),
+        "REAL_COUNT": len(unit.packed.reals), "WHOLE_COUNT": len(unit.packed.wholes),
+        "FLAG_COUNT": len(unit.packed.flags), "ROW_COUNT": len(unit.first_row), "EFFORT_COUNT": len(unit.efforts),
         "SUPPLY_OFF": int(unit.supply_off), "MOTOR_COMMAND_PLACE": unit.compiled.layout.places.motor,
         "PARAMETER_COUNT": len(unit.adjustable), "KIND_COUNT": len(unit.kinds), "FAILURE_COUNT": len(failures),
     }  # fmt: skip

@@ -284,18 +284,21 @@ def test_the_command_writes_a_unit_that_holds_its_configuration(
 
 
 @pytest.mark.slow
-def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(tmp_path: Path) -> None:
-    """Of a page with a spring, a damper, a contact, a drive, and friction that holds and slides."""
-    text = (Path(__file__).resolve().parents[2] / "config" / "pages" / "rammer.yaml").read_text(encoding="utf-8")
-    page = str(tmp_path / "rammer.yaml")
-    Path(page).write_text(f"{text}friction:\n  seal: {{joint: leg, coulomb_n: 5.0}}\n", encoding="utf-8")
+@pytest.mark.parametrize(
+    ("name", "more"), [("rammer", "friction:\n  seal: {joint: leg, coulomb_n: 5.0}\n"), ("rock_hammer", "")]
+)
+def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(name: str, more: str, tmp_path: Path) -> None:
+    """Of pages with springs, gas, a damper, a contact, a rod, a drive, and friction that holds and slides."""
+    text = (Path(__file__).resolve().parents[2] / "config" / "pages" / f"{name}.yaml").read_text(encoding="utf-8")
+    page = str(tmp_path / f"{name}.yaml")
+    Path(page).write_text(f"{text}{more}", encoding="utf-8")
     file = export_fmu(built_machine(page), tmp_path / "unit.fmu", 3).file
     found, run = in_fmpy(file), mt.rollout(page, DURATION_S)
     assert same_as_run(found, run) == []
     assert_same_events(found, run)
     assert (run.event_numbers.kind == "impact").sum() > 0
     assert validate_fmu(str(file)) == []
-    assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == "rammer"
+    assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == name
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ static int call(unit *it, int begin, int64_t *told) {
     void *exception = NULL;
     unit_state *s = &it->state;
     return mech_step(
-        told, &exception, s->reals, (void *)WHOLES, (void *)FLAGS, begin, s->step, s->command, s->row, s->events);
+        told, &exception, s->reals, s->wholes, s->flags, begin, s->step, s->command, s->row, s->events);
 }
 
 static int told(unit *it, const char *text) {
@@ -42,6 +42,8 @@ void unit_reset(unit *it) {
     unit_state *s = &it->state;
     memset(s, 0, sizeof *s);
     if (REAL_COUNT > 0) memcpy(s->reals, REALS, REAL_COUNT * sizeof(double));
+    if (WHOLE_COUNT > 0) memcpy(s->wholes, WHOLES, WHOLE_COUNT * sizeof(int64_t));
+    if (FLAG_COUNT > 0) memcpy(s->flags, FLAGS, FLAG_COUNT * sizeof(uint8_t));
     memcpy(s->row, FIRST_ROW, sizeof s->row);
     s->command = FIRST_COMMAND;
     for (int i = 0; i < PARAMETER_COUNT; i++) s->parameters[i] = s->reals[PARAMETER_PLACES[PARAMETER_BEGINS[i]]];

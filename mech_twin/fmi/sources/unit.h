@@ -18,7 +18,9 @@ enum { SINGLE_EFFORTS = EFFORT_COUNT > 0 ? EFFORT_COUNT : 1 };
 
 typedef struct {
     void *none;             /* NULL: fmusim frees what a state begins with, not what it is told the address of */
-    double reals[REAL_COUNT > 0 ? REAL_COUNT : 1];
+    double reals[REAL_COUNT > 0 ? REAL_COUNT : 1]; /* kernels work in arrays of all three */
+    int64_t wholes[WHOLE_COUNT > 0 ? WHOLE_COUNT : 1];
+    uint8_t flags[FLAG_COUNT > 0 ? FLAG_COUNT : 1];
     int64_t step;           /* coupling steps taken */
     double start_s;         /* time of the importer at step 0 */
     double command;         /* asked fraction of rated supply frequency */
