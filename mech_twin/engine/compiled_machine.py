@@ -310,7 +310,10 @@ class CompiledMachine:
 
 
 def compiled_machine(machine: Machine) -> CompiledMachine | None:
-    """Return a machine as the kernels use it, None if one of its roles is not backed by a kernel."""
+    """Return a machine as the kernels use it, None if one of its roles is not backed by a kernel.
+
+    Its arrays are its own: kernels work in some of them, and runs of one machine may be computed at the same time.
+    """
     motor, linkage, forces, body = machine.motor, machine.linkage, machine.forces, machine.body
     if not (
         isinstance(motor, CompiledMotor)
@@ -321,4 +324,12 @@ def compiled_machine(machine: Machine) -> CompiledMachine | None:
         return None
     models = Models(motor.model, linkage.model, forces.model, NoBody(0.0) if body is None else body.model)
     layout = FrameLayout(linkage.layout, motor.layout, forces.layout, None if body is None else body.layout)
-    return CompiledMachine(machine, models, layout)
+    return CompiledMachine(machine, _with_own_arrays(models), layout)
+
+
+def _with_own_arrays(value: Any) -> Any:
+    """Return constants of kernels with copies of the arrays that can be written."""
+    if isinstance(value, tuple):
+        items = map(_with_own_arrays, value)
+        return tuple(items) if type(value) is tuple else type(value)(*items)
+    return value.copy(order="K") if isinstance(value, np.ndarray) and value.flags.writeable else value

@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 import random
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -132,6 +133,15 @@ def test_a_batch_is_its_members_whatever_the_cores():
         for name, column in member.columns.items():
             assert many.members[3 + i][name].tobytes() == column.tobytes()
             assert many.members[2 - i][name].tobytes() == column.tobytes()
+
+
+def test_one_machine_rolls_out_many_times_at_once():
+    built = machine(str(Path(__file__).parents[2] / "config" / "pages" / "rock_hammer.yaml"))
+    alone = mech_twin.rollout(built, 1.0)
+    for found in mech_twin.rollouts(built, 1.0, [None] * 8, cores=4):
+        assert found.error is None
+        for name, column in alone.columns.items():
+            assert np.array_equal(column, found[name], equal_nan=True), name
 
 
 def test_commands_may_be_numbers_pairs_functions_or_arrays():
