@@ -225,6 +225,6 @@ def export_unit(request: FmuVerb) -> None:
         print_json({**head, **sides, "parameters": written.parameters})
         return
     outputs = sum(v.causality == "output" for v in written.variables)
-    keys = ", ".join(written.parameters) or "none"
+    keys = ", ".join(v.name for v in written.variables if v.name.startswith(("parameters.", "live."))) or "none"
     say_result(f"{file}: FMI {fmi}.0 co-simulation of {unit_name(built)}, {outputs} outputs")
-    say_result(f"keys that an importer may set: {keys}; for others export anew with --set")
+    say_result(f"configuration keys that an importer may set: {keys}; for others export anew with --set")

@@ -227,14 +227,17 @@ TOOL = f"mech_twin {__version__}"
 
 
 def base_unit(unit: str) -> tuple[dict[str, int], float] | None:
-    """Return the powers of base units and the factor of ``N.m/rad`` or ``kg m2``; None if a part is unknown."""
+    """Return the powers of base units and the factor of ``N.m/rad`` or ``kg.m2``; None if a part is unknown."""
     powers: dict[str, int] = {}
     factor, sign = 1.0, 1
-    for token in re.findall(r"/|[A-Za-z]+-?\d*|\d+", unit):
+    for token in re.findall(r"/|[A-Za-z]+-?\d*|\d+|[^. ]", unit):
         if token == "/":
             sign = -1
         elif not token.isdigit():
-            name, power = re.fullmatch(r"([A-Za-z]+)(-?\d*)", token).groups()  # type: ignore[union-attr]
+            parts = re.fullmatch(r"([A-Za-z]+)(-?\d*)", token)
+            if parts is None:
+                return None
+            name, power = parts.groups()
             whole = sign * int(power or 1)
             if name in BASE:
                 powers[name] = powers.get(name, 0) + whole

@@ -209,12 +209,12 @@ def _variables(unit: MachineUnit) -> Iterator[Variable]:
             float(unit.first_row[place]), meaning=f"{effort} where motor_given is true, held over a coupling step",
         )  # fmt: skip
     for i, (key, _, least, greatest) in enumerate(unit.adjustable):
-        meaning = key.field.description or key.name
+        meaning, spelled = key.field.description or key.name, key.unit.replace("^", "").replace(" ", ".")
         kind: tuple[str, Causality, Any] = ("parameters", "parameter", "fixed")
         if key.live:
             kind = ("live", "input", "discrete")
         yield Variable(
-            f"{kind[0]}.{key.name}", PARAMETERS + i, "real", *kind[1:], key.unit, key.value, least, greatest, meaning
+            f"{kind[0]}.{key.name}", PARAMETERS + i, "real", *kind[1:], spelled, key.value, least, greatest, meaning
         )
     for place, name in enumerate(names[1:], 1):
         inner = ".memory." in name or ".residual." in name

@@ -19,7 +19,7 @@ from fmpy.validation import validate_fmu
 import mech_twin as mt
 from mech_twin.cli.main import main
 from mech_twin.engine.compiled_machine import compiled_machine
-from mech_twin.fmi.export import LINUX, export_fmu
+from mech_twin.fmi.export import LINUX, base_unit, export_fmu
 from mech_twin.fmi.step_object import StepCode
 from mech_twin.fmi.unit_variables import unit_of
 from mech_twin.parameters.load import machine as built_machine
@@ -314,3 +314,18 @@ def test_a_step_that_was_compiled_once_serves_other_numbers_and_no_other_structu
     assert again.object_file(LINUX.triple) == first
     assert "_compiled" not in vars(again)
     assert code_of({"coupling.step_s": 0.002}).object_file(LINUX.triple) != first
+
+
+def test_a_unit_of_measurement_is_described_by_its_powers_or_not_at_all() -> None:
+    torque, inertia = {"kg": 1, "m": 2, "s": -2}, {"kg": 1, "m": 2}
+    assert base_unit("N.m") == base_unit("N m") == (torque, 1.0)
+    assert base_unit("kg.m2") == (inertia, 1.0)
+    assert base_unit("N.m.s/rad") == ({**inertia, "s": -1, "rad": -1}, 1.0)
+    assert base_unit("kg m^2") is None
+    machine = built_machine("mb10_breaker")
+    compiled = compiled_machine(machine)
+    assert compiled is not None
+    for variable in unit_of(machine, compiled).variables:
+        assert variable.unit == "" or base_unit(variable.unit) is not None, variable
+        if "inertia" in variable.name:
+            assert base_unit(variable.unit) == (inertia, 1.0), variable
