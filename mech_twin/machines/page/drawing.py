@@ -25,6 +25,7 @@ from mech_twin.capabilities.figure import (
 )
 from mech_twin.machines.page.assembly import exact_turn
 from mech_twin.machines.page.parameters import GROUND as GROUND_NAME
+from mech_twin.machines.page.parameters import distinct
 from mech_twin.machines.page.roles import PageModel
 from mech_twin.mechanics.kinematics import Kinematics
 from mech_twin.mechanics.recording import Expression, Number
@@ -101,7 +102,11 @@ class PageDrawing:
         pins = [at(j.between[1]) for j in page.joints.values() if j.kind == "revolute"]
         if pins:
             made.append(Shape("pins", "points", tuple(pins), STEEL, self._width))
-        return tuple(made)
+        drawn: dict[str, Shape] = {}
+        for shape in made:
+            name = distinct("drawn", shape.name, drawn)
+            drawn[name] = shape._replace(name=name)
+        return tuple(drawn.values())
 
     def _block(self, origin: Point, angle: float) -> tuple[Point, ...]:
         c, s, w = cos(angle), sin(angle), 2.0 * self._width

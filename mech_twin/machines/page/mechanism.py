@@ -9,11 +9,16 @@ from itertools import pairwise
 from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, Point, fixed, sliding, turning
 from mech_twin.machines.page.drawing import COLOURS
 from mech_twin.machines.page.elements import DEGREE
-from mech_twin.machines.page.parameters import GROUND, Page
+from mech_twin.machines.page.parameters import GROUND, Page, distinct
 from mech_twin.machines.page.roles import PageModel
 from mech_twin.mechanics.structure import FREE, REVOLUTE, SLIDER, Branch
 
 REACH = 10.0  # of the machine's size: a joint slides no further, for the description
+
+
+def frame_of(name: str) -> str:
+    """Return the frame of a body or a pin: its name, unless the root has that."""
+    return distinct("frame", name, (ROOT,))
 
 
 class Frames:
@@ -28,10 +33,14 @@ class Frames:
         """The page."""
         return self.shared.page
 
+    def own(self, name: str) -> str:
+        """Return the name of a frame that is neither a body's nor a pin's."""
+        return distinct("frames", name, self.page.named)
+
     def body(self, number: int) -> str:
         """Return the frame of a body."""
         name = [GROUND, *self.page.bodies][number]
-        return ROOT if number == 0 else name
+        return ROOT if number == 0 else frame_of(name)
 
     def place(self, branch: Branch) -> None:
         """Add the frames from a body to the next along a joint of the tree."""
@@ -41,7 +50,7 @@ class Frames:
         near, far, sense = (first_at, second_at, 1.0) if onward else (second_at, first_at, -1.0)
         parent, child = self.body(branch.parent), self.body(branch.child)
         turned, angle = self.turns[parent]
-        seat, by = f"{name}_seat", sense * (joint.turned_deg or 0.0) * DEGREE
+        seat, by = self.own(f"{name}_seat"), sense * (joint.turned_deg or 0.0) * DEGREE
         if joint.kind == REVOLUTE:
             self.joints.append(turning(name, parent, seat, near, ratio=sense))
             turned = (*turned, (name, sense))
@@ -53,8 +62,9 @@ class Frames:
             if joint.kind == SLIDER:
                 direction = (joint.direction_deg or 0.0) * DEGREE - (by if onward else 0.0)
                 axis = sense * math.cos(direction), sense * math.sin(direction)
-                self._slide(name, seat, f"{name}_slide", axis)
-                seat = f"{name}_slide"
+                onto = self.own(f"{name}_slide")
+                self._slide(name, seat, onto, axis)
+                seat = onto
         self.turns[child] = (turned, angle)
         self.joints.append(fixed(seat, child, (-far[0], -far[1])))
 
@@ -63,14 +73,14 @@ class Frames:
 
     def _free(self, name: str, parent: str, near: Point, sense: float) -> str:
         """Add the three frames of a body that flies; return the last."""
-        self.joints.append(fixed(parent, f"{name}_seat", near))
-        ends = [f"{name}_{part}" for part in ("first", "second", "third")]
+        seat, *ends = (self.own(f"{name}_{part}") for part in ("seat", "first", "second", "third"))
+        self.joints.append(fixed(parent, seat, near))
         if sense > 0.0:
-            self._slide(f"{name}_x", f"{name}_seat", ends[0], (1.0, 0.0))
+            self._slide(f"{name}_x", seat, ends[0], (1.0, 0.0))
             self._slide(f"{name}_y", ends[0], ends[1], (0.0, 1.0))
             self.joints.append(turning(f"{name}_angle", ends[1], ends[2]))
         else:
-            self.joints.append(turning(f"{name}_angle", f"{name}_seat", ends[0], ratio=-1.0))
+            self.joints.append(turning(f"{name}_angle", seat, ends[0], ratio=-1.0))
             self._slide(f"{name}_x", ends[0], ends[1], (-1.0, 0.0))
             self._slide(f"{name}_y", ends[1], ends[2], (0.0, -1.0))
         return ends[2]
@@ -78,9 +88,9 @@ class Frames:
     def pin(self, name: str, point: str) -> None:
         """Add the frame of a pin at a point, turned back to the axes of the machine."""
         body, at = self.page.point(point)
-        parent = ROOT if body == GROUND else body
+        parent = ROOT if body == GROUND else frame_of(body)
         turned, angle = self.turns[parent]
-        frames = [*(f"{name}_back_{i}" for i in range(len(turned))), name]
+        frames = [*(self.own(f"{name}_back_{i}") for i in range(len(turned))), frame_of(name)]
         self.joints.append(fixed(parent, frames[0], at, -angle))
         for before, after, (joint, sense) in zip(frames, frames[1:], reversed(turned), strict=False):
             self.joints.append(turning(joint, before, after, ratio=-sense))
@@ -101,13 +111,14 @@ def mechanism(shared: PageModel) -> FrameTree:
     for number in structure.loops:
         joint = page.joints[names[number]]
         if joint.kind == REVOLUTE:
-            frames.pin(f"{names[number]}_other", joint.between[0])
-            loops.append(Loop(names[number], f"{names[number]}_other"))
+            other = frames.own(f"{names[number]}_other")
+            frames.pin(other, joint.between[0])
+            loops.append(Loop(frame_of(names[number]), other))
     carried = {joint.name for joint in frames.joints}
     lengths = tuple(name for name in shared.assembly.columns if name in shared.assembly.slides - carried)
     sliders = tuple(n for n, d in page.drives.items() if not d.turns)
     masses = tuple(
-        Inertia(n, b.mass_kg, (b.centre_m[0], b.centre_m[1]), b.inertia_kg_m2) for n, b in page.bodies.items()
+        Inertia(frame_of(n), b.mass_kg, (b.centre_m[0], b.centre_m[1]), b.inertia_kg_m2) for n, b in page.bodies.items()
     )
     untold = tuple(
         f"{name}: {body.inertia_kg_m2:g} kg m2 without a mass, of which no link has an inertia"
@@ -126,7 +137,7 @@ def _bars(shared: PageModel) -> tuple[Bar, ...]:
     for k, (name, body) in enumerate(shared.page.bodies.items()):
         ends = [(0.0, 0.0), *body.points_m.values()]
         for tail, head in pairwise(ends):
-            found.append(Bar(name, tail, head, width, COLOURS[k % len(COLOURS)]))
+            found.append(Bar(frame_of(name), tail, head, width, COLOURS[k % len(COLOURS)]))
         if len(ends) == 1:
-            found.append(Bar(name, (-width, 0.0), (width, 0.0), width, COLOURS[k % len(COLOURS)]))
+            found.append(Bar(frame_of(name), (-width, 0.0), (width, 0.0), width, COLOURS[k % len(COLOURS)]))
     return tuple(found)

@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from catalogue import PAGES
 from mechanics.random_structures import coordinates_of, thrown
 from urdf_parser_py.urdf import URDF
 
 from mech_twin.capabilities.mechanism import POINT_M, poses, urdf
+from mech_twin.machines.page.drawing import PageDrawing
 from mech_twin.machines.page.mechanism import mechanism
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.roles import PageModel
@@ -103,3 +107,22 @@ def test_the_description_of_a_page_holds_the_masses_of_its_bodies(path: str) -> 
     for name in page.bodies.keys() - found.keys():
         massless = page.bodies[name].inertia_kg_m2
         assert (f"{name}: {massless:g} kg m2 without a mass" in text) == (massless > 0.0)
+
+
+@pytest.mark.parametrize(
+    "name", ["machine", "crank_pin_seat", "crank_bearing_back_0", "guide_slide", "wrist_pin_other", "pins"]
+)
+def test_the_name_of_a_body_hides_no_frame_and_no_shape(name):
+    path = next(path for path in PAGES if path.endswith("slider_crank.yaml"))
+    text = Path(path).read_text(encoding="utf-8")
+    seen = []
+    for body in ("rod", name):
+        tree = yaml.safe_load(re.sub(r"\brod\b", body, text))
+        shared = PageModel(Page.model_validate(tree))
+        frames = mechanism(shared)
+        places = dict(zip(shared.assembly.coordinates, shared.assembly.start, strict=True))
+        shapes = PageDrawing(shared).shapes_at(places)
+        seen.append((sorted(poses(frames, places).values()), sorted(str(shape.points_m) for shape in shapes)))
+        assert len(set(frames.frames)) == len(frames.frames)
+        assert len({shape.name for shape in shapes}) == len(shapes)
+    assert seen[0] == seen[1]
