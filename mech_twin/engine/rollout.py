@@ -265,9 +265,8 @@ def planned(
     if start is not None and not isinstance(start, Frame):
         raise StudyError(f"start {start!r:.80}: expected a frame, such as `final` of a roll-out")
     first = 0 if start is None else start.linkage.step
-    if start is not None and start.linkage.joints != machine.linkage.joints:
-        joints = ", ".join(start.linkage.joints)
-        raise StudyError(f"start: a frame with the joints {joints}; expected one of {machine.name}")
+    if start is not None:
+        _require_columns("start: a frame", layout_of(start).columns, machine)
     targets = command_profile(command, first, count, machine.coupling_step_s)
     if start is None:
         start = complete_frame(machine, machine.linkage.start(), None, plain(targets[0]))
@@ -294,6 +293,7 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
         real_number("change at", time_s, "a finite number of seconds")
         if changed.name != machine.name or changed.coupling_step_s != machine.coupling_step_s:
             raise StudyError(f"change at {time_s} s: machine and coupling.step_s cannot change during a run")
+        _require_columns(f"change at {time_s} s: a machine", column_names(changed), machine)
         begin = max(step_at(time_s, machine.coupling_step_s), first + 1)
         if begin > first + count:
             end_s = (first + count) * machine.coupling_step_s
@@ -304,6 +304,16 @@ def _pieces(machine: Machine, first: int, count: int, changes: Iterable[tuple[fl
         machines.append(changed)
     ends = (*bounds[1:], first + count + 1)
     return [RunPiece(m, end - begin) for m, begin, end in zip(machines, bounds, ends, strict=True)]
+
+
+def _require_columns(what: str, columns: Iterable[str], machine: Machine) -> None:
+    """Raise if a frame or a machine does not have the columns of a machine, in their order."""
+    found, known = tuple(columns), column_names(machine)
+    if found != known:
+        more = next(iter(sorted({*found} - {*known})), None)
+        lacks = next(iter(sorted({*known} - {*found})), None)
+        named = f"with {more}" if more else f"without {lacks}" if lacks else "with other columns"
+        raise StudyError(f"{what} {named}; expected one of {machine.name} with the same joints and elements")
 
 
 def _picked(layout: FrameLayout, columns: Sequence[str] | None) -> list[str]:

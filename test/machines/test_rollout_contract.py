@@ -17,6 +17,7 @@ from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.rollout import column_names, layout_of, roll_out
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
+from mech_twin.errors import StudyError
 from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry, machine, machine_parameters
 from mech_twin.studies.named_rollouts import changed
@@ -202,3 +203,21 @@ def test_every_column_of_a_machine_can_be_asked_for_by_name():
     for first, second in itertools.pairwise(names):
         found = roll_out(built, 0.003, columns=[second, first])
         assert set(found.columns) == {"time_s", first, second}
+
+
+def test_a_run_goes_on_only_with_the_joints_and_elements_that_it_began_with():
+    crank, hammer = (
+        str(Path(__file__).parents[2] / "config" / "pages" / f"{name}.yaml")
+        for name in ("slider_crank", "spring_hammer")
+    )
+    extra = {"dampers.extra.joint": "crosshead_guide", "dampers.extra.rate_ns_per_m": 3.0}
+    for name, other, settings in (
+        ("roller_former", "roller_former", {"carts.count": 3}),
+        (hammer, crank, {}),
+        (hammer, hammer, extra),
+    ):
+        changed_machine = machine_parameters(other, None, settings)
+        with pytest.raises(StudyError, match=r"change at 0.05 s: a machine with .* the same joints and elements"):
+            mech_twin.rollout(name, 0.1, changes=[(0.05, changed_machine)])
+        with pytest.raises(StudyError, match=r"start: a frame with .* the same joints and elements"):
+            mech_twin.rollout(name, 0.1, start=mech_twin.rollout(other, 0.0, settings).final)
