@@ -127,9 +127,9 @@ def analyse(
 
     positions = whole_number("positions", positions, 1, MOST_POSITIONS)
     built = built_machine(machine, _path(config), settings)
-    title = f"{built.name}: one cycle"
     cycle = analysed_columns(built, cycle_positions(positions))
-    return Analysis(built.name, built.parameters, Numbers(title, built.report()), Columns(title, "crank_rad", cycle))
+    numbers = Numbers(f"{built.name}: without a run", built.report())
+    return Analysis(built.name, built.parameters, numbers, Columns(f"{built.name}: one cycle", "crank_rad", cycle))
 
 
 @raising_interrupt()

@@ -233,6 +233,14 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
             lambda: Columns("run", "time_s", {"time_s": []}).plot("time_s"),
             "no rows; JSON output holds those of a run with --samples",
         ),
+        (
+            lambda: mt.simulate("winding_drum", 0.0, {"friction.coulomb_nm": 1.0, "friction": {"coulomb_nm": 2.0}}),
+            "key 'friction.coulomb_nm' stands twice",
+        ),
+        (
+            lambda: mt.simulate("winding_drum", 0.0, {"friction.coulomb_nm": 1.0, "friction": 2.0}),
+            "key 'friction' stands twice, or as a value and a group",
+        ),
         (lambda: mt.rollout("winding_drum", 0.1, ["a"]), "settings ['a']: expected settings by dotted key"),
         (lambda: mt.rollout("winding_drum", {"core_radius_m": 0.1}), "duration_s {'core_radius_m': 0.1}: expected"),
         (lambda: mt.rollouts("winding_drum", 0.1, "core"), "settings 'core': expected a list of settings"),
@@ -354,3 +362,11 @@ def test_a_page_is_a_path_or_its_text(tmp_path: Path) -> None:
     file = tmp_path / "fall.yaml"
     file.write_text("bodies: {m: {mass_kg: 1}}\njoints: {s: {kind: slider, between: [ground, m]}}\n", encoding="utf-8")
     assert mt.simulate(file, 0.01).summary == mt.simulate(str(file), 0.01).summary
+
+
+def test_settings_by_group_and_by_dotted_key_count_together_and_stay_as_they_are():
+    settings = {"friction": {"coulomb_nm": 0.5}, "friction.viscous_nms_per_rad": 0.25}
+    friction = mt.simulate("winding_drum", 0.0, settings).parameters.friction
+    assert (friction.coulomb_nm, friction.viscous_nms_per_rad) == (0.5, 0.25)
+    assert settings == {"friction": {"coulomb_nm": 0.5}, "friction.viscous_nms_per_rad": 0.25}
+    assert mt.simulate("winding_drum", 0.0, dict(reversed(settings.items()))).parameters.friction == friction

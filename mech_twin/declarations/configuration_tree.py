@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
@@ -65,23 +65,33 @@ def merged_tree(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, A
 
 
 def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, Any]:
-    """Return a nested dictionary from dotted keys.
+    """Return a nested dictionary from dotted keys, whose values may be nested too.
 
     Raises
     ------
     ConfigurationError
-        If a key is both a value and a group.
+        If a key is both a value and a group, or stands twice.
     """
     tree: dict[str, Any] = {}
-    for dotted, value in flat.items():
+    for dotted, value in _leaves(flat):
         *groups, last = dotted.split(".")
         branch = tree
         for group in groups:
             branch = branch.setdefault(group, {})
             if not isinstance(branch, dict):
                 raise ConfigurationError(f"{source}: key '{dotted}': '{group}' is a value, not a group")
+        if last in branch:
+            raise ConfigurationError(f"{source}: key '{dotted}' stands twice, or as a value and a group")
         branch[last] = value
     return tree
+
+
+def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping) and value:
+            yield from ((f"{key}.{inner}", leaf) for inner, leaf in _leaves(value))
+        else:
+            yield key, value
 
 
 class ConfigurationError(ValueError):
