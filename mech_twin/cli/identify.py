@@ -25,7 +25,7 @@ from mech_twin.files.output_file import check_output_file
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
-from mech_twin.measurements.runs import read_run
+from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.units import is_event, joint_column
 from mech_twin.parameters.load import description_text, kind_of
 from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
@@ -33,7 +33,7 @@ from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
-from mech_twin.studies.identification.geometry_fit import GeometryData, GeometryModel, geometry_data, lengths
+from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data, lengths
 from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
 from mech_twin.studies.identification.identification import Identification, identified
 from mech_twin.studies.identification.keyed_configuration import (
@@ -76,7 +76,7 @@ def identify_machine(request: IdentifyVerb) -> None:
         return
     turn = model_turn(request.built)
     if _motion(request, turn) == "measured":
-        identify_lengths(request)
+        identify_lengths(request, turn)
         return
     if request.out is not None:
         check_out(request.out, force=request.force)
@@ -176,11 +176,15 @@ def _question(request: IdentifyVerb) -> IdentificationQuestion:
     return IdentificationQuestion(request.machine, base, keys, bounds, priors, *searched)
 
 
-def _run(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
+def _checked(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> MeasuredRun:
     """Return one run; what contradicts the machine is said on standard error."""
     run, problems = checked_run(path, request.given_map, request.built, turn)
     say(*problems)
-    return fit_run(run, begin_known=request.begin == "start")
+    return run
+
+
+def _run(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
+    return fit_run(_checked(path, request, turn), begin_known=request.begin == "start")
 
 
 def _show_found(found: Identification) -> None:
@@ -241,7 +245,7 @@ def say_open(keys: Sequence[Any]) -> None:
     say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED))
 
 
-def identify_lengths(request: IdentifyVerb) -> None:
+def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:
     """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
     began = time.monotonic()
     if request.out is not None:
@@ -252,7 +256,7 @@ def identify_lengths(request: IdentifyVerb) -> None:
         if given:
             raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
     given, base = request.given_map, request.parameters
-    columns = _led_columns(request, given)
+    columns = _led_columns(request, given, turn)
     keys = tuple(key for key in request.free if key != AUTO)
     if AUTO in request.free or not request.free:
         keys = tuple(dict.fromkeys((*keys, *lengths(request.machine, base, columns))))
@@ -263,9 +267,9 @@ def identify_lengths(request: IdentifyVerb) -> None:
     model.values()  # a key that is wrong is named before the runs are read
     fitted, held = split_runs(request)
     held_out = next(iter(held), None)
-    runs = [_data(path, given, model) for path in fitted]
+    runs, kept = ([geometry_data(_checked(p, request, turn), columns) for p in paths] for paths in (fitted, held))
     chosen = [text.partition("=")[0].strip() for text in request.settings]
-    report, model = geometry_report(model, runs, None if held_out is None else _data(held_out, given, model), chosen)
+    report, model = geometry_report(model, runs, next(iter(kept), None), chosen)
     _show_lengths(request, report, held_out, time.monotonic() - began)
     if not report.better:
         found = any(key.verdict == IDENTIFIED for key in report.keys)
@@ -275,9 +279,8 @@ def identify_lengths(request: IdentifyVerb) -> None:
     _write_found(request, model.parameters(values), report.keys, fitted)
 
 
-def _led_columns(request: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...]:
+def _led_columns(request: IdentifyVerb, given: MeasurementMap, turn: ModelTurn | None) -> tuple[str, ...]:
     """Return the positions that the crank leads; channels that tell nothing of lengths are named."""
-    turn = model_turn(request.built)
     if turn is None:
         raise CommandError(f"{request.machine}: expected a machine whose joints follow from a crank")
     names = [channel.quantity for channel in given.channels]
@@ -285,13 +288,9 @@ def _led_columns(request: IdentifyVerb, given: MeasurementMap) -> tuple[str, ...
     left = [name for name in dict.fromkeys(names) if name not in used and name not in TURNING]
     say(*(f"{name}: left out, it is no position that the crank leads" for name in left))
     if not used:
-        raise CommandError(f"{request.map_file}: expected a position that the crank leads, beside the crank's")
+        where = request.map_file or "the proposed map"
+        raise CommandError(f"{where}: expected a position that the crank leads, beside the crank's")
     return used
-
-
-def _data(path: Path, given: MeasurementMap, model: GeometryModel) -> GeometryData:
-    with opened_run(path) as reader:
-        return geometry_data(read_run(reader, given), model.columns)
 
 
 def _show_lengths(request: IdentifyVerb, report: GeometryReport, held_out: Path | None, seconds: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks whether a measured run fits the machine: units, swapped channels, another machine, no whole cycle."""
+"""Checks whether a measured run fits the machine: clock, units, swapped channels, another machine, no whole cycle."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ import numpy as np
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
-from mech_twin.measurements.model_turn import Following, ModelTurn, following
-from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.measurements.model_turn import TURNING, Following, ModelTurn, following
+from mech_twin.measurements.quality import LONG_INTERVAL
+from mech_twin.measurements.runs import ONE_TURN, MeasuredChannel, MeasuredRun
 from mech_twin.measurements.units import TURN, UNITS, joint_column
 
 FOLLOWS = 0.8  # least correlation with the model's motion
@@ -21,6 +22,10 @@ FACTOR = 4.0  # amplitude over the model's: beyond it, the unit is wrong or the 
 SPEED_FACTOR = 12.0  # largest ratio of the crank speed to the model's
 RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the position
 MOST_COMPARED = 4000
+LATE_SAMPLES = 10  # left out for each stamp that goes back: so many are no samples that arrived late
+GOING_ON = 0.02  # of a turn: a crank this near to where it was going has not turned during a gap
+GAP_TURN = 0.25  # of a turn: least motion in a gap that tells whether time has passed
+SPEED_TURN = 0.125  # of a turn: before and after a gap, from which the speed is taken
 ROUNDING = 1e-9  # of the largest number of the model in a unit: a column that moves less stands still
 
 
@@ -38,11 +43,11 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     Parameters
     ----------
     turn : ModelTurn, optional
-        One turn of the model; without it, only speeds are compared with positions.
+        One turn of the model; without it, only the clock is checked, and speeds are compared with positions.
     units : mapping
         SI unit of each column of the machine.
     """
-    found = _speeds(run, units)
+    found = _clock(run) + _speeds(run, units)
     crank = None if turn is None else run.channel(turn.crank)
     if turn is None or crank is None:
         return found
@@ -53,6 +58,58 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
             return [*found, f"no cycle: {crank.name} moves through {turned / TURN:.3g} of a turn, expected a whole one"]
         return [*found, swapped]
     return found + _standing_still(run, turn, units) + _turning_speed(crank, turn) + _following(run, crank, turn, units)
+
+
+def _clock(run: MeasuredRun) -> list[str]:
+    """Name a clock that has gone back, or that has gone on while the crank has not."""
+    for channel in run.channels:
+        quality = channel.quality
+        late = quality.samples - quality.nan - quality.repeats - len(channel.times_s)
+        if quality.back and late >= LATE_SAMPLES * quality.back:
+            return [
+                f"{channel.name}: stamps go back {quality.back} times, {late} samples earlier than those before are "
+                "left out: has the clock been set back, or the machine begun anew? Cut the run there"
+            ]
+    crank = next((channel for channel in run.channels if channel.name in TURNING), None)
+    jumps = [] if crank is None or isinstance(crank.channel.gain, str) else _gaps_without_motion(crank)
+    return [
+        f"{crank.name}: in the gap of {gap_s:.4g} s after {at_s:.6g} s the crank turns no further than in one "
+        "interval: has the clock been set forward? Cut the run there"
+        for at_s, gap_s in jumps
+        if crank is not None
+    ]
+
+
+def _gaps_without_motion(crank: MeasuredChannel) -> list[tuple[float, float]]:
+    """Return begin and length of each gap across which a turning crank goes on as if no time had passed."""
+    quality, times_s, angle = crank.quality, crank.times_s, crank.values
+    wrapped = (quality.high - quality.low) * crank.channel.si_factor <= ONE_TURN
+    usual_s, intervals = 1.0 / quality.rate_hz, np.diff(times_s)
+    fastest = float(np.max(np.abs(np.diff(angle)[intervals <= LONG_INTERVAL * usual_s]), initial=0.0)) / usual_s
+    long = (intervals > LONG_INTERVAL * usual_s) & (intervals * fastest > GAP_TURN * TURN)
+    found = []
+    for i in np.flatnonzero(long):
+        first, last = i, i + 1
+        while first > 0 and abs(angle[i] - angle[first]) < SPEED_TURN * TURN:
+            first -= 1
+        while last < len(angle) - 1 and abs(angle[last] - angle[i + 1]) < SPEED_TURN * TURN:
+            last += 1
+        if first == i or last == i + 1:
+            continue
+        speeds = (
+            (angle[i] - angle[first]) / (times_s[i] - times_s[first]),
+            (angle[last] - angle[i + 1]) / (times_s[last] - times_s[i + 1]),
+        )
+        speed, gap_s = min(speeds, key=abs), float(intervals[i])
+        if speeds[0] * speeds[1] <= 0.0:
+            continue
+        unturned = abs(speed) * (gap_s - usual_s)  # what the crank would have turned more in a gap of time
+        on = angle[i + 1] - angle[i] - speed * usual_s
+        if wrapped:
+            unturned, on = (abs(each - TURN * round(each / TURN)) for each in (unturned, on))
+        if abs(on) < GOING_ON * TURN and unturned > GAP_TURN * TURN:
+            found.append((float(times_s[i]), gap_s))
+    return found
 
 
 def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from mech_twin.engine.run import frames
 from mech_twin.errors import MeasurementError
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
-from mech_twin.measurements.measurement_map import Channel, MeasurementMap
+from mech_twin.measurements.blocks import NO_DELAYS, Array, Block, SourceColumn
+from mech_twin.measurements.measurement_map import Channel, MeasurementMap, TimeSource
 from mech_twin.measurements.model_turn import TURN, ModelTurn, following, model_turn
 from mech_twin.measurements.plausibility import implausible
 from mech_twin.measurements.quality import QualityGauge
@@ -156,6 +156,52 @@ def test_a_crank_that_turns_against_the_model_is_named_with_the_sign_expected(
 ) -> None:
     turned = with_values(measured(motion, COLUMNS[0]), COLUMNS[0], np.negative)
     the_line(implausible(turned, turn, UNITS), COLUMNS[0], "turns at -", "expected sign -1")
+
+
+def with_clock(run: MeasuredRun, change: Callable[[Array], Array], *, turns: bool) -> MeasuredRun:
+    """Return the run under another clock, read from a table; angles within one turn unless turns are counted."""
+    rows = {c.name: c.values if turns or c.name != COLUMNS[0] else np.mod(c.values, TURN) for c in run.channels}
+    blocks = [Block(i, change(run.channels[0].times_s), values, NO_DELAYS) for i, values in enumerate(rows.values())]
+    return read_run(FewBlocks(blocks), MeasurementMap(machine=MACHINE, channels=tuple(c.channel for c in run.channels)))
+
+
+class FewBlocks:
+    """A run in memory."""
+
+    path = Path("run")
+
+    def __init__(self, blocks: list[Block]) -> None:
+        self._blocks = blocks
+
+    def offered(self) -> list[SourceColumn]:
+        return []
+
+    def proposed_time(self) -> TimeSource:
+        return TimeSource()
+
+    def blocks(self, *_: object) -> Iterator[Block]:
+        return iter(self._blocks)
+
+
+@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize(("shift_turns", "word"), [(2.5, "set forward"), (-0.5, "set back")])
+def test_a_clock_that_is_set_while_the_machine_turns_is_named(
+    shift_turns: float, word: str, turns: bool, motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    run, shift_s = measured(motion, *COLUMNS[:3]), shift_turns * TURN / abs(turn.speed_rad_per_s)
+    shifted = with_clock(run, lambda times_s: times_s + np.where(times_s > 2.0, shift_s, 0.0), turns=turns)
+    the_line(implausible(shifted, turn, UNITS), COLUMNS[0], word, "Cut the run")
+    the_line(implausible(shifted, None, UNITS), COLUMNS[0], word, "Cut the run")
+
+
+@pytest.mark.parametrize("turns", [True, False])
+@pytest.mark.parametrize("gap_s", [0.2, 0.5, 1.1])
+def test_a_gap_during_which_the_crank_turned_is_no_fault_of_the_clock(
+    gap_s: float, turns: bool, motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    kept = (motion["time_s"] < 2.0) | (motion["time_s"] > 2.0 + gap_s)
+    run = measured({name: values[kept] for name, values in motion.items()}, *COLUMNS[:3])
+    assert implausible(with_clock(run, np.copy, turns=turns), None, UNITS) == []
 
 
 def test_no_cycle_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:

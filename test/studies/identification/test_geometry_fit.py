@@ -105,6 +105,20 @@ def test_the_lengths_of_the_machine_are_found_within_their_intervals(stand: Path
     assert "# masses.tree_kg: kept, not_excited" in out.read_text(encoding="utf-8")
 
 
+def test_lengths_that_are_not_found_under_a_wrong_unit_or_a_set_clock_say_which(stand: Path, tmp_path: Path) -> None:
+    wrong, late = tmp_path / "wrong.yaml", tmp_path / "late.csv"
+    wrong.write_text((stand / "map.yaml").read_text(encoding="utf-8").replace("unit: mm", "unit: m"), encoding="utf-8")
+    head, *rows = (stand / "run_0.csv").read_text(encoding="utf-8").splitlines()
+    cells = [row.split(",", 1) for row in rows]
+    shifted = [f"{float(at) + 5.0 * (float(at) > 1.5)!r},{rest}" for at, rest in cells]
+    late.write_text("\n".join([head, *shifted]), encoding="utf-8")
+    ended = mech_twin("identify", MACHINE, stand / "run_0.csv", "--map", wrong, "--free", "rod_m")
+    assert ended.code == 1
+    assert "is its unit mm" in " ".join(ended.err.split())
+    ended = mech_twin("identify", MACHINE, late, "--map", stand / "map.yaml", "--free", "rod_m")
+    assert "has the clock been set forward?" in " ".join(ended.err.split())
+
+
 def test_nothing_identified_writes_nothing_and_ends_with_1(stand: Path, tmp_path: Path) -> None:
     out = tmp_path / "found.yaml"
     ended = identified(stand, "--free", "masses.tree_kg", "--out", out)
