@@ -39,7 +39,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.run.domain import NameInUseError
 from mech_twin.nodes.run.name_guard import NameGuard
-from mech_twin.nodes.shadow.inputs import sensed_channels
+from mech_twin.nodes.shadow.inputs import own_map, sensed_channels
 from mech_twin.nodes.shadow.session import Company, followed_namespace
 from mech_twin.nodes.shadow.viewer_node import ShadowState, ShadowViewerNode, channel_title, state_line
 from mech_twin.parameters.load import catalogue_entry
@@ -299,6 +299,15 @@ def test_a_shadow_never_follows_itself() -> None:
         followed_namespace(NAME, f"{NAME}/twin")
     with pytest.raises(ConfigurationError, match="--from plant/: expected letters"):
         followed_namespace(NAME, "plant/")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_is_followed_by_the_joint_that_leads_it_even_where_its_drive_prescribes_it(page: str) -> None:
+    machine = built(page)
+    assert machine.mechanism is not None
+    followed = {channel.quantity for channel in own_map(machine).channels}
+    joints = {*machine.linkage.coordinates, machine.mechanism.leading}
+    assert followed == {f"linkage.{joint}.position" for joint in joints}
 
 
 def test_what_a_map_does_not_know_is_asked_for() -> None:

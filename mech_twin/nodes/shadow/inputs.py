@@ -318,8 +318,9 @@ def followed_topics(given: MeasurementMap, namespace: str) -> list[FollowedTopic
 
 
 def own_map(machine: Machine) -> MeasurementMap:
-    """Return the map of a machine that publishes like the twin: positions of its independent joints."""
-    leading = [joint for joint in machine.linkage.joints if joint in machine.linkage.coordinates]
+    """Return the map of a machine that publishes like the twin: positions of its independent and leading joints."""
+    first = "" if machine.mechanism is None else machine.mechanism.leading  # driven, and so not independent, in a page
+    leading = [joint for joint in machine.linkage.joints if joint == first or joint in machine.linkage.coordinates]
     if machine.body is not None:
         leading = [joint for joint in leading if joint not in machine.body.joints]
     sources = [(JOINT_STATES.name, "linkage", joint) for joint in leading]
