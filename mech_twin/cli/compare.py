@@ -65,6 +65,7 @@ def compare_sides(request: CompareVerb) -> None:
             print_json(_document(found))
         else:
             _show(found, request.everything)
+        _say_lengths(sides)
         if overlay is not None:
             overlay.tell(sides, found)
             hold_view(overlay.page)
@@ -166,6 +167,14 @@ def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
         simulation.trajectory.columns(),
         shown_units(machine),
     )
+
+
+def _say_lengths(sides: Sequence[ComparedRun]) -> None:
+    """Say where one side lasts longer than the other, by more than a step of either."""
+    times_s = [side.samples["time_s"] for side in sides]
+    first_s, second_s = (float(each[-1]) for each in times_s)
+    if abs(first_s - second_s) > max(float(each[-1] - each[-2:][0]) for each in times_s):
+        say(f"A ends at {first_s:.6g} s, B at {second_s:.6g} s: numbers of the whole run differ by that alone")
 
 
 def _draw(sides: list[ComparedRun], picture: Path, columns: Sequence[str], *, force: bool) -> None:

@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 
 import yaml
 
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".parquet")
 MAX_TEXT_BYTES = 1 << 20
 MAX_NODES = 200_000
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

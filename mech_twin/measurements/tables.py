@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 
 from mech_twin.errors import MeasurementError
-from mech_twin.files.input_file import opened_input
+from mech_twin.files.input_file import TABLE_SUFFIXES, opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
 from mech_twin.measurements.measurement_map import TIME_COLUMN, MeasurementMap, Source, TimeSource
 from mech_twin.measurements.sensors import Reading
@@ -26,7 +26,6 @@ from mech_twin.process.dependencies import require_extra
 if TYPE_CHECKING:
     import pyarrow as pa
 
-TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".parquet")
 PARQUET_MAGIC = b"PAR1"
 BAG_MAGICS = (b"\x89MCAP", b"SQLite format 3")
 HEAD_BYTES = 1 << 16

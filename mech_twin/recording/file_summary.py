@@ -10,6 +10,7 @@ from collections import Counter
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, ChunkIndex, Footer, MetadataIndex, Schema, Statistics
 
+from mech_twin.files.input_file import TABLE_SUFFIXES
 from mech_twin.recording.errors import DamagedBagError, ForeignFileError, UnfinishedBagError
 from mech_twin.recording.file_index import Extent, FileIndex, scanned_index
 from mech_twin.recording.record_file import (
@@ -39,7 +40,9 @@ def summary_index(file: RecordFile) -> FileIndex:
     try:
         head = file.bytes_at(0, len(MAGIC))
         if head != MAGIC:
-            raise ForeignFileError(path, "is empty" if not head else "is not an MCAP recording (wrong magic bytes)")
+            table = path.suffix.lower() in TABLE_SUFFIXES
+            found = "is a table, no MCAP recording" if table else "is not an MCAP recording (wrong magic bytes)"
+            raise ForeignFileError(path, found if head else "is empty")
         footer_at = file.size - FOOTER_BYTES - len(MAGIC)
         if footer_at < len(MAGIC) or file.bytes_at(file.size - len(MAGIC), len(MAGIC)) != MAGIC:
             raise UnfinishedBagError(path, "has no footer, it was truncated")

@@ -48,6 +48,21 @@ def test_a_recording_equals_the_configuration_it_was_made_with(ros_domain, tmp_p
     assert "within a tolerance of 0" in found.out
 
 
+def test_another_length_of_the_run_is_said(tmp_path):
+    bag = tmp_path / "bag"
+    assert mech_twin("simulate", "compaction_press", "--duration", "0.3", "--bag", bag).code == 0
+    assert "A ends at 0.3 s, B at 0.2 s" in mech_twin("compare", bag, "compaction", "--duration", "0.2").err
+    assert "ends at" not in mech_twin("compare", bag, "compaction").err
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.parquet"])
+def test_a_table_is_told_from_a_damaged_recording(name, tmp_path):
+    (tmp_path / name).write_text("time_s,crank\n0,1\n1,2\n", encoding="utf-8")
+    found = mech_twin("compare", "compaction_press", tmp_path / name, "--duration", 0.01)
+    assert found.code == 2
+    assert "is a table, no MCAP recording" in found.err
+
+
 @pytest.mark.parametrize(
     ("second", "said"),
     [("winding_drum", "expected one machine"), ("nowhere", "nowhere"), ("nowhere.yaml", "nowhere.yaml")],
