@@ -323,7 +323,9 @@ class OperatingTrack:
             self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
             self._smooth = self._smooth + self._weight * (u - self._smooth)
         if self._is_known:
-            self.outside = tuple(value for value in self.changed() if value.is_outside)
+            drawn = self._told(self._smooth, np.ones_like(u))  # never farther off: a healthy point at an end stays in
+            told = zip(self.values(), self._far, drawn, strict=True)
+            self.outside = tuple(value for value, is_far, kept in told if is_far and kept.is_outside)
         far = float(np.linalg.norm(self._smooth))
         return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
 
@@ -331,8 +333,10 @@ class OperatingTrack:
         """Return the smoothed variables with their 95 % intervals."""
         if self._smooth is None:
             return ()
-        surface, cycles = self.surface, 2.0 / self._weight - 1.0
-        point, factor = surface.freed(self._smooth, cycles)
+        return self._told(*self.surface.freed(self._smooth, 2.0 / self._weight - 1.0))
+
+    def _told(self, point: Array, factor: Array) -> tuple[OperatingValue, ...]:
+        surface = self.surface
         half = 1.96 * factor * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
         low, high = (point - half) * surface.ranges, (point + half) * surface.ranges
         low[point <= 0.01 - LIMIT] = -1.0  # at the end of what was simulated, one bound is open
@@ -353,5 +357,9 @@ class OperatingTrack:
         """Return the variables that differ from the baseline significantly."""
         if self._smooth is None or not self._is_known:
             return ()
-        far = np.abs(self._smooth) > SIGNIFICANT * self.surface.wander
-        return tuple(value for value, is_far in zip(self.values(), far, strict=True) if is_far)
+        return tuple(value for value, is_far in zip(self.values(), self._far, strict=True) if is_far)
+
+    @property
+    def _far(self) -> Any:
+        assert self._smooth is not None
+        return np.abs(self._smooth) > SIGNIFICANT * self.surface.wander

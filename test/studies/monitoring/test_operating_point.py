@@ -163,6 +163,22 @@ def test_the_variable_that_is_told_is_not_drawn_to_its_neighbour_by_the_prior_of
     assert (np.mean(inside[100:], axis=0) > 0.9).all()
 
 
+@pytest.mark.parametrize(("drawn", "is_outside"), [(1.05, False), (1.15, True)])
+def test_a_variable_at_the_end_of_its_range_is_outside_only_where_the_drawn_point_is_too(
+    drawn: float, is_outside: bool
+) -> None:
+    """Where features hardly tell variables, the point freed of the prior errs most; a healthy one is not named."""
+    known = surface()
+    linear = np.zeros_like(known.coefficients)
+    linear[:Q] = np.eye(Q, linear.shape[1])
+    little = np.full(Q, 1e-3)
+    track = OperatingTrack(replace(known, coefficients=linear, root=5.0**0.5 * np.eye(D), wander=little, moved=little))
+    for _ in range(100):
+        track.advance(np.array([drawn, 0.0]))
+    assert track.values()[0].share > 1.1 * track.surface.ranges[0]
+    assert bool(track.outside) == is_outside
+
+
 def test_a_step_of_the_point_within_a_cycle_is_no_alarm_and_another_change_is_one_a_cycle_later() -> None:
     known = replace(surface(), transient=np.full((Q, D - Q), 100.0))
     baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
