@@ -18,7 +18,7 @@ from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measured import NoNameError, checked_run
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
-from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree, value_in
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MeasurementError
 from mech_twin.files.output_file import check_output_file
@@ -41,7 +41,6 @@ from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
     assumed_keys,
     machine_keys,
-    number_in,
 )
 from mech_twin.studies.identification.sensor_plan import sensor_plan
 from mech_twin.studies.identification.unknowns import IdentificationQuestion
@@ -139,7 +138,7 @@ def _bouncing(request: IdentifyVerb) -> bool:
     try:
         request.given_map  # noqa: B018
     except NoNameError:
-        if number_in(configuration_tree(request.built.parameters), BOUNCE_KEY) is None:
+        if value_in(configuration_tree(request.built.parameters), BOUNCE_KEY) is None:
             raise
         return True
     return False

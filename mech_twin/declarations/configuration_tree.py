@@ -86,6 +86,16 @@ def tree_from_flat(flat: Mapping[str, Any], source: str = "--set") -> dict[str, 
     return tree
 
 
+def value_in(tree: Any, key: str) -> Any:
+    """Return the value at a dotted key, where ``.0`` is the first of a list; None without one."""
+    for name in key.split("."):
+        if isinstance(tree, list | tuple):
+            tree = tree[int(name)] if name.isdecimal() and int(name) < len(tree) else None
+        else:
+            tree = tree.get(name) if isinstance(tree, Mapping) else None
+    return tree
+
+
 def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
         if isinstance(value, Mapping) and value:

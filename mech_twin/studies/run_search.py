@@ -25,14 +25,14 @@ from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.captions import unknown_name
-from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError, value_in
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MotionError, StudyError
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.shorter_steps import checked_numbers
 from mech_twin.studies.spreading import spread, used_cores
-from mech_twin.studies.sweep_table import Question, question, summary, value_at
+from mech_twin.studies.sweep_table import Question, question, summary
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -143,7 +143,7 @@ def run_search(
         real_number(f"bounds of {key}, high", high, f"a finite number above {low:g}")
         if not low < high:
             raise StudyError(f"bounds of {key}: {low:g} < {high:g} fails")
-        there = value_at(asked.tree, key)
+        there = value_in(asked.tree, key)
         if isinstance(there, str | int):
             raise StudyError(
                 f"bounds of {key}: {there!r} is a choice or a count; expected a key of real numbers; "

@@ -118,16 +118,6 @@ def require_key(model: type[BaseModel], key: str) -> None:
         raise StudyError(f"no configuration key '{key}'{did_you_mean(key, units)}")
 
 
-def value_at(tree: Any, key: str) -> Any:
-    """Return the value of a dotted key in a configuration, where ``.0`` is the first of a list; None if absent."""
-    for name in key.split("."):
-        if isinstance(tree, list):
-            tree = tree[int(name)] if name.isdecimal() and int(name) < len(tree) else None
-        else:
-            tree = tree.get(name) if isinstance(tree, dict) else None
-    return tree
-
-
 def summary(asked: Question, changes: Mapping[str, Value]) -> dict[str, float]:
     """Return the machine's report with these changes and, if a duration is given, the metrics of a run."""
     entry = catalogue_entry(asked.machine)

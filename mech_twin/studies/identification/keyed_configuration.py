@@ -28,6 +28,7 @@ from mech_twin.declarations.configuration_tree import (
     configuration_tree,
     merged_tree,
     tree_from_flat,
+    value_in,
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_machine import compiled_machine
@@ -104,7 +105,7 @@ def _acting(
 
 def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
     """Return a slightly different value of a key that the machine accepts."""
-    value = float(number_in(tree, key))
+    value = float(value_in(tree, key))
     step, refused = MOVED * (abs(value) or 1.0), None
     for other in (value + step, value - step):
         try:
@@ -133,22 +134,11 @@ def _follows(name: str, tree: Mapping[str, Any], leaf: str, moved: Mapping[str, 
         found = _configured(name, _without(tree, leaf), moved)
     except ConfigurationError:
         return False
-    return bool(number_in(configuration_tree(found), leaf) != number_in(tree, leaf))
+    return bool(value_in(configuration_tree(found), leaf) != value_in(tree, leaf))
 
 
 def _configured(name: str, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
     return validated(catalogue_entry(name), merged_tree(tree, tree_from_flat(changed)), name)
-
-
-def number_in(tree: Mapping[str, Any], key: str) -> Any:
-    """Return the value at a dotted key; None without one."""
-    branch: Any = tree
-    for word in key.split("."):
-        if isinstance(branch, list | tuple):
-            branch = branch[int(word)] if word.isdecimal() and int(word) < len(branch) else None
-        else:
-            branch = branch.get(word) if isinstance(branch, Mapping) else None
-    return branch
 
 
 def _without(tree: Mapping[str, Any], key: str) -> dict[str, Any]:
@@ -299,7 +289,7 @@ class KeyedConfiguration:
 
 def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:
     """Return the number at a dotted key in a tree of values."""
-    found = number_in(tree, key)
+    found = value_in(tree, key)
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise ConfigurationError(f"--free {key}: expected a key of {machine} that is a number")
     return float(found)
