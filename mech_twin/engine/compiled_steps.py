@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from mech_twin.engine.integration import declared_kernel
 from mech_twin.engine.sample_vectors import FEW_ROWS, LOAD_WIDTH, SIDES, Places
-from mech_twin.kernels.dispatcher import overload
+from mech_twin.kernels.dispatcher import generic, set_kernel
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel, released_kernel
 
 Array = NDArray[np.float64]
@@ -47,9 +47,9 @@ DONE, LINKAGE_FAILED, BODY_FAILED, TOO_SHORT = 0, 1, 2, 3
 EVENTS, BODY_EVENTS, ALL_EVENTS = 0, 1, 2  # the table that is too short
 
 
+@generic()
 def motor_step(model: Any, linkage: Array, target: float, out: Array) -> None:
     """Fill ``out`` with the motor at a linkage row; ``target`` is the asked fraction of rated supply frequency."""
-    chosen(motor_step, model)(model, linkage, target, out)
 
 
 class Work(NamedTuple):
@@ -59,18 +59,21 @@ class Work(NamedTuple):
     marks: Indices
 
 
+@generic(kernel)
 def work_room(model: Any) -> Any:
     """Return the lengths of the work arrays of a linkage or a force analysis; none where no function is declared."""
-    return chosen(work_room, model)(model) if is_declared(work_room, type(model)) else (0, 0)
+    return 0, 0
 
 
+@generic()
 def linkage_step(
     model: Any, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
 ) -> int:
     """Fill ``out`` with the linkage one step after ``step``; return the number of events in between."""
-    return chosen(linkage_step, model)(model, step, linkage, motor, body, out, log, work)  # type: ignore[no-any-return]
+    raise NotImplementedError
 
 
+@generic()
 def force_step(
     model: Any, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:
@@ -78,38 +81,26 @@ def force_step(
 
     ``loads`` has a row for each event.
     """
-    return chosen(force_step, model)(model, step, linkage, log, count, out, loads, work)  # type: ignore[no-any-return]
+    raise NotImplementedError
 
 
+@generic()
 def body_step(
     model: Any, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
 ) -> int:
     """Fill ``out`` with the body at ``step``, one after that of ``body``; return the number of its events."""
-    return chosen(body_step, model)(model, step, body, forces, loads, count, out, log)  # type: ignore[no-any-return]
-
-
-_declared: dict[tuple[Callable[..., Any], type], Callable[..., Any]] = {}
-
-
-def chosen(generic: Callable[..., Any], model: Any) -> Callable[..., Any]:
-    """Return the kernel declared for the type of a model."""
-    return _declared[generic, type(model)]
-
-
-def is_declared(generic: Callable[..., Any], model_type: type) -> bool:
-    """Return whether a kernel is declared for a type."""
-    return (generic, model_type) in _declared
+    raise NotImplementedError
 
 
 def step_of(
-    generic: Callable[..., Any], model_type: type, compiler: Callable[[Any], Any] = kernel
+    of: Callable[..., Any], model_type: type, compiler: Callable[[Any], Any] = kernel
 ) -> Callable[[Function], Function]:
     """Declare a kernel as the implementation of a generic step for one type of first argument.
 
     Parameters
     ----------
-    generic : callable
-        `motor_step`, `linkage_step`, ... or another function dispatched on its first argument.
+    of : callable
+        `motor_step`, `linkage_step`, ... or another `generic` function.
     model_type : type
         A `NamedTuple` of the same module as the kernel.
     compiler : callable
@@ -117,28 +108,11 @@ def step_of(
     """
 
     def declare(function: Function) -> Function:
-        compiled = _declared[generic, model_type] = declared_kernel(model_type, function, compiler)
-
-        def call(model: Any, *arguments: Any) -> Any:
-            return compiled(model, *arguments)
-
-        @overload(generic, forceinline=compiler is embedded_kernel)
-        def implementation(model: Any, *arguments: Any) -> Any:  # numba asks with types
-            return call if getattr(model, "instance_class", None) is model_type else None
-
+        compiled = declared_kernel(model_type, function, compiler)
+        set_kernel(of, model_type, compiled)
         return compiled
 
     return declare
-
-
-@overload(work_room)
-def _no_room(model: Any) -> Any:
-    kind = getattr(model, "instance_class", None)
-
-    def none(model: Any) -> Any:
-        return 0, 0
-
-    return none if kind is not None and not is_declared(work_room, kind) else None
 
 
 class NoBody(NamedTuple):

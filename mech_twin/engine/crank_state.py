@@ -6,8 +6,8 @@ from __future__ import annotations
 from math import copysign, pi
 from typing import Any, NamedTuple
 
-from mech_twin.engine.compiled_steps import chosen
 from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
+from mech_twin.kernels.dispatcher import generic
 from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.induction_motor import KLOSS, MotorConstants, MotorInStep, motor_in_step
 
@@ -61,9 +61,10 @@ def fill_memory(memory: Memory, row: Array, joints: int) -> None:
 # rate w (rad/s), acceleration e (rad/s2).
 
 
+@generic()
 def mechanism_state(mechanism: Any, f: float, w: float, e: float, regime: int) -> Any:
     """Return positions and velocities of the joints, crank torque (N m), energy (J), loop closure error (m)."""
-    return chosen(mechanism_state, mechanism)(mechanism, f, w, e, regime)
+    raise NotImplementedError
 
 
 @kernel
@@ -73,29 +74,34 @@ def count_torque_energy(mechanism: Any, f: float, w: float, e: float, regime: in
     return len(positions), torque, energy
 
 
+@generic()
 def mechanism_load_work(mechanism: Any, before: float, after: float, regime: int) -> float:
     """Return the work (J) of the load between two crank angles (rad)."""
-    return float(chosen(mechanism_load_work, mechanism)(mechanism, before, after, regime))
+    raise NotImplementedError
 
 
+@generic()
 def mechanism_load_speed(mechanism: Any, f: float, w: float) -> float:
     """Return the speed (m/s) of the loaded point against the load, for events."""
-    return float(chosen(mechanism_load_speed, mechanism)(mechanism, f, w))
+    raise NotImplementedError
 
 
+@generic()
 def mechanism_drive_moment(mechanism: Any, f: float, w: float, e: float, regime: int) -> float:
     """Return the moment (N m) at the crank from the pin forces."""
-    return float(chosen(mechanism_drive_moment, mechanism)(mechanism, f, w, e, regime))
+    raise NotImplementedError
 
 
+@generic()
 def mechanism_reduced(mechanism: Any, f: float, regime: int) -> tuple[float, float, float]:
     """Return inertia (kg m2), its slope (kg m2/rad) and moment of weights and loads (N m), reduced to the crank."""
-    return chosen(mechanism_reduced, mechanism)(mechanism, f, regime)  # type: ignore[no-any-return]
+    raise NotImplementedError
 
 
+@generic()
 def under_load_share(mechanism: Any, share: float) -> Any:
     """Return the mechanism with this share of its load."""
-    return chosen(under_load_share, mechanism)(mechanism, share)
+    raise NotImplementedError
 
 
 class Boundary(NamedTuple):

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.kernels.dispatcher import overload
+from mech_twin.kernels.dispatcher import generic, overload, set_kernel
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 
 Array = NDArray[np.float64]
@@ -65,12 +65,9 @@ class Workspace(NamedTuple):
     end: Array
 
 
+@generic()
 def rates(system: Any, t: float, y: Array, out: Array) -> None:
-    """Fill ``out`` with dy/dt of the system at time t (s); compiled code gets the function declared for its type."""
-    _declared[type(system)](system, t, y, out)
-
-
-_declared: dict[type, Callable[..., Any]] = {}
+    """Fill ``out`` with dy/dt of the system at time t (s)."""
 
 
 def method_of(system: Any) -> Tableau:
@@ -95,10 +92,8 @@ def rates_of(system_type: type, tableau: Tableau | Callable[[Any], Tableau]) -> 
     _methods[system_type] = tableau
 
     def declare(function: Function) -> Function:
-        compiled = _declared[system_type] = declared_kernel(system_type, function, borrowing_kernel)
-
-        def call(system: Any, t: Any, y: Any, out: Any) -> None:
-            compiled(system, t, y, out)
+        compiled = declared_kernel(system_type, function, borrowing_kernel)
+        set_kernel(rates, system_type, compiled)
 
         def constant(system: Any) -> Any:
             return tableau
@@ -108,10 +103,6 @@ def rates_of(system_type: type, tableau: Tableau | Callable[[Any], Tableau]) -> 
         @overload(method_of, inline="always")
         def chosen_method(system: Any) -> Any:
             return method if getattr(system, "instance_class", None) is system_type else None
-
-        @overload(rates, inline="always")
-        def chosen(system: Any, t: Any, y: Any, out: Any) -> Any:  # numba asks with types
-            return call if getattr(system, "instance_class", None) is system_type else None
 
         return compiled
 

@@ -9,9 +9,11 @@ its caller, and made machine code when Python calls it or asks for its address.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import wraps
+from typing import Any, TypeVar, cast
 
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 from numba.core import codegen, compiler, compiler_lock, registry, sigutils, target_extension, types
@@ -33,6 +35,8 @@ _target: Any = target_extension
 _templates: Any = templates
 _types: Any = types
 
+Function = TypeVar("Function", bound=Callable[..., Any])
+
 INTERMEDIATE = "intermediate"
 COLLECTED_AFTER = (50_000, 20, 50)  # as `gc.set_threshold` takes it, while a kernel is compiled
 
@@ -42,34 +46,87 @@ class Uncalled:
 
 
 class IntermediateLibrary(_Library):  # type: ignore[misc]
-    """Code of a kernel that is linked into its callers and has no address."""
+    """Code of a kernel that is linked into its callers and has no address.
+
+    Attributes
+    ----------
+    parts : dict
+        The code of each kernel that it is made of, by digest: callees before their callers, its own last.
+    """
+
+    parts: dict[bytes, bytes]
+    _shared_module: Any
 
     def serialize_using_object_code(self) -> Any:
         """Return the code in the form that is stored; see `restored`."""
-        return self.name, INTERMEDIATE, (self._final_module.as_bitcode(),)
+        return self.name, INTERMEDIATE, (tuple(self.parts.values()),)
 
-    def restore(self, bitcode: bytes) -> None:
+    def restore(self, codes: tuple[bytes, ...]) -> None:
         """Take stored code."""
-        self._final_module = llvm.parse_bitcode(bitcode)
-        self._finalize_final_module()
+        self.parts = {_digest(code): code for code in codes}
+        self._finalized = True
 
-    def _optimize_final_module(self) -> None:
-        """Drop counts of references and merge what is always merged; all else is done once, in the callers."""
-        passes, builder = self._codegen._module_pass_manager(
-            loop_vectorize=False, slp_vectorize=False, opt=0, cost="cheap"
-        )
-        passes.run(self._final_module, builder)
+    def finalize(self) -> None:
+        """Keep its own code and that of what it calls apart: they are linked and optimised once, in the callers."""
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == llvm.Linkage.external:
+                function.linkage = "linkonce_odr"  # several callers bring it along
+        self._finalize_dynamic_globals()
+        for library in self._linking_libraries:
+            self._dynamic_globals += library._dynamic_globals
+            self._reload_init.update(library._reload_init)
+        own = self._final_module.as_bitcode()
+        self.parts = {**_parts_of(self._linking_libraries), _digest(own): own}
+        self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """Return all its code as one module, for libraries of numba's own."""
+        if self._shared_module is None:
+            own, *callees = map(llvm.parse_bitcode, reversed(self.parts.values()))
+            for module in callees:
+                own.link_in(module)
+            self._shared_module = own
+        return self._shared_module
+
+
+class LinkingLibrary(_Library):  # type: ignore[misc]
+    """Code of a kernel with that of all kernels that it calls, optimised as a whole."""
+
+    _linking_libraries: list[Any]
+
+    def finalize(self) -> None:
+        """Link what the kernel calls, each once, callers first: the linker takes what is called already."""
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
+        for code in reversed(_parts_of(self._linking_libraries).values()):
+            self._final_module.link_in(llvm.parse_bitcode(code))
+        self._linking_libraries = []
+        super().finalize()
+
+
+def _digest(code: bytes) -> bytes:
+    return hashlib.sha256(code).digest()
+
+
+def _parts_of(libraries: Iterable[Any]) -> dict[bytes, bytes]:
+    """Return the code of all kernels in libraries, callees first."""
+    parts: dict[bytes, bytes] = {}
+    for library in libraries:
+        if isinstance(library, IntermediateLibrary):
+            parts.update(library.parts)
+        else:
+            code = library._get_module_for_linking().as_bitcode()
+            parts[_digest(code)] = code
+    return parts
+
+
+class AheadLibrary(LinkingLibrary):
+    """Code optimised for an object file; this process makes no machine code of it."""
 
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._verify_declare_only_symbols()
         self._finalized = True
-
-
-class AheadLibrary(IntermediateLibrary):
-    """Code optimised for an object file; this process makes no machine code of it."""
-
-    _optimize_final_module = _Library._optimize_final_module
 
 
 def compiled_ahead(function: Callable[..., object], returned: Any, arguments: tuple[Any, ...]) -> tuple[str, str]:
@@ -86,7 +143,7 @@ def compiled_ahead(function: Callable[..., object], returned: Any, arguments: tu
     return found.fndesc.llvm_func_name, library.get_llvm_str()
 
 
-class MachineLibrary(_Library):  # type: ignore[misc]
+class MachineLibrary(LinkingLibrary):
     """Machine code of a kernel, and its intermediate code for kernels that call it, parsed when the first does."""
 
     _bitcode = b""
@@ -145,6 +202,16 @@ class _KernelCompiler(_Compiler):  # type: ignore[misc]
         return super().compile_extra(function)
 
 
+class _KernelFlags(_compiler.Flags):  # type: ignore[misc]
+    """numba's options, compared by those that are set: numba compared all of them for each call that it typed."""
+
+    def __hash__(self) -> int:
+        return 0  # few of them differ
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _KernelFlags) and bool(self._values == other._values)
+
+
 class _SignatureCompiler(_FunctionCompiler):  # type: ignore[misc]
     """Compiler of one kernel: with an entry point for Python, or without."""
 
@@ -152,7 +219,8 @@ class _SignatureCompiler(_FunctionCompiler):  # type: ignore[misc]
 
     def _customize_flags(self, flags: Any) -> Any:
         flags.no_compile = flags.no_cpython_wrapper = self.for_kernel
-        return flags
+        flags.no_cfunc_wrapper = True
+        return _KernelFlags(flags)
 
 
 class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
@@ -167,9 +235,10 @@ class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
         self._for_kernel = False
 
     def get_call_template(self, arguments: Any, keywords: Any) -> Any:
-        """Return how a kernel that is being compiled calls this one."""
+        """Return how a kernel that is being compiled calls this one: for any value, also where it is known."""
         with self._called_by_kernel():
-            return super().get_call_template(arguments, keywords)
+            known = {name: _types.unliteral(kind) for name, kind in keywords.items()}
+            return super().get_call_template(tuple(map(_types.unliteral, arguments)), known)
 
     def compile_for_kernel(self, signature: Any) -> Any:
         """Compile for a kernel that is being compiled; return the result."""
@@ -179,15 +248,18 @@ class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
 
     def compile(self, signature: Any) -> Any:
         """Compile or load; return the entry point."""
-        with _lock, _collecting_seldom():
+        with _lock:
             for_kernel, self._for_kernel = self._for_kernel, False
             arguments = tuple(_normalize(signature)[0])
             found = self.overloads.get(arguments)
-            if found is not None and not for_kernel and isinstance(found.entry_point, Uncalled):
+            if found is not None:
+                if for_kernel or not isinstance(found.entry_point, Uncalled):
+                    return found.entry_point
                 self.targetctx.remove_user_function(found.entry_point)
                 del self.overloads[arguments]
             self._compiler.for_kernel = self._cache.for_kernel = for_kernel
-            return super().compile(signature)
+            with _collecting_seldom():
+                return super().compile(signature)
 
     def add_overload(self, result: Any) -> None:
         """Know a compiled signature; one without machine code is for kernels alone."""
@@ -249,3 +321,61 @@ def overload(
         return choose
 
     return declare
+
+
+_by_type: dict[Callable[..., Any], dict[type, Any]] = {}  # the kernel for all other types under object
+
+
+def generic(compiler: Callable[[Any], Any] | None = None) -> Callable[[Function], Function]:
+    """Make a function generic: it calls the kernel for the type of its first argument, a `NamedTuple`.
+
+    The compiler calls that kernel without a function between, whatever the caller is compiled for.
+
+    Parameters
+    ----------
+    compiler : callable, optional
+        Makes the function itself the kernel for types without one of their own (`set_kernel`).
+    """
+
+    def declare(function: Function) -> Function:
+        @wraps(function)
+        def call(model: Any, *arguments: Any) -> Any:
+            return (kernel_of(call, type(model)) or function)(model, *arguments)
+
+        kernels = _by_type[call] = {object: compiler(function) if compiler else None}
+        template = type(function.__name__, (_KernelByType,), {"key": call, "kernels": kernels, "functions": {}})
+        _templates.infer_global(call, _types.Function(template))
+        return cast("Function", call)
+
+    return declare
+
+
+def set_kernel(of: Callable[..., Any], model_type: type, kernel: Any) -> None:
+    """Set the kernel of a generic function for a type."""
+    _by_type[of][model_type] = kernel
+
+
+def kernel_of(of: Callable[..., Any], model_type: type) -> Any:
+    """Return the kernel of a generic function for a type; None if there is none."""
+    kernels = _by_type[of]
+    return kernels.get(model_type, kernels[object])
+
+
+class _KernelByType(_templates.AbstractTemplate):  # type: ignore[misc]
+    """How the compiler types a generic function: as the kernel for the type of the first argument."""
+
+    kernels: dict[type, Any]
+    functions: dict[Any, Any]
+
+    def generic(self, arguments: Any, keywords: Any) -> Any:
+        owner = getattr(arguments[0], "instance_class", None)
+        kernel = self.kernels.get(owner, self.kernels[object]) if owner is not None else None
+        if kernel is None:
+            return None
+        function = self.context.resolve_value_type(kernel)
+        found = function.get_call_type(self.context, arguments, keywords)
+        self.functions[self.context, found.args] = function
+        return found
+
+    def get_impl_key(self, signature: Any) -> Any:
+        return self.functions[self.context, signature.args].get_impl_key(signature)

@@ -29,7 +29,7 @@ _settings: Any = config
 
 # strict arithmetic, so that runs repeat to the bit; whether references to arrays are counted is always said, since a
 # function that does not say so does as its first caller
-_STRICT: dict[str, Any] = {"nopython": True, "fastmath": False, "no_cfunc_wrapper": True, "_nrt": True}
+_STRICT: dict[str, Any] = {"nopython": True, "fastmath": False, "_nrt": True}
 _BORROWING: dict[str, Any] = {**_STRICT, "_nrt": False}
 
 

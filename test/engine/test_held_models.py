@@ -10,10 +10,11 @@ import pytest
 from catalogue import NAMES, built
 
 from mech_twin.engine.compiled_roles import CompiledForces, CompiledMotor, held
-from mech_twin.engine.compiled_steps import chosen, force_step, motor_step
+from mech_twin.engine.compiled_steps import force_step, motor_step
 from mech_twin.engine.run import frames
 from mech_twin.engine.sample_vectors import row_of
 from mech_twin.kernels.cache import modules_of, signature_text
+from mech_twin.kernels.dispatcher import kernel_of
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -22,7 +23,7 @@ def test_a_motor_with_held_constants_answers_as_its_kernel(name: str) -> None:
     assert isinstance(motor, CompiledMotor)
     for frame in frames(built(name), 0.02):
         out = np.empty(motor.layout.size)
-        chosen(motor_step, motor.model)(motor.model, row_of(frame.linkage), 1.0, out)
+        kernel_of(motor_step, type(motor.model))(motor.model, row_of(frame.linkage), 1.0, out)
         assert row_of(motor.respond(frame.linkage, 1.0)).tobytes() == out.tobytes()
 
 
@@ -36,7 +37,7 @@ def test_the_type_of_held_constants_tells_what_they_are_made_of() -> None:
     assert model.__module__ in modules_of((kind,))
     assert f"{model.__module__}.{model.__qualname__}(" in signature_text((kind,))
     assert " at 0x" not in signature_text((kind,))
-    assert chosen(force_step, forces.model) is not None
+    assert kernel_of(force_step, type(forces.model)) is not None
 
 
 def test_a_role_that_has_computed_is_copied_without_its_compiled_memory() -> None:

@@ -9,9 +9,10 @@ import pytest
 from numba import config, typeof, types
 
 from mech_twin.engine.compiled_machine import compiled_machine
-from mech_twin.engine.compiled_steps import Work, _declared, body_step, force_step, linkage_step, motor_step
+from mech_twin.engine.compiled_steps import Work, body_step, force_step, linkage_step, motor_step
 from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.loop import advance
+from mech_twin.kernels.dispatcher import _by_type, kernel_of
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine
 
@@ -36,7 +37,7 @@ def test_no_function_of_the_loop_can_make_an_array():
     """Compiled without counting references: the compiler refuses one that makes an array."""
     for name in CATALOGUE:
         machine(name)
-    of_loop = [kernel for (generic, _), kernel in _declared.items() if generic in LOOP]
+    of_loop = [kernel for law in LOOP for kernel in _by_type[law].values() if kernel]
     assert len(of_loop) >= 3 * len(LOOP)
     assert {kernel.targetoptions["_nrt"] for kernel in (advance, *of_loop)} == {False}
 
@@ -49,7 +50,7 @@ def test_steps_make_no_array_but_for_a_wave(name):
     making = set()
     for role, (generic, arguments) in ARGUMENTS.items():
         model = getattr(models, role)
-        kernel, signature = _declared[generic, type(model)], (typeof(model), *arguments)
+        kernel, signature = kernel_of(generic, type(model)), (typeof(model), *arguments)
         kernel.compile(signature)
         code = str(kernel.overloads[signature].library._get_module_for_linking())
         assert "define" in code

@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.addresses import view_as
-from mech_twin.engine.compiled_steps import chosen, is_declared, step_of
-from mech_twin.kernels.dispatcher import overload
+from mech_twin.engine.compiled_steps import step_of
+from mech_twin.kernels.dispatcher import generic, overload
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 Array = NDArray[np.float64]
@@ -94,9 +94,9 @@ def only_freedom(at: Equations, law: int) -> int:
     return found
 
 
-def declares(generic: Callable[..., Any], system_type: type) -> Callable[[Function], Function]:
+def declares(of: Callable[..., Any], system_type: type) -> Callable[[Function], Function]:
     """Declare a kernel as one of the functions below for a type of system; compiled without reference counting."""
-    return step_of(generic, system_type, embedded_kernel)
+    return step_of(of, system_type, embedded_kernel)
 
 
 _sizes: dict[type, tuple[int, int]] = {}
@@ -142,71 +142,63 @@ def _sized(system: Any, at: Any) -> Any:
     return fixed
 
 
+@generic()
 def evaluate(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill mass, force, and direction, drift, bias, gap and bounds of each law (constant zeros may be left out)."""
-    chosen(evaluate, system)(system, t, y, regimes, at)
 
 
+@generic()
 def accumulate(system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     """Fill ``out[2 n:]`` with the rates of the quadratures; accelerations and multipliers are known.
 
     A coordinate whose time derivative is not its velocity (a twist) is given here too, in ``out[:n]``.
     """
-    chosen(accumulate, system)(system, t, y, regimes, at, out)
 
 
+@generic()
 def fill_signals(system: Any, t: float, y: Array, regimes: Indices, at: Equations, values: Array, rates: Array) -> None:
     """Fill the machine's own event functions, positive before the event, and their time derivatives (nan: unknown).
 
     They follow those of the laws, from index ``2 m`` on; infinite switches one off.
     """
-    chosen(fill_signals, system)(system, t, y, regimes, at, values, rates)
 
 
+@generic()
 def begin_piece(system: Any, t: float, y: Array, regimes: Indices) -> None:
     """Prepare a smooth piece of motion: for instance the next angle at which the load changes."""
-    chosen(begin_piece, system)(system, t, y, regimes)
 
 
+@generic()
 def end_piece(system: Any, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Add closed-form integrals over a piece, from the state ``before`` to ``y`` at time ``t`` (s)."""
-    chosen(end_piece, system)(system, t, before, y, regimes)
 
 
+@generic()
 def pass_signal(system: Any, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
     """Execute and log the event of the machine's own signal ``which``; return the number of events.
 
     A negative number ends the motion there; `loop.advance` returns it.
     """
-    return int(chosen(pass_signal, system)(system, which, t, y, regimes, log, count))
+    raise NotImplementedError
 
 
+@generic()
 def change_regimes(
     system: Any, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
     """Handle and log the change of regimes from ``past`` to ``regimes``; return the number of events."""
-    return int(chosen(change_regimes, system)(system, t, y, past, regimes, at, log, count))
+    raise NotImplementedError
 
 
+@generic(embedded_kernel)
 def begin_impact(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill ``at.restitution`` of contacts before an impact, if it depends on the impact.
 
     Without a declaration the system has constant coefficients of restitution.
     """
-    if is_declared(begin_impact, type(system)):
-        chosen(begin_impact, system)(system, t, y, regimes, at)
 
 
-@overload(begin_impact, forceinline=True)
-def _given_restitutions(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> Any:
-    kind = getattr(system, "instance_class", None)
-
-    def keep(system: Any, t: float, y: Array, regimes: Indices, at: Equations) -> None:
-        return None
-
-    return keep if kind is not None and not is_declared(begin_impact, kind) else None
-
-
+@generic()
 def note_impact(system: Any, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Log an impact and add its loss; ``at.multiplier`` has the impulses (N s, N m s); return the number of events."""
-    return int(chosen(note_impact, system)(system, t, before, y, at, log, count))
+    raise NotImplementedError

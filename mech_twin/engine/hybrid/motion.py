@@ -11,7 +11,6 @@ import math
 from typing import Any, NamedTuple
 
 from mech_twin.engine.addresses import value_at
-from mech_twin.engine.compiled_steps import chosen, is_declared
 from mech_twin.engine.hybrid.complementarity import (
     back_substitute,
     factorise,
@@ -34,7 +33,7 @@ from mech_twin.engine.hybrid.laws import (
     sized,
 )
 from mech_twin.engine.integration import rates_of
-from mech_twin.kernels.dispatcher import overload
+from mech_twin.kernels.dispatcher import generic
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 UNKNOWN = math.nan  # derivative of a signal, where it is not available
@@ -207,20 +206,10 @@ def motion_rates(system: Any, t: float, y: Array, regimes: Indices, at: Equation
     accumulate(system, t, y, regimes, at, out)
 
 
+@generic(embedded_kernel)
 def fill_rates(system: Any, t: float, y: Array, regimes: Indices, at: Equations, out: Array) -> None:
     """Fill ``out`` with `motion_rates`, unless the type of system declares another way to them."""
-    fill = chosen(fill_rates, system) if is_declared(fill_rates, type(system)) else motion_rates
-    fill(system, t, y, regimes, at, out)
-
-
-@overload(fill_rates, forceinline=True)
-def _rates_of_motion(system: Any, t: Any, y: Any, regimes: Any, at: Any, out: Any) -> Any:
-    kind = getattr(system, "instance_class", None)
-
-    def fill(system: Any, t: Any, y: Any, regimes: Any, at: Any, out: Any) -> None:
-        motion_rates(system, t, y, regimes, at, out)
-
-    return fill if kind is not None and not is_declared(fill_rates, kind) else None
+    motion_rates(system, t, y, regimes, at, out)
 
 
 @borrowing_kernel
