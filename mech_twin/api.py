@@ -8,6 +8,7 @@ none writes a file unless requested.  The results carry their units.
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -271,15 +272,20 @@ def identify(
     SavedIdentification
         With ``table``, ``plot()`` and ``save(directory)``; ``better`` is whether it is worth saving.
 
+    Warns
+    -----
+    UserWarning
+        What contradicts that a run is one of the machine.
+
     Raises
     ------
     ConfigurationError, MeasurementError, StudyError
         One line with file, key or channel, and what was expected.
     """
     from mech_twin.capabilities.arguments import bounds_by_name
-    from mech_twin.measurements.runs import read_run
+    from mech_twin.measurements.model_turn import model_turn
+    from mech_twin.results.opened_runs import checked_run
     from mech_twin.results.opened_runs import given_map as read_given
-    from mech_twin.results.opened_runs import opened_run
     from mech_twin.studies import GREATEST_SEED
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.identification import identified
@@ -292,11 +298,13 @@ def identify(
     runs, held_out = several("runs", runs, "a list of paths"), several("held_out", held_out, "a list of paths")
     several("free", free, "a list of keys, or keys with their bounds")
     map_file = _file("given_map", given_map)
-    channels = read_given(map_file, built)
+    channels, turn = read_given(map_file, built), model_turn(built)
 
     def read(path: FilePath) -> FitRun:
-        with opened_run(Path(path)) as reader:
-            return fit_run(read_run(reader, channels), begin_known=latest_begin_s is None)
+        run, problems = checked_run(Path(path), channels, built, turn)
+        for problem in problems:
+            warnings.warn(problem, stacklevel=3)
+        return fit_run(run, begin_known=latest_begin_s is None)
 
     keys = tuple(free) or assumed_keys(machine, built.parameters, _path(config))
     bounds = bounds_by_name("free", free if isinstance(free, Mapping) else {}, "keys with their bounds")

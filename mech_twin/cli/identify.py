@@ -15,7 +15,7 @@ import numpy as np
 
 from mech_twin.cli.console import bar, print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.measured import NoNameError, checked_run
+from mech_twin.cli.measured import NoNameError
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree, value_in
@@ -29,7 +29,7 @@ from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.units import is_event, joint_column
 from mech_twin.parameters.load import description_text, kind_of
 from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
-from mech_twin.results.opened_runs import given_map, opened_run
+from mech_twin.results.opened_runs import checked_run, given_map, opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run

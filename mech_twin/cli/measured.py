@@ -24,7 +24,7 @@ from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.measurements.units import machine_columns
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.process.stop_signal import StopSignal
-from mech_twin.results.opened_runs import configured_map, opened_run
+from mech_twin.results.opened_runs import checked_run, configured_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing
 from mech_twin.studies.measured_forces import guided_samples, measured_forces
@@ -149,15 +149,6 @@ QUALITY_HEADS = (
     *("quantum", "saturated, %", "NaN", "noise", "low", "high"),
 )
 WIDE = 180  # columns of the table of data quality where no terminal says
-
-
-def checked_run(
-    path: Path, given: MeasurementMap, machine: Machine, turn: ModelTurn | None
-) -> tuple[MeasuredRun, list[str]]:
-    """Return a run, and what contradicts that it is one of the machine."""
-    with opened_run(path) as reader:
-        run = read_run(reader, given)
-    return run, [f"{path}: {problem}" for problem in implausible(run, turn, machine_columns(machine))]
 
 
 def quality_record(given: MeasurementMap, qualities: Sequence[Quality]) -> list[dict[str, Any]]:

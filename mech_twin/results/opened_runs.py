@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Block, RunReader, SourceColumn
 from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource, read_map
+from mech_twin.measurements.model_turn import ModelTurn
+from mech_twin.measurements.plausibility import implausible
+from mech_twin.measurements.runs import MeasuredRun, read_run
 from mech_twin.measurements.tables import TableReader, is_table
 from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
@@ -112,3 +115,12 @@ def recorded_to(bag: Path, machine: Machine) -> FrameRecorder:
 
     remove_recording(bag)
     return FrameRecorder(machine, bag, description_text(machine.name, machine.parameters, revision=1))
+
+
+def checked_run(
+    path: Path, given: MeasurementMap, machine: Machine, turn: ModelTurn | None
+) -> tuple[MeasuredRun, list[str]]:
+    """Return a run, and what contradicts that it is one of the machine."""
+    with opened_run(path) as reader:
+        run = read_run(reader, given)
+    return run, [f"{path}: {problem}" for problem in implausible(run, turn, machine_columns(machine))]

@@ -232,3 +232,12 @@ def test_a_map_of_another_machine_is_refused(plant: tuple[Path, Path], tmp_path:
     other.write_text(plant[1].read_text().replace(MACHINE, "mb10_breaker"))
     with pytest.raises(ConfigurationError, match="expected a column of mb10_breaker"):
         mt.identify(MACHINE, [plant[0]], other, ["crank_m"])
+
+
+def test_what_contradicts_the_machine_is_a_warning(plant: tuple[Path, Path], tmp_path: Path) -> None:
+    head, *rows = plant[0].read_text().splitlines()
+    numbers = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    in_millimetres = tmp_path / "plant.csv"
+    np.savetxt(in_millimetres, numbers * (1.0, 1.0, 1000.0), delimiter=",", header=head, comments="")
+    with pytest.warns(UserWarning, match=r"plant\.csv: linkage\.slider\.position .* is its unit mm\?"):
+        mt.identify(MACHINE, [in_millimetres], plant[1], ["crank_m"], cores=1)
