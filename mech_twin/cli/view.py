@@ -71,7 +71,7 @@ def view_bag(request: ViewVerb) -> None:
 
                 samples = BagSamples(stack.enter_context(open_bag(bag)))
                 shown = _Shown(
-                    samples.machine,
+                    samples.machine or "machine",  # of the root namespace
                     lambda scene, stop: _show(scene, samples, stop),
                     lambda: recorded_settings(samples.descriptions()),
                 )

@@ -49,7 +49,7 @@ AFTER_TEXT = NOTHING + NOTHING + bytes(5)  # mesh
 
 @lru_cache(maxsize=1024)
 def frame_id(namespace: str, frame: str) -> str:
-    """Return the frame name with the namespace of the run, unique among all runs.
+    """Return the frame name with the namespace of the run, unique among all runs; tf2 takes none with a leading slash.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def frame_id(namespace: str, frame: str) -> str:
     frame : str
         Name of the frame within the machine.
     """
-    return f"{namespace.strip('/')}/{frame}"
+    return f"{namespace.strip('/')}/{frame}".lstrip("/")
 
 
 def transforms(mechanism: FrameTree, positions: Mapping[str, float], time_s: float, namespace: str) -> list[bytes]:

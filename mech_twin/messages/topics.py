@@ -259,5 +259,5 @@ def type_name(topic: Topic) -> str:
 
 
 def full_name(machine_name: str, topic: Topic) -> str:
-    """Return the topic's name within a machine's namespace."""
-    return topic.name if topic.name.startswith("/") else f"/{machine_name}/{topic.name}"
+    """Return the topic's name within a machine's namespace, which is empty for the root."""
+    return topic.name if topic.name.startswith("/") else f"/{machine_name}/{topic.name}".replace("//", "/")

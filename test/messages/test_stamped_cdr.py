@@ -84,3 +84,8 @@ def test_a_drawing_reads_as_its_markers(time_s: float, name: str, shapes: tuple[
     found = read(scene.to_bytes(Drawing(0, time_s, shapes), name), MarkerArray)
     expected = MarkerArray(markers=[marker(time_s, name, index, each) for index, each in enumerate(shapes)])
     assert found == read(bytes(serialize_message(expected)), MarkerArray)
+
+
+def test_a_frame_has_the_namespace_of_its_run_and_no_leading_slash() -> None:
+    found = [scene.frame_id(space, "shaft") for space in ("/", "/drum", "/hall/drum")]
+    assert found == ["shaft", "drum/shaft", "hall/drum/shaft"]

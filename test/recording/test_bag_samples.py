@@ -50,6 +50,17 @@ def test_a_bag_of_before_the_step_topics_gives_the_same_samples(frames: list[Fra
         assert not samples.unused
 
 
+def test_a_run_in_the_root_namespace_reads_and_shows_as_any(frames: list[Frame], tmp_path: Path) -> None:
+    at_root = tmp_path / "root"
+    altered_bag(
+        tmp_path / "bag", at_root, lambda entry: [entry._replace(topic=entry.topic.removeprefix("/winding_drum"))]
+    )
+    assert [step.frame(has_body=False) for step in bag_samples(at_root)] == frames
+    for arguments in (("replay", at_root, "--resimulate"), ("view", at_root, "--save", tmp_path / "run.rrd")):
+        done = mech_twin(*map(str, arguments))
+        assert done.code == 0, done.err
+
+
 def test_drawings_come_between_the_steps_at_their_time(frames: list[Frame], tmp_path: Path) -> None:
     with BagReader(tmp_path / "bag") as reader:
         shown = list(BagSamples(reader).shown())

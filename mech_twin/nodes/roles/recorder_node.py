@@ -338,7 +338,7 @@ class RecorderNode(TwinNode):
         return f"{len(messages)} messages of the last {span:.3g} s written to {self.writer.directory}"
 
     def _is_own(self, status: DiagnosticStatus) -> bool:
-        return bool(status.name.startswith(f"{self.get_namespace()}/"))
+        return bool(status.name.startswith(f"{self.get_namespace().rstrip('/')}/"))
 
     def _of_another(self, raw: bytes) -> bool:
         """Return whether diagnostics are of another machine of the domain, which has times of its own."""
