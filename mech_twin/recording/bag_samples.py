@@ -70,6 +70,16 @@ class NoSamplesError(BagError):
     """The bag holds no samples of exactly one machine."""
 
 
+def recorded_machines(reader: RecordingReader) -> list[str]:
+    """Return the namespaces of the machines whose samples a bag holds."""
+    kind = type_name(STEP_LINKAGE)
+    held = {name for name, topic in reader.topics.items() if topic.type_name == kind and topic.message_count}
+    stepped = {name.removesuffix(f"/{STEP_LINKAGE.name}") for name in held if name.endswith(f"/{STEP_LINKAGE.name}")}
+    plain = {name.removesuffix(f"/{JOINT_STATES.name}") for name in held if name.endswith(f"/{JOINT_STATES.name}")}
+    of_machines = {space for space in plain if {f"{space}/motor", f"{space}/forces"} & plain}
+    return sorted(space.removeprefix("/") for space in stepped | of_machines)
+
+
 def recorded_machine(reader: RecordingReader) -> str:
     """Return the namespace of the machine whose samples a bag holds.
 
@@ -78,12 +88,7 @@ def recorded_machine(reader: RecordingReader) -> str:
     NoSamplesError
         If there is none, or more than one.
     """
-    kind = type_name(STEP_LINKAGE)
-    held = {name for name, topic in reader.topics.items() if topic.type_name == kind and topic.message_count}
-    stepped = {name.removesuffix(f"/{STEP_LINKAGE.name}") for name in held if name.endswith(f"/{STEP_LINKAGE.name}")}
-    plain = {name.removesuffix(f"/{JOINT_STATES.name}") for name in held if name.endswith(f"/{JOINT_STATES.name}")}
-    of_machines = {space for space in plain if {f"{space}/motor", f"{space}/forces"} & plain}
-    found = sorted(space.removeprefix("/") for space in stepped | of_machines)
+    found = recorded_machines(reader)
     if len(found) == 1:
         return found[0]
     if found:

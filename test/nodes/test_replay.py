@@ -19,7 +19,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.replay.source import ReplaySource
 from mech_twin.nodes.roles.answering_nodes import ForceNode
+from mech_twin.nodes.run.domain import replay_arguments
+from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.errors import BagError
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -268,9 +271,6 @@ def test_an_unknown_type_is_left_out_and_said(drum_bag: Path, monkeypatch: pytes
 
 
 def test_an_empty_part_is_refused(drum_bag: Path, tmp_path: Path) -> None:
-    from mech_twin.nodes.replay.source import ReplaySource
-    from mech_twin.recording.bag_reader import BagReader
-
     with BagReader(drum_bag) as reader:
         with pytest.raises(BagError, match=r"lasts 0\.5 s; --start 3 is beyond its end"):
             ReplaySource(reader, start_s=3.0)
@@ -278,6 +278,22 @@ def test_an_empty_part_is_refused(drum_bag: Path, tmp_path: Path) -> None:
             ReplaySource(reader, ["nonsense"])
     with BagReader(written_bag(tmp_path / "empty", [])) as reader, pytest.raises(BagError, match="holds no messages"):
         ReplaySource(reader)
+
+
+@pytest.mark.parametrize("space", ["", "/drum", "/hall/line_2/drum"])
+def test_topics_are_named_and_moved_below_the_namespace_of_their_machine(
+    drum_bag: Path, tmp_path: Path, space: str
+) -> None:
+    def moved(entry: Entry) -> list[Entry]:
+        return [entry._replace(topic=entry.topic.replace(f"/{DRUM}", space))]
+
+    with BagReader(altered_bag(drum_bag, tmp_path / "bag", moved)) as reader:
+        source = ReplaySource(reader, ["step/linkage", "motor/joint_states", "/clock"])
+        assert [*source.topics] == [f"{space}/step/linkage", f"{space}/motor/joint_states", "/clock"]
+        rules = replay_arguments({name: source.below(name) for name in source.topics}, "other/place")[4::2]
+        assert [rule.partition(":=")[2] for rule in rules] == [
+            f"/other/place/{name}" for name in ("step/linkage", "motor/joint_states", "clock")
+        ]
 
 
 def test_the_force_analysis_alone_answers_a_replay_with_the_recorded_forces(tmp_path: Path) -> None:

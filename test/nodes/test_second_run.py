@@ -272,7 +272,7 @@ def test_what_is_no_name_of_ros_is_refused_in_words(bad: str) -> None:
 def test_the_clock_moves_with_the_namespace() -> None:
     assert ros_arguments("winding_drum", None) == []
     assert ros_arguments("winding_drum", "b")[-1] == "/clock:=/b/clock"
-    moved = replay_arguments(["/drum/step/motor", "/clock", "/diagnostics"], "b")
+    moved = replay_arguments({"/drum/step/motor": "step/motor", "/clock": "clock", "/diagnostics": "diagnostics"}, "b")
     assert moved[4::2] == [
         "/drum/step/motor:=/b/step/motor",
         "/clock:=/b/clock",

@@ -61,7 +61,8 @@ def replayed(
     NameInUseError
         If a run or another replay is alive there.
     """
-    rclpy.init(args=replay_arguments(source.topics, namespace), signal_handler_options=SignalHandlerOptions.NO)
+    names = {name: source.below(name) for name in source.topics}
+    rclpy.init(args=replay_arguments(names, namespace), signal_handler_options=SignalHandlerOptions.NO)
     node: ReplayNode | None = None
     try:
         with StopSignal() as stop, TerminalKeys() as keys, ExitStack() as at_end:

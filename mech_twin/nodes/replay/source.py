@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.qos import QoSProfile
 
-from mech_twin.messages.topics import CLOCK, IMPACTS, type_name
+from mech_twin.messages.topics import CLOCK, IMPACTS, full_name, type_name
+from mech_twin.recording.bag_samples import recorded_machines
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
 from mech_twin.recording.schemas import decoded, is_latched, message_class, recorded_qos
 
@@ -144,11 +145,17 @@ class ReplaySource:
         if self.first_ns > reader.end_ns:
             length = (reader.end_ns - self._zero_ns) * 1e-9
             raise SelectionError(reader.path, f"lasts {length:g} s; --start {start_s:g} is beyond its end")
+        self._spaces = [full_name(machine, IMPACTS).removesuffix(IMPACTS.name) for machine in recorded_machines(reader)]
         self.unknown: dict[str, str] = {}
         self.malformed: Counter[str] = Counter()
         self.topics: dict[str, PlayedTopic] = {}
         for name in self._selected(topics or []):
             self._admit(name)
+
+    def below(self, name: str) -> str:
+        """Return a topic's name below its machine's namespace, or below the first level where it is of no machine."""
+        space = max((space for space in self._spaces if name.startswith(space)), key=len, default="")
+        return name.removeprefix(space) if space else name.split("/", 2)[-1]
 
     def seconds(self, log_time_ns: int) -> float:
         """Return a log time (ns) in seconds from the beginning of the bag."""
@@ -222,7 +229,7 @@ class ReplaySource:
             return names
         chosen = []
         for word in wanted:
-            found = [name for name in names if name == word or name.split("/", 2)[-1] == word]
+            found = [name for name in names if word in (name, self.below(name))]
             if not found:
                 raise SelectionError(self._reader.path, f"has no topic '{word}'; it has {', '.join(names)}")
             chosen += found

@@ -14,7 +14,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -147,15 +147,14 @@ def ros_arguments(machine_name: str, namespace: str | None) -> list[str]:
     return ["--ros-args", "-r", f"__ns:={full}", "-r", f"{CLOCK.name}:={full}{CLOCK.name}"]
 
 
-def replay_arguments(topics: Iterable[str], namespace: str | None) -> list[str]:
-    """Return the ROS arguments that remap recorded topics by replacing the first level of their names."""
+def replay_arguments(topics: Mapping[str, str], namespace: str | None) -> list[str]:
+    """Return the ROS arguments that move topics, given by full name and name below the recorded namespace."""
     if namespace is None:
         return []
     from mech_twin.messages.topics import CLOCK
 
     full = run_namespace("", namespace)
-    moved = {name: full + (CLOCK.name if name == CLOCK.name else f"/{name.split('/', 2)[-1]}") for name in topics}
-    rules = [f"{old}:={new}" for old, new in moved.items() if old.count("/") > 1 or old == CLOCK.name]
+    rules = [f"{old}:={full}/{below}" for old, below in topics.items() if old.count("/") > 1 or old == CLOCK.name]
     return ["--ros-args", "-r", f"__ns:={full}", *(word for rule in rules for word in ("-r", rule))]
 
 
