@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import deque
 from functools import partial
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -98,6 +99,17 @@ def test_each_step_is_heard_once_and_in_order_however_the_way_changes(acts: list
     bench.settle()
     assert bench.heard == [sent, sent]
     assert bench.wire.elsewhere == due_elsewhere
+
+
+def test_an_error_of_received_bytes_is_raised_where_steps_are_delivered() -> None:
+    def refuse(found: object) -> None:
+        raise ArithmeticError("no step is short enough")
+
+    listener, exchange = Listener("/t", refuse, refuse), HandOver()
+    exchange.listen(listener)
+    listener.hear(b"step", {"publication_sequence_number": None})  # called by the executor, which would print a trace
+    with pytest.raises(ArithmeticError, match="short enough"):
+        exchange.deliver()
 
 
 def test_no_bytes_are_made_while_all_listen_here() -> None:

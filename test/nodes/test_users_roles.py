@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -51,6 +52,11 @@ class Unmade(DcMotor):
 class Breaking(DcMotor):
     def respond(self, linkage, target):
         return 1.0 / (linkage.step - linkage.step)
+
+
+class Tiring(DcMotor):
+    def respond(self, linkage, target):
+        return super().respond(linkage, target / (linkage.step != 50))
 '''
 )
 
@@ -124,6 +130,16 @@ def test_what_a_message_would_be_refused_for_ends_in_one_line(my_package: Any, w
         engine(motor="my_package:Bad")
     assert str(refused.value).startswith("run.motor my_package:Bad: ")
     assert "\n" not in str(refused.value)
+
+
+def test_a_breach_in_a_process_of_its_own_ends_in_one_line(my_package: Any, ros_domain: int, tmp_path: Path) -> None:
+    asked = ["run", NAME, "--motor", "my_package:Tiring", "--processes", "--no-record", "--view", "none"]
+    command = [sys.executable, "-m", "mech_twin", *asked]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "run.motor my_package:Tiring: respond: ZeroDivisionError" in ended.stderr
+    assert "Exception in" not in ended.stderr
+    assert "  File " not in ended.stderr
 
 
 @pytest.mark.parametrize(

@@ -226,18 +226,26 @@ class Listener:
         if self._was_handed(raw):
             return
         received = ReceivedBytes(raw, info["publication_sequence_number"])
-        if self._queued and self._waiting is not None:
-            self._queued += 1
-            self._waiting.append((self, self._receive, received))
-        else:
+        if self._queued:
+            self._enqueue(self._receive, received)
+            return
+        try:
             self._receive(received)
+        except Exception as error:
+            if self._waiting is None:
+                raise
+            self._enqueue(_raised, error)  # outside the executor, which would print a trace of its own
+
+    def _enqueue(self, call: Callable[[Any], None], what: Any) -> None:
+        assert self._waiting is not None
+        self._queued += 1
+        self._waiting.append((self, call, what))
 
     def queue(self, step: Handed, senders: int) -> bool:
         """Queue a step for direct delivery if only these senders publish and none of their bytes are expected."""
         if self._waiting is None or self._only_bytes or self.publishers() > senders:
             return False
-        self._queued += 1
-        self._waiting.append((self, self._take, step))
+        self._enqueue(self._take, step)
         return True
 
     def expect(self, raw: bytes, handed: bool) -> None:
@@ -264,6 +272,10 @@ class Listener:
             self._only_bytes -= not handed
             if known == raw:
                 return handed
+
+
+def _raised(error: Exception) -> None:
+    raise error
 
 
 Waiting = deque[tuple[Listener, Callable[[Any], None], Any]]

@@ -118,7 +118,7 @@ class Spinner:
         first, running = self.nodes[0], rclpy.get_default_context().ok
 
         def look() -> None:
-            if not running() or ended() or _wait_s(ticking) < SLICE_S:
+            if not running() or ended() or self._steps.waiting or _wait_s(ticking) < SLICE_S:
                 self._slice.set_result(None)
 
         timer = first.create_timer(SLICE_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
