@@ -265,6 +265,7 @@ def recompute_bag(request: ReplayVerb) -> None:
                 pass
         shared = shared_topics(reader.info.counters)
     _write(request, mode, samples, history, verdict)
+    say(*(f"{topic}: answered by a node of your own; here the package's is computed" for topic in samples.users_nodes))
     say(*shared)
     if not verdict.identical:
         raise SystemExit(FOUND)

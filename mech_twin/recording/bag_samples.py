@@ -15,7 +15,7 @@ from mech_twin.engine.assembly import StepAssembler
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import CdrError, received_message
-from mech_twin.messages.step_message import MessageError, body, configuration_mark, force, linkage, motor
+from mech_twin.messages.step_message import SOURCE, MessageError, body, configuration_mark, force, linkage, motor
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,
@@ -116,6 +116,8 @@ class BagSamples:
         Whether body samples were recorded.
     unused : Counter
         Messages not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
+    by_signature : dict
+        Fields whose messages, of those read so far, have a source number (True) and have none (False).
     """
 
     _assembler: StepAssembler | None = None
@@ -123,6 +125,7 @@ class BagSamples:
     def __init__(self, reader: RecordingReader, coupling_step_s: float | None = None) -> None:
         self.machine = recorded_machine(reader)
         self.unused: Counter[str] = Counter()
+        self.by_signature: dict[bool, set[str]] = {True: set(), False: set()}
         self._reader = reader
         self._step_s = coupling_step_s
         whole = self._holds(full_name(self.machine, STEP_LINKAGE), STEP_LINKAGE)
@@ -142,6 +145,15 @@ class BagSamples:
     def count(self) -> int:
         """Number of recorded messages of the linkage."""
         return self._reader.topics[self.topics["linkage"]].message_count
+
+    @property
+    def users_nodes(self) -> list[str]:
+        """The topics, of the messages read so far, that a node of the user's own answered on: it signed nothing.
+
+        In a recording made without nodes no message is signed.
+        """
+        of_users = self.by_signature[False] if self.by_signature[True] else ()
+        return [topic for field, topic in self.topics.items() if field in of_users]
 
     def descriptions(self) -> list[str]:
         """Return the configurations of the run, in order; without any, the one attached to the bag.
@@ -245,6 +257,7 @@ class BagSamples:
         if sample is None or not 0 <= sample.step < LARGEST_STEP:
             self.unused["malformed"] += 1
             return None
+        self.by_signature[SOURCE in content.name].add(self._steps[message.topic].field)
         return sample
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from bench_run import BenchRun
 from catalogue import built
+from command_line import mech_twin
 from process_run import parameter_file, program
 from sensor_msgs.msg import JointState
 from step_samples import PARTS, recorded_samples
@@ -28,6 +29,8 @@ from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.roles.answering_nodes import BodyNode, ForceNode, MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.recorder_node import QUIET_S, RecorderNode
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.samples import Frame
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -114,6 +117,14 @@ class MixedRun(BenchRun):
         super().__exit__(*error)
 
 
+def users_nodes(bag: Path) -> list[str]:
+    """Return the topics on which a recording says that a node of the user's own answered."""
+    with BagReader(bag) as reader:
+        samples = BagSamples(reader)
+        assert all(step.linkage is not None for step in samples.steps())
+        return samples.users_nodes
+
+
 def check_recording(bag: Path) -> None:
     """Compare a recording with the engine: from the first step, none missing, bit by bit."""
     found = recorded_samples(NAME, bag)
@@ -125,6 +136,7 @@ def check_recording(bag: Path) -> None:
         assert len(steps) >= STEPS - UNDER_WAY
         for sample in samples:
             assert sample == getattr(expected[sample.step], PARTS[topic]), topic
+    assert not users_nodes(bag)
 
 
 @pytest.mark.parametrize("recorder", ["", "here", "elsewhere"], ids=["none", "here", "elsewhere"])
@@ -249,6 +261,9 @@ def test_a_users_node_may_take_a_place_and_leave_it(role: str, tmp_path: Path, m
         only_by_hand(run.nodes, monkeypatch)
         run.steps_of("linkage")
         run.check()
+    topic = full_name(NAME, STEP_OF[role])
+    assert users_nodes(run.bag) == [topic]
+    assert f"{topic}: answered by a node of your own" in mech_twin("replay", run.bag, "--resimulate").err
 
 
 def only_by_hand(nodes: list[TwinNode], monkeypatch: pytest.MonkeyPatch) -> None:
