@@ -11,6 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
 from std_srvs.srv import Trigger
 
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import (
     GIVEN_STATE,
@@ -245,9 +246,10 @@ class BodyNode(FollowerNode):
 
     @property
     def role(self) -> BodyRole:
-        """The body role; raises `ValueError` for a machine without a moving body."""
+        """The body role; raises `ConfigurationError` for a machine without a moving body."""
         if self.machine.body is None:
-            raise ValueError(f"machine {self.machine.name} has no moving body")
+            name = self.machine.name
+            raise ConfigurationError(f"node body: machine {name} has no moving body, its run needs no such node")
         return self.machine.body
 
     def residual_limits(self) -> dict[str, float]:
