@@ -133,6 +133,8 @@ def test_every_parameter_is_described_with_its_unit(name: str) -> None:
             assert described.read_only is not key.live
             if isinstance(key.value, float):
                 assert described.description.endswith("]"), described.name
+            bounds = [f"{bound.ge:g}" for bound in key.field.metadata if hasattr(bound, "ge")]
+            assert all(f">= {bound}" in described.additional_constraints for bound in bounds), described.name
 
 
 @pytest.mark.parametrize("node", ["linkage", "motor"])

@@ -65,14 +65,26 @@ def test_no_machine_or_none_of_the_catalogue_is_refused_in_words(told: list[str]
         rclpy.try_shutdown()
 
 
-def test_a_node_without_a_machine_ends_with_one_line() -> None:
-    code = "from mech_twin.nodes.run.executables import motor_node; motor_node()"
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=os.environ.copy(), check=False
-    )
+@pytest.mark.parametrize(
+    ("node", "told", "words"),
+    [
+        ("motor", [], "key 'machine' is not set"),
+        ("body", ["machine:=winding_drum"], "machine winding_drum has no moving body"),
+        (
+            "motor",
+            ["machine:=winding_drum", "run.peer_timeout_s:=-1.0"],
+            "run group: key 'peer_timeout_s', value -1.0: input should be greater than or equal to 0.000000001 s",
+        ),
+        ("motor", ["machine:=winding_drum", "drum_inertia_kg_m2:=-1.0"], "-1.0: input should be greater"),
+    ],
+)
+def test_a_node_that_cannot_be_made_ends_with_one_line(node: str, told: list[str], words: str) -> None:
+    code = f"from mech_twin.nodes.run.executables import {node}_node; {node}_node()"
+    asked = [sys.executable, "-c", code, "--ros-args", *(word for key in told for word in ("-p", key))]
+    run = subprocess.run(asked, capture_output=True, text=True, timeout=60, env=os.environ.copy(), check=False)
     assert run.returncode == 2
     assert len(run.stderr.strip().splitlines()) == 1
-    assert "machine" in run.stderr
+    assert words in run.stderr
 
 
 def test_the_machine_can_be_read_and_not_be_set() -> None:

@@ -118,7 +118,7 @@ class TwinNode(Node):
         defaults = parameters or (given_parameters(self, entry) if entry is PAGE else machine_parameters(machine_name))
         tree = declared_tree(self, ("", defaults), (f"{RUN_GROUP}.", options or RunOptions()))
         self.machine_name = machine_name
-        self.options = _options(tree.pop(RUN_GROUP), origin)
+        self.options = _options(tree.pop(RUN_GROUP), f"{origin}, {RUN_GROUP} group")
         self.initial_parameters: Parameters = validated(entry, tree, origin)
         self.done = False
         self.quiet = False

@@ -19,6 +19,7 @@ from mech_twin.parameters.errors import PURE, Key, keys
 from mech_twin.parameters.load import MACHINE_KEY, is_of_ros, validated
 
 UNBOUNDED = 1.7e308
+SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 
 def _choices(annotation: Any) -> list[str]:
@@ -36,7 +37,7 @@ def descriptor(key: Key) -> ParameterDescriptor:
     text = f"{key.field.description or key.name}{f' [{key.unit}]' if key.unit else ''}"
     described = ParameterDescriptor(name=key.name, description=text, read_only=not key.live)
     choices = _choices(key.field.annotation)
-    bounds = [str(bound) for bound in key.field.metadata]
+    bounds = [f"{sign} {bound:g}" for word, sign in SIGNS.items() for bound in _given(key.field, word)]
     described.additional_constraints = ", ".join([*([f"one of {', '.join(choices)}"] if choices else []), *bounds])
     if choices:
         described.description += f" ({', '.join(choices)})"
@@ -78,11 +79,15 @@ def live_keys(parameters: Parameters) -> list[dict[str, Any]]:
 
 
 def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
-    low = high = None
-    for bound in field.metadata:
-        low = getattr(bound, "ge", getattr(bound, "gt", low))
-        high = getattr(bound, "le", getattr(bound, "lt", high))
+    low, high = (
+        next((bound for word in words for bound in _given(field, word)), None) for words in (("ge", "gt"), ("le", "lt"))
+    )
     return low, high
+
+
+def _given(field: FieldInfo, word: str) -> list[float]:
+    """Return the bounds of a kind that a key has: one or none."""
+    return [getattr(bound, word) for bound in field.metadata if hasattr(bound, word)]
 
 
 def machine_override(node: Node) -> str | None:
@@ -123,6 +128,8 @@ def given_parameters(node: Node, entry: Entry) -> Parameters:
 def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]:
     """Declare every key on the node and return the values in force: defaults with the node's overrides.
 
+    A value out of range is returned undeclared, for the model to refuse.
+
     Parameters
     ----------
     node : Node
@@ -133,7 +140,7 @@ def declared_tree(node: Node, *groups: tuple[str, Parameters]) -> dict[str, Any]
     Raises
     ------
     ConfigurationError
-        If an override has an unknown key, a wrong type or a value out of range.
+        If an override has an unknown key or a wrong type.
     """
     known = {key.name: key for prefix, parameters in groups for key in keys(parameters, prefix)}
     overrides = dict(node._parameter_overrides)  # rclpy has no public access to them
@@ -168,10 +175,10 @@ def _declare(node: Node, key: Key, override: Any) -> Any:
         default = override.value
     try:
         return node.declare_parameter(key.name, default, descriptor(key)).value
-    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        of_type = isinstance(error, InvalidParameterTypeException)
-        expected = type(default).__name__ if of_type else ", ".join(map(str, key.field.metadata))
-        given = override.value if override is not None else default
+    except InvalidParameterValueException:  # the model has the same bounds, and refuses it in words
+        return default if override is None else override.value
+    except InvalidParameterTypeException as error:
+        given, expected = default if override is None else override.value, type(default).__name__
         raise ConfigurationError(
             f"parameters of node {node.get_name()}: key '{key.name}', value {given!r}: expected {expected}"
         ) from error
