@@ -21,6 +21,7 @@ from mech_twin.nodes.exchange import spinner
 from mech_twin.nodes.exchange.base_node import TwinNode
 
 class Stuck(TwinNode):
+    outputs = ()
     def __init__(self): pass
     def close(self): Path(sys.argv[1]).write_text("closed")
     def destroy_node(self): ctypes.PyDLL(None).sleep(60)

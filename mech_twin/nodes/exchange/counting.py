@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
@@ -261,6 +262,11 @@ class StepPublisher(CountingPublisher):
         """Pass a step to listeners of this executor, and publish its bytes if there are others."""
         self.sent += 1
         self._channel.send(message, self._count, self._publisher.publish)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether every subscriber has acknowledged what was published."""
+        return bool(self._publisher.wait_for_all_acked(Duration()))  # a longer wait would keep the interpreter's lock
 
 
 class DecimatedPublisher(CountingPublisher):

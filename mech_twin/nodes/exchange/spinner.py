@@ -24,6 +24,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.counting import StepPublisher
 from mech_twin.nodes.exchange.hand_over import HandOver
 
 LONGEST_WAIT_S = 0.1
@@ -191,14 +192,23 @@ def _wait_s(ticking: Iterable[Ticking]) -> float:
     return max(wait_s, SHORTEST_WAIT_S)
 
 
+ARRIVAL_LIMIT_S = 1.0  # a busy recorder lags less; the middleware asks for acknowledgements every 3 s
+LOOK_S = 0.01
 LIMIT_S = 4.0  # usually 0.1 s, on a busy machine 1 s
 
 
 def destroy_nodes(nodes: Sequence[Node]) -> None:
-    """Close the resources of nodes, then destroy them; the middleware ends with the last node of a process."""
-    for node in nodes:
-        if isinstance(node, TwinNode):
-            node.close()
+    """Close the resources of nodes, then destroy them; the middleware ends with the last node of a process.
+
+    Steps that have not arrived would be lost with their publisher, so subscribers of other processes get some time.
+    """
+    twins = [node for node in nodes if isinstance(node, TwinNode)]
+    for twin in twins:
+        twin.close()
+    steps = [output for twin in twins for output in twin.outputs if isinstance(output, StepPublisher)]
+    end_s = time.monotonic() + ARRIVAL_LIMIT_S
+    while not all(output.arrived for output in steps) and time.monotonic() < end_s:
+        time.sleep(LOOK_S)
     with _bounded():
         for node in nodes:
             node.destroy_node()

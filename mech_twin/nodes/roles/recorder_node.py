@@ -210,8 +210,21 @@ class RecorderNode(TwinNode):
 
     def close(self) -> None:
         """Finish the recording; one in which nothing was recorded is deleted."""
+        if not self._closed:
+            self._count_behind()
         self._closed = True
         self.writer.close(discard_empty=True)
+
+    def _count_behind(self) -> None:
+        """Count as missed what a topic with a publisher lacks at the end: roles are at most `UNDER_WAY` steps apart."""
+        published = {name for name, row in self.writer.counters.items() if row.publishers}
+        sequences = {each.name: each.sequence for each in self._steps.values() if each.name in published}
+        begun = min((each.first for each in sequences.values() if each.first is not None), default=0)
+        newest = max((each.last for each in sequences.values() if each.last is not None), default=0)
+        for name, each in sequences.items():
+            numbered = 0 if each.last is None else each.last - begun + 1  # a user's node may number none
+            missed = newest - begun + 1 - max(numbered, self.received[name]) - UNDER_WAY
+            self.writer.count_missed(name, max(0, missed))
 
     # -- topics -----------------------------------------------------------------------------------------------------
 
