@@ -67,9 +67,10 @@ def view_bag(request: ViewVerb) -> None:
             else:
                 from mech_twin.recording.bag_reader import open_bag
                 from mech_twin.recording.bag_samples import BagSamples
-                from mech_twin.studies.resimulation import recorded_settings
+                from mech_twin.studies.resimulation import recorded_settings, recorded_step_s
 
-                samples = BagSamples(stack.enter_context(open_bag(bag)))
+                reader = stack.enter_context(open_bag(bag))
+                samples = BagSamples(reader, recorded_step_s(BagSamples(reader).descriptions()))
                 shown = _Shown(
                     samples.machine or "machine",  # of the root namespace
                     lambda scene, stop: _show(scene, samples, stop),

@@ -107,6 +107,16 @@ def recorded_settings(texts: Iterable[str]) -> list[list[str]]:
     return changed_settings(history.name, configuration_tree(history.parameters))
 
 
+def recorded_step_s(texts: Iterable[str]) -> float | None:
+    """Return the coupling step (s) of a recording, for messages without step number; None without configuration."""
+    try:
+        parameters = ConfigurationHistory(texts, "the recording").parameters
+    except ConfigurationError:
+        return None
+    step_s: float = configuration_tree(parameters)["coupling"]["step_s"]
+    return step_s
+
+
 class Difference(NamedTuple):
     """First difference of two samples of one step: ``role`` is linkage, motor, forces or body; None: absent entry."""
 

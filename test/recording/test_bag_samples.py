@@ -61,6 +61,21 @@ def test_a_run_in_the_root_namespace_reads_and_shows_as_any(frames: list[Frame],
         assert done.code == 0, done.err
 
 
+def test_a_view_shows_answers_that_number_no_step(frames: list[Frame], tmp_path: Path) -> None:
+    def plain(message: Any) -> None:
+        kept = [place for place, name in enumerate(message.name) if not name.startswith("~")]
+        for column in ("name", "position", "velocity", "effort"):
+            setattr(message, column, [getattr(message, column)[place] for place in kept])
+
+    def of_users_motor(entry: Entry) -> list[Entry]:
+        return [edited(entry, plain) if entry.topic == MOTOR else entry]
+
+    bag = altered_bag(tmp_path / "bag", tmp_path / "own", of_users_motor)
+    done = mech_twin("view", bag, "--save", tmp_path / "run.rrd")
+    assert done.code == 0
+    assert "not used" not in done.err
+
+
 def test_drawings_come_between_the_steps_at_their_time(frames: list[Frame], tmp_path: Path) -> None:
     with BagReader(tmp_path / "bag") as reader:
         shown = list(BagSamples(reader).shown())
