@@ -71,6 +71,19 @@ def gear_torque(ratio: float, efficiency: float, torque: float, speed: float) ->
     return ratio * torque * (efficiency if torque * speed >= 0.0 else 1.0 / efficiency)
 
 
+def passed_on(before: float, after: float, known: float) -> float:
+    """Return the share of the power that a gear passes on, from the torques on its two sides.
+
+    Parameters
+    ----------
+    before, after : float
+        Torque of the motor times the ratio, and torque of the crank (N m).
+    known : float
+        The share so far; it stays where no power goes through the gear.
+    """
+    return min(after / before, before / after) if before * after > 0.0 else known
+
+
 class Friction(Parameters):
     """Friction of a turning joint; none where both numbers are 0."""
 

@@ -24,6 +24,7 @@ from mech_twin.machines.mb10_breaker.metrics import blow_metrics, is_seated
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import BreakerForces
 from mech_twin.machines.mb10_breaker.state import EventSide
+from mech_twin.parts.friction_and_gear import passed_on
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
 
@@ -224,6 +225,7 @@ class BreakerObserver:
             ("largest_spring_force_n", "largest_lift_at_tool_m", "largest_gap_at_blow_m", *PEAKS), 0.0
         )
         self._time_s = self._work_j = 0.0
+        self._efficiency = breaker.efficiency
         self._state: MotorState | None = None
         self._seen_blow = self._seen_body_blow = False
         self._joints: tuple[str, ...] | None = None
@@ -290,7 +292,9 @@ class BreakerObserver:
         done, self._work_j = work - self._work_j, work
         if self._state is None or span <= 0.0:
             return 0.0
-        eta, last, time_s = self._b.efficiency, self._state, self._time_s
+        geared = self._b.ratio * frame.motor.effort[0], frame.linkage.effort[self._crank_and_body[0]]
+        eta = self._efficiency = passed_on(*geared, self._efficiency)
+        last, time_s = self._state, self._time_s
         sides = [
             (event.time_s, self._across(event.pre, frame), self._across(event.post, frame))
             for event in frame.linkage.events
@@ -382,11 +386,10 @@ class BreakerObserver:
         self._cycle.take_speed(speeds[crank] - speeds[body])
         self._cycle.take_forces(frame.forces)
         phi = frame.linkage.position[body] if frame.body is None else frame.body.joint("body").position
-        force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
+        force = 0.0 if frame.body is None else frame.body.pressing_force_n  # by rate and preload of this step
         self._body.take_position(b.tool_radius_m * phi, force)
-        run = self._run
-        run["largest_lift_at_tool_m"] = max(run["largest_lift_at_tool_m"], b.tool_radius_m * phi)
-        run["largest_spring_force_n"] = max(run["largest_spring_force_n"], force)
+        for name, value in (("largest_lift_at_tool_m", b.tool_radius_m * phi), ("largest_spring_force_n", force)):
+            self._run[name] = max(self._run[name], value)
 
     def _keep_peaks(self) -> None:
         """Update the peaks of the run with those of the cycle so far."""

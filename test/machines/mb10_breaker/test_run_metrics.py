@@ -12,6 +12,7 @@ from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.run_metrics import striker_energy
 from mech_twin.machines.mb10_breaker.state import breaker
+from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine, machine_parameters
 
 HALF_SINE = {
@@ -157,3 +158,18 @@ def test_a_bearing_s_peak_in_a_blow_is_far_above_that_between_blows():
     ratio = found["steady_rocker_bearing_blow_peak_n"] / found["steady_rocker_bearing_impulse_peak_ns"]
     assert ratio == pytest.approx(found["steady_contact_peak_force_n"] / found["steady_blow_impulse_ns"], rel=0.02)
     assert found["steady_rocker_bearing_blow_peak_n"] > 50.0 * found["steady_rocker_bearing_between_blows_peak_n"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("body.spring_rate_n_per_m", 47970.0), ("body.preload_deflection_m", 0.0125), ("gear.efficiency", 0.87)],
+)
+def test_after_a_live_change_the_last_cycles_are_those_of_a_machine_that_was_made_so(key, value):
+    """Of the spring's force and the motor's power, which follow from live keys."""
+    twin = machine("mb10_breaker")
+    changing, observer = ChangingMachine(twin, live_changes([f"{key}={value}@0.5"])), twin.observer()
+    for frame in frames(twin, 5.0, changing.command, changing.at):
+        observer.observe(frame)
+    found, (_, _, made) = observer.numbers(), observed(5.0, **{key: value})
+    for name in ("steady_largest_spring_force_n", "steady_motor_power_w", "steady_motor_torque_nm"):
+        assert found[name] == pytest.approx(made[name], rel=1e-5)
