@@ -121,7 +121,7 @@ class MassObserver:
         self._speed_sum = CompensatedSum()
         self._impulse = CompensatedSum()
         self._steady, self._energy = SteadySpeed(), EnergyBalance()
-        self._impacts_before = 0.0
+        self._before: dict[str, float] = {}
         self._numbers = {
             "impacts": 0.0,
             "chatter_ends": 0.0,
@@ -145,7 +145,7 @@ class MassObserver:
         """Update with one frame."""
         now, linkage = self._numbers, frame.linkage
         memory = MassMemory(*linkage.memory.values)
-        self._count_impacts(memory, linkage.events)
+        self._count(memory, linkage.events)
         for event in linkage.events:
             self._take_event(event, memory)
         (position,), (velocity,) = linkage.position, linkage.velocity
@@ -154,7 +154,6 @@ class MassObserver:
         now["gap_max_m"] = max(now["gap_max_m"], self._stop - position)
         self._impulse.add(memory.step_impulse_m_per_s * memory.mass_kg)
         now["stop_impulse_ns"] = self._impulse.value
-        now["periods"] = memory.anchor_period_1
         now["last_period_impacts"] = memory.last_period_impacts_1
         if linkage.time_s > 0.0:
             now["mean_stop_force_n"] = now["stop_impulse_ns"] / linkage.time_s
@@ -164,12 +163,13 @@ class MassObserver:
         self._energy.observe(frame, memory)
         self._take_rest(linkage.regime, linkage.time_s, memory)
 
-    def _count_impacts(self, memory: MassMemory, events: tuple[Event, ...]) -> None:
-        """Count by the mass's own counter: a sum of impacts is one event."""
+    def _count(self, memory: MassMemory, events: tuple[Event, ...]) -> None:
+        """Count by the mass's own counters, which begin anew at a reset: a sum of impacts is one event."""
         if any(event.kind == RESET for event in events):
-            self._impacts_before = 0.0
-        self._numbers["impacts"] += memory.impacts_1 - self._impacts_before
-        self._impacts_before = memory.impacts_1
+            self._before = {}
+        for name, counted in (("impacts", memory.impacts_1), ("periods", memory.anchor_period_1)):
+            self._numbers[name] += counted - self._before.get(name, 0.0)
+            self._before[name] = counted
 
     def _take_event(self, event: Event, memory: MassMemory) -> None:
         now = self._numbers

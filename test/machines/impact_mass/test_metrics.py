@@ -135,6 +135,8 @@ def test_a_reset_is_booked_and_counts_go_on():
         observer.observe(frame)
     blows = sum(e.kind == "impact" for f in (*run, *again) for e in f.linkage.events)
     assert observer.numbers()["impacts"] == blows
+    counted = sum(each.linkage.memory["anchor_period_1"] for each in (run[-1], again[-1]))
+    assert observer.numbers()["periods"] == counted > run[-1].linkage.memory["anchor_period_1"]
     assert abs(observer.numbers()["energy_unbalanced_j"]) < 1e-9
 
 
