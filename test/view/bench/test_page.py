@@ -91,6 +91,20 @@ def try_preload(page):
     assert answers.count() == sent
 
 
+def change_restitution(page):
+    """Send a value, and a refused one before the first is answered: the first stays, and undo takes it back."""
+    number, first = page.locator("[data-name='tool.restitution'] input[type=number]"), page.locator("#answers li").first
+    for value in ("0.5", "7"):
+        number.fill(value)
+        number.press("Enter")
+    expect(first).to_have_class("refused")
+    expect(first).to_contain_text("tool.restitution")
+    expect(number).to_have_value("0.5")
+    page.locator("#undo").click()
+    expect(first).to_have_text("tool.restitution = 0.35")
+    expect(number).to_have_value("0.35")
+
+
 def set_limit(page):
     """Set a limit of a headline number: what is above it is said there, and in the log of events."""
     most, outside = page.get_by_label("crank, at most"), page.locator("#cards .outside")
@@ -134,12 +148,7 @@ def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_p
         page.locator("#undo").click()
         expect(answers.first).to_have_text("tool.wall_force_n = 500.0")
         expect(number).to_have_value("500")
-        restitution = page.locator("[data-name='tool.restitution'] input[type=number]")
-        restitution.fill("7")
-        restitution.press("Enter")
-        expect(answers.first).to_have_class("refused")
-        expect(answers.first).to_contain_text("tool.restitution")
-        expect(restitution).to_have_value("0.35")
+        change_restitution(page)
 
         # a slider on its way: what would come of it, and nothing sent
         try_preload(page)

@@ -76,16 +76,19 @@ function keyRow(parameter) {
   return row;
 }
 
-// set a live parameter; undone: the change that this takes back
+// set a live parameter, after the answer to the change before; undone: the change that this takes back
+let answeredAll = Promise.resolve();
 function change(name, value, takenBack = null) {
-  const parameter = run.machine.parameters.find((each) => each.name === name);
-  const before = parameter.value;
-  if (before === value) return changed(name, before);
-  order("change", { values: { [name]: value } }, (isDone) => {
-    if (isDone !== Boolean(takenBack)) undone.push(takenBack ?? { name, before });
-    find("undo").disabled = !undone.length || !run.commands || run.over;
-    changed(name, isDone ? value : before);
-  });
+  answeredAll = answeredAll.then(() => new Promise((next) => {
+    const before = run.machine?.parameters.find((each) => each.name === name)?.value;
+    if (before === undefined || before === value) { changed(name, before); return next(); }
+    order("change", { values: { [name]: value } }, (isDone) => {
+      if (isDone !== Boolean(takenBack)) undone.push(takenBack ?? { name, before });
+      find("undo").disabled = !undone.length || !run.commands || run.over;
+      changed(name, isDone ? value : before);
+      next();
+    });
+  }));
 }
 
 function choice(parameter) {

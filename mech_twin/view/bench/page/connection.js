@@ -20,6 +20,8 @@ export function connect(opened, heard, lost) {
   socket.onmessage = (event) => heard(JSON.parse(event.data));
   socket.onclose = (event) => {
     lost();
+    for (const then of waiting.values()) then(false); // nothing answers them any more
+    waiting.clear();
     find("state").textContent = "no connection";
     if (event.reason === "token") {
       find("role").textContent = "";
