@@ -57,13 +57,18 @@ class Annotations:
     ----------
     energy : callable
         Returns the energy of an impact (J).
+
+    Attributes
+    ----------
+    largest_n : float
+        Largest pin reaction so far (N), which sets the scale of the arrows.
     """
 
     def __init__(self, tree: FrameTree, energy: Callable[[Event], float]) -> None:
         self._tree = tree
         self._energy = energy
         self._recent: deque[tuple[LinkageSample, ForceSample | None]] = deque(maxlen=KEPT_STEPS)
-        self._largest_n = 0.0
+        self.largest_n = 0.0
         self._blow: BlowMark | None = None
 
     def add(self, linkage: LinkageSample, forces: ForceSample | None) -> None:
@@ -71,8 +76,8 @@ class Annotations:
         self._recent.append((linkage, forces))
         for wrench in () if forces is None else forces.wrenches:
             size_n = math.hypot(wrench.force_x_n, wrench.force_y_n)
-            if size_n > self._largest_n and math.isfinite(size_n):
-                self._largest_n = size_n
+            if size_n > self.largest_n and math.isfinite(size_n):
+                self.largest_n = size_n
 
     def strike(self, event: Event) -> None:
         """Update with an event: the hardest of the latest blows is shown."""
@@ -98,7 +103,7 @@ class Annotations:
 
     def _pins(self, forces: ForceSample, at: dict[str, Pose], bounds: Bounds, width_m: float) -> list[Shape]:
         known = [(pin, wrench) for pin, wrench in zip(forces.pins, forces.wrenches, strict=True) if pin in at]
-        full_n = round_above(self._largest_n)
+        full_n = round_above(self.largest_n)
         reach_m = ARROW_SHARE * width_m
         shapes, rows = [], []
         for letter, (pin, wrench) in zip(LETTERS, known, strict=False):

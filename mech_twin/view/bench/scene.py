@@ -157,6 +157,9 @@ class RoleCurves:
         return [curve for role in self._roles for curve in role.taken(sending)]
 
 
+RESET = "reset"
+
+
 class BenchScene(Closing):
     """A run on the bench; a context manager."""
 
@@ -206,6 +209,7 @@ class BenchScene(Closing):
             if sample is not None:
                 if sample.time_s < self._time_s - 1.0:
                     self._link.tell("anew", {})
+                    self._scale_anew()
                     self._time_s = sample.time_s
                     self._drawn_s = -math.inf
                 self._time_s = max(self._time_s, sample.time_s)
@@ -269,8 +273,16 @@ class BenchScene(Closing):
         if is_logged(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
             self._events.append([event.time_s, event_line(event)])
         self._banner.strike(event)
+        if event.kind == RESET:
+            self._scale_anew()
         if self._annotations is not None:
             self._annotations.strike(event)
+
+    def _scale_anew(self) -> None:
+        """Forget how far and how strong the run before was: it sets no scale of the one that begins."""
+        self._extent, self._bounds, self._hardest_ns = DrawnExtent(), None, 0.0
+        if self._annotations is not None:
+            self._annotations.largest_n = 0.0
 
     def metrics(self, metrics: Mapping[str, float]) -> None:
         """Show the numbers of the run."""

@@ -13,7 +13,7 @@ from catalogue import built
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.parameters.load import machine as machine_of
-from mech_twin.samples import Drawing
+from mech_twin.samples import Drawing, Event
 from mech_twin.view.annotations import RECENT_S, Banner
 from mech_twin.view.bench.link import encoded
 from mech_twin.view.bench.scene import BenchScene, body_regimes, rated_power_w
@@ -122,6 +122,24 @@ def test_what_came_after_the_last_drawing_is_shown_before_the_scene_closes():
     assert curve_s[-1] > run[-1].linkage.time_s - RECORDED.window * machine.coupling_step_s
     happened = [event.time_s for frame in run for event in frame_events(frame)]
     assert last["events"][-1][0] == happened[-1]
+
+
+def test_after_a_reset_the_drawing_is_to_the_scale_of_the_new_run():
+    """Where a bad value once threw the mass far away, the machine would stay a point."""
+    installed, thrown = built("impact_mass"), machine_of("impact_mass", overrides={"phase1_force_n": -1e6})
+    drawn = {}
+    for name, before in (("alone", ()), ("after", (*frames(thrown, 0.2),))):
+        link = NotedLink()
+        with BenchScene(link, RECORDED) as scene:
+            scene.know(installed.mechanism)
+            for frame in (*before, *frames(installed, 0.2)):
+                if before and frame.linkage.step == 0 and frame is not before[0]:
+                    scene.event(Event(frame.linkage.time_s, "reset", "mass", 0, 0.0, 0.0, 0.0))
+                scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+                scene.drawing(Drawing(0, frame.linkage.time_s, installed.draw(frame.linkage, None)))
+        drawn[name] = link.pictures[-1]
+    assert drawn["after"]["bounds"] == drawn["alone"]["bounds"]
+    assert drawn["after"]["shapes"] == drawn["alone"]["shapes"]
 
 
 def test_a_value_that_is_not_finite_reaches_the_page_as_an_alarm_with_its_first_time():

@@ -223,13 +223,19 @@ def test_the_ticks_of_an_axis_are_told_apart_and_rounding_is_no_curve(page):
     assert apart == pytest.approx([1065.95, 1067.05])
 
 
-@pytest.mark.parametrize("width", [1280, 900, 380])
+# whether anything below the drawing stands out to the right of it
+TIMELINE = """() => [...document.querySelectorAll("#timeline > *")].some((each) =>
+  each.getBoundingClientRect().right > document.getElementById("picture").getBoundingClientRect().right)"""
+
+
+@pytest.mark.parametrize("width", [1280, 1000, 900, 380])
 def test_a_narrow_window_hides_nothing_to_its_right(page, width):
     told = picture(LENGTH_S)
     cards = [[name, "18.8 J", name, 18.8, "J", None] for name in ("blow rate", "last blow at 1.89 s", "pressing force")]
     assert page.link.show(told | {"cards": cards})
     page.set_viewport_size({"width": width, "height": 720})
     page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")
+    assert not page.evaluate(TIMELINE)
 
 
 def test_the_header_says_that_a_run_is_over_though_no_picture_follows(page):
