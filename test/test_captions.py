@@ -15,6 +15,8 @@ from mech_twin.declarations.captions import caption, metrics_table, titled
         ("angular_impulse_nms", "angular impulse", "N m s"),
         ("impacts_per_cycle", "impacts per cycle", ""),
         ("contact_share", "contact share", ""),
+        ("steady_impacts_above_1_mm_per_s", "steady impacts above 1 mm per s", ""),
+        ("worst_body_inertia_kg_m2_factor_of_rate_n_per_m", "worst body inertia kg m2 factor of rate n per m", ""),
         ("blow_rate_hz", "blow rate", "Hz"),
         ("energy_balance", "energy balance", ""),
         ("s", "s", ""),

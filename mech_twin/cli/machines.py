@@ -15,7 +15,6 @@ from mech_twin.cli.console import busy, print_json, print_numbers, print_table, 
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import CATALOGUE, FORMER
 from mech_twin.parameters.errors import described_keys
 from mech_twin.parameters.load import (
@@ -140,11 +139,6 @@ def check_page(request: CheckVerb) -> None:
 def _as_on_page(value: float, unit: str) -> tuple[str, str]:
     """Return a length or an angle in the unit in which a page tells it."""
     return (f"{math.degrees(value):.6g}", "deg") if unit == "rad" else (f"{value:.6g}", unit)
-
-
-def own_name(machine: str, parameters: Parameters) -> str:
-    """Return the name that a machine has on its topics: a page's own, where a path names it."""
-    return str(getattr(parameters, "name", PAGE.name)) if is_page(machine) else machine
 
 
 def _page_record(shared: Any) -> dict[str, Any]:

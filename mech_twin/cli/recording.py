@@ -22,6 +22,7 @@ from mech_twin.measurements.tables import is_table
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, is_page, machine_parameters
 from mech_twin.studies.resimulation import ConfigurationHistory, Verdict, analysed, resimulated
+from mech_twin.studies.run_comparison import own_name
 
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode
@@ -67,7 +68,8 @@ def show_info(request: InfoVerb) -> None:
     if request.as_csv:
         print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
         return
-    _print_head(document)
+    name = document["machine"] if described is None else own_name(described.name, described.parameters)
+    _print_head(document, name)
     _print_topics(document["topics"], request.wide)
     rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
     print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
@@ -92,7 +94,7 @@ def _described(reader: RecordingReader) -> ConfigurationHistory | None:
         return None
 
 
-def _print_head(document: dict[str, Any]) -> None:
+def _print_head(document: dict[str, Any], name: str) -> None:
     """Write what is recorded, how long, and whether it is whole; then by what, how much, and what is missing."""
     duration, topics = document["duration_s"], document["topics"]
     losses = {key: sum(topic["counters"].get(key, 0) for topic in topics.values()) for key in LOSSES}
@@ -104,7 +106,7 @@ def _print_head(document: dict[str, Any]) -> None:
     counted = any(topic["counters"] for topic in topics.values())
     sound = counted and document["finished"] and not document["problems"]
     lost = ", ".join(f"{count} {name}" for name, count in losses.items() if count) or ("nothing lost" if sound else "")
-    say_result("; ".join(filter(None, [f"{document['machine'] or 'unknown machine'}, {length}", whole, lost])))
+    say_result("; ".join(filter(None, [f"{name or 'unknown machine'}, {length}", whole, lost])))
     size = sum(split["size_bytes"] or 0 for split in document["splits"])
     files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
     say_result(f"{document['message_count']} messages of {len(topics)} topics, {_bytes(size)} in {files}")

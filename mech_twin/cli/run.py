@@ -14,7 +14,6 @@ from pydantic import ValidationError
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError, messages_in, report_losses
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEW, check_view, hold_view, opened_view, told_machine
-from mech_twin.cli.machines import own_name
 from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
@@ -33,6 +32,7 @@ from mech_twin.parameters.load import (
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
+from mech_twin.studies.run_comparison import own_name
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:

@@ -21,7 +21,6 @@ from mech_twin.cli.live_view import (
     opened_view,
     told_machine,
 )
-from mech_twin.cli.machines import own_name
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.cli.option_values import assigned
@@ -34,6 +33,7 @@ from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of
 from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.advice_search import AdviceWish, advice_model
+from mech_twin.studies.run_comparison import own_name
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap

@@ -27,10 +27,10 @@ from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.files.output_file import written_file
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.parameters.load import PAGE, is_page
+from mech_twin.parameters.load import is_page
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.roles import Machine
-from mech_twin.studies.run_comparison import changed_settings
+from mech_twin.studies.run_comparison import changed_settings, own_name
 from mech_twin.studies.simulation import RunMetrics
 
 if TYPE_CHECKING:
@@ -96,17 +96,16 @@ def view_bag(request: ViewVerb) -> None:
 
 
 class _Shown(NamedTuple):
-    """A run to show: the name of its machine, what puts it into the scene, its settings that are not as installed."""
+    """A run to show: its machine, what puts it into the scene; its name, and its settings that are not as installed."""
 
     machine: str
     show: Show
-    settings: Callable[[], list[list[str]]]
+    described: Callable[[], tuple[str, list[list[str]]]]
 
 
 def _of_machine(machine: Machine, show: Show) -> _Shown:
-    tree = configuration_tree(machine.parameters)
-    name = str(tree["name"]) if machine.name == PAGE.name else machine.name
-    return _Shown(name, show, lambda: changed_settings(machine.name, tree))
+    name = own_name(machine.name, machine.parameters)
+    return _Shown(name, show, lambda: (name, changed_settings(machine.name, configuration_tree(machine.parameters))))
 
 
 def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: float, stop: StopSignal) -> None:
@@ -129,8 +128,9 @@ def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
 
     view = opened_bench(port, stack, history_bytes=SHOWN_BYTES)
     view.tell("status", {"text": f"reading {bag}"})
-    told = {"name": shown.machine, "namespace": "", "orders": [], "parameters": [], "recording": str(bag)}
-    view.tell("machine", told | {"settings": shown.settings()})
+    name, settings = shown.described()
+    told = {"namespace": "", "orders": [], "parameters": [], "recording": str(bag), "settings": settings}
+    view.tell("machine", told | {"name": name or shown.machine})
     return stack.enter_context(BenchScene(BenchLink(view.destination or "", PATIENCE_S), RECORDED))
 
 

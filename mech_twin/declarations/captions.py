@@ -40,6 +40,8 @@ def caption(name: str) -> tuple[str, str]:
     The unit is empty for a name without a known unit and for a dimensionless number (``share_1``).
     """
     words = name.split("_")
+    if "factor_of_" in name or "impacts_above_" in name:  # a ratio of numbers with the same unit; a count
+        return " ".join(words), ""
     if words[-1] == "1" and len(words) > 1:
         return " ".join(words[:-1]), ""
     below: list[str] = []
@@ -64,8 +66,6 @@ def unit_of(name: str) -> str:
     >>> unit_of("forces.drive_torque_nm"), unit_of("rod_force_n.1"), unit_of("impacts_above_1_mm_per_s")
     ('N m', 'N', '')
     """
-    if "factor_of_" in name or "impacts_above_" in name:  # a ratio of numbers with the same unit; a count
-        return ""
     words = name.split(".")
     while len(words) > 1 and words[-1].isdigit():  # index of a component or cart
         words.pop()

@@ -26,7 +26,7 @@ from mech_twin.engine.trajectory import StepSamples
 from mech_twin.parameters.load import Description, catalogue_entry, description
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Named
-from mech_twin.studies.run_comparison import changed_settings
+from mech_twin.studies.run_comparison import changed_settings, own_name
 
 Sample = LinkageSample | MotorSample | ForceSample | BodySample
 RESIDUALS = "residuals."
@@ -95,16 +95,17 @@ class ConfigurationHistory:
         return self._built[1]
 
 
-def recorded_settings(texts: Iterable[str]) -> list[list[str]]:
-    """Return the settings at the start of a recording that differ from the installed configuration.
+def recorded_settings(texts: Iterable[str]) -> tuple[str, list[list[str]]]:
+    """Return the name of a recorded machine, of a page its own, and its settings that are not as installed.
 
-    It is empty if the recording has no valid configuration.
+    They are those at the start.  Both are empty if the recording has no valid configuration.
     """
     try:
         history = ConfigurationHistory(texts, "the recording")
     except ConfigurationError:
-        return []
-    return changed_settings(history.name, configuration_tree(history.parameters))
+        return "", []
+    settings = changed_settings(history.name, configuration_tree(history.parameters))
+    return own_name(history.name, history.parameters), settings
 
 
 def recorded_step_s(texts: Iterable[str]) -> float | None:

@@ -189,8 +189,8 @@ class Hall:
 
 def _machine_and_settings(reader: RecordingReader) -> tuple[str, list[list[str]]]:
     """Return the machine of a recording, and its settings that differ from the installed ones."""
-    machine = recorded_machine(reader)
-    return machine, recorded_settings(BagSamples(reader).descriptions())
+    name, settings = recorded_settings(BagSamples(reader).descriptions())
+    return name or recorded_machine(reader), settings
 
 
 def _described(path: Path) -> dict[str, Any]:

@@ -104,6 +104,7 @@ def test_machines_and_a_page_of_ones_own_are_run_from_the_bench_and_their_record
         (tmp_path / "bad.yaml").write_text("name: bad\nbodees: {}\n", encoding="utf-8")
         page.locator("#list").click()
         expect(page.locator(".recording", has_text="vibration_crank")).to_contain_text("complete", timeout=UP_MS)
+        expect(page.locator(".recording", has_text="mine-")).to_contain_text("slider crank", timeout=UP_MS)
         page.locator("#machines").select_option("bad.yaml")
         page.locator("#begin").click()
         expect(page.locator("#status")).to_contain_text("bad.yaml: expected a page with bodies", timeout=UP_MS)
