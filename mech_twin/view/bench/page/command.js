@@ -164,12 +164,21 @@ export function commands(can) {
   find("undo").disabled = !can || run.over || !undone.length;
 }
 
+// one speed after the other, and of those that come meanwhile the last: a key that is held down sends thirty a second
+const speeds = { wanted: null, isAsked: false };
+function sendSpeed() {
+  if (speeds.isAsked || speeds.wanted === null) return;
+  const share = speeds.wanted;
+  Object.assign(speeds, { wanted: null, isAsked: true });
+  order("speed", { values: { share } }, () => { speeds.isAsked = false; sendSpeed(); });
+}
+
 export function forgetCommands() { undone.length = 0; }
 
 for (const event of ["pointerenter", "focusin"]) find("keys").addEventListener(event, warm, { once: true });
 find("take").onclick = () => send({ kind: "take" });
-find("speed").oninput = () => { find("speed-now").textContent = `${Math.round(100 * find("speed").value)} % wanted`; };
-find("speed").onchange = () => { order("speed", { values: { share: Number(find("speed").value) } }); find("speed").blur(); };
+find("speed").oninput = () => { run.sped = performance.now(); find("speed-now").textContent = `${Math.round(100 * find("speed").value)} % wanted`; };
+find("speed").onchange = () => { speeds.wanted = Number(find("speed").value); sendSpeed(); };
 find("undo").onclick = () => {
   const last = undone.pop();
   find("undo").disabled = !undone.length;

@@ -38,6 +38,7 @@ export function send(message) {
 }
 
 export function order(name, more = {}, then = () => {}) {
+  if (!isOpen()) return then(false);
   asked += 1;
   waiting.set(asked, then);
   send({ kind: "order", id: asked, name, ...more });

@@ -12,6 +12,7 @@ import { curves, find, lanes, other, run, shown } from "./state.js";
 import { tellTime } from "./viewer.js";
 
 const QUIET_MS = 1500;
+const MOVED_MS = 2000; // so long a speed slider that was moved waits for the next key
 const DRAWN_ROWS = 4000; // per curve; longer curves are decimated to their extremes
 const WHOLE = "whole";
 const AWAITED_MS = 150; // time between two pictures while a trial is awaited
@@ -71,7 +72,8 @@ export function show(picture, at) {
   find("alarm").textContent = picture.alarm;
   cards(picture.cards, shown.following ? picture.time_s : null);
   if (picture.shapes) draw(find("drawing"), picture.shapes, picture.bounds, other.isThere ? other.picture(at).shapes : null);
-  if (picture.command !== null && document.activeElement !== find("speed")) find("speed").value = picture.command;
+  const isMoved = find("speed").matches(":active") || performance.now() - run.sped < MOVED_MS;
+  if (picture.command !== null && !isMoved) find("speed").value = picture.command;
   if (picture.command !== null) find("speed-now").textContent = `${Math.round(100 * picture.command)} % now`;
   const wanted = Math.max(at, picture.time_s), now = isWhole() ? newest.time_s : wanted;
   const from = isWhole() ? run.pictures[0].time_s : wanted - (shown.span ?? Number(find("span").value));

@@ -5,7 +5,7 @@ import { Lanes } from "./lanes.js";
 import { Other } from "./other.js";
 
 export const find = (id) => document.getElementById(id);
-export const run = { pictures: [], bytes: 0, machine: null, orders: [], paused: false, over: "", commands: false };
+export const run = { pictures: [], bytes: 0, machine: null, orders: [], paused: false, over: "", commands: false, sped: -Infinity };
 export const shown = { following: true, playing: false, at: 0, span: null, place: -1, drawn: null, newest: null, changes: 0, last: 0, heard: 0, showed: 0, owed: false };
 export const curves = new Map(); // path -> Curve
 export const lanes = new Lanes(), other = new Other();
