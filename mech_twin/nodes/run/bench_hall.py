@@ -10,11 +10,13 @@ import asyncio
 import os
 import sys
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from mech_twin.parameters.load import PAGE_SUFFIXES
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.parameters.load import MACHINE_KEY, PAGE_SUFFIXES, file_tree, is_page
 from mech_twin.recording.bag_contents import RecordingReader
 from mech_twin.recording.bag_directory import bag_files
 from mech_twin.recording.bag_reader import about_bag, open_bag
@@ -86,7 +88,7 @@ class Hall:
         if name == RUN:
             machine = self._named(values, "machine", self._runnable())
             kept = f"{Path(machine).stem}-{datetime.now():%Y%m%d-%H%M%S}"
-            return await self._begin("run", machine, "--record", kept)
+            return await self._begin("run", *self._words_for(machine), "--record", kept)
         first = self._recording(values, "recording")
         if name == OPEN:
             return await self._begin("view", first.name)
@@ -163,8 +165,16 @@ class Hall:
             raise OrderError(f"{key} {values.get(key)!r}: expected one of the list ({len(known)})")
         return str(values[key])
 
+    def _words_for(self, name: str) -> list[str]:
+        """Return the words that run an entry of the list: of a configuration its machine, with the file."""
+        with suppress(ConfigurationError):  # the run says why
+            meant = file_tree(self._folder / name).get(MACHINE_KEY) if is_page(name) else None
+            if meant in self._machines:
+                return [str(meant), "--config", name]
+        return [name]
+
     def _runnable(self) -> list[str]:
-        """Return the machines, and the pages that now are in the folder."""
+        """Return the machines, and the pages and configurations that now are in the folder."""
         own = sorted(path.name for suffix in PAGE_SUFFIXES for path in self._folder.glob(f"*{suffix}"))
         return [*self._machines, *own]
 

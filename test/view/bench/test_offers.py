@@ -126,6 +126,28 @@ def test_a_page_put_into_the_folder_later_is_offered_at_the_next_look(tmp_path):
     assert [each["machines"] for each in told] == [["mb10_breaker"], ["mb10_breaker", "mine.yaml"]]
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("/**:\n  ros__parameters:\n    machine: mb10_breaker\n", ["mb10_breaker", "--config", "mine.yaml"]),
+        ("/**:\n  ros__parameters:\n    machine: /etc/passwd\n", ["mine.yaml"]),
+        ("machine: mb10_breaker\nchannels: []\n", ["mine.yaml"]),
+        ("name: mine\nbodies: [\n", ["mine.yaml"]),
+    ],
+)
+def test_a_configuration_is_run_with_the_machine_that_it_names(tmp_path, monkeypatch, text, words):
+    (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
+    hall, begun = Hall(tmp_path, ["mb10_breaker"], "bench:nowhere", None, None, str), []
+
+    async def noted(*words):
+        begun.append(list(words))
+        return "begun"
+
+    monkeypatch.setattr(hall, "_begin", noted)
+    asyncio.run(hall.obey({"name": RUN, "values": {"machine": "mine.yaml"}}))
+    assert [each[1:-2] for each in begun] == [words]
+
+
 @in_loop
 async def test_a_page_opened_later_gets_the_present_values_of_the_live_parameters(tmp_path):
     keys = [{"name": "tool.restitution", "value": 0.35}, {"name": "tool.wall_force_n", "value": 500.0}]
