@@ -24,7 +24,7 @@ function hear(message) {
     role: () => showRole(message),
     answer: () => answered(message),
     changed: () => { changed(message.name, message.value); showSettings(message.settings); },
-    pause: () => { run.paused = message.is_paused; showPause(); },
+    pause: () => { run.paused = message.is_paused; shown.drawn = null; showPause(); },
     alarms: () => showFaults(message.faults),
     advice: () => showAdvice(message.rows),
     fit: () => showFit(message),

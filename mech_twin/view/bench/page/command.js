@@ -76,19 +76,32 @@ function keyRow(parameter) {
   return row;
 }
 
-// set a live parameter, after the answer to the change before; undone: the change that this takes back
-let answeredAll = Promise.resolve();
+// live parameters to be set: one after the answer to the one before, and of a key the last value that was wanted
+const wanted = new Map();
+let isAsked = false;
+
+// set a live parameter; undone: the change that this takes back
 function change(name, value, takenBack = null) {
-  answeredAll = answeredAll.then(() => new Promise((next) => {
-    const before = run.machine?.parameters.find((each) => each.name === name)?.value;
-    if (before === undefined || before === value) { changed(name, before); return next(); }
-    order("change", { values: { [name]: value } }, (isDone) => {
-      if (isDone !== Boolean(takenBack)) undone.push(takenBack ?? { name, before });
-      find("undo").disabled = !undone.length || !run.commands || run.over;
-      changed(name, isDone ? value : before);
-      next();
-    });
-  }));
+  const replaced = wanted.get(name);
+  if (replaced?.takenBack) undone.push(replaced.takenBack);
+  wanted.set(name, { value, takenBack });
+  sendWanted();
+}
+
+function sendWanted() {
+  if (isAsked || !wanted.size) return;
+  const [name, { value, takenBack }] = wanted.entries().next().value;
+  wanted.delete(name);
+  const before = run.machine?.parameters.find((each) => each.name === name)?.value;
+  if (before === undefined || before === value) { changed(name, before); return sendWanted(); }
+  isAsked = true;
+  order("change", { values: { [name]: value } }, (isDone) => {
+    isAsked = false;
+    if (isDone !== Boolean(takenBack)) undone.push(takenBack ?? { name, before });
+    find("undo").disabled = !undone.length || !run.commands || run.over;
+    changed(name, isDone ? value : before);
+    sendWanted();
+  });
 }
 
 function choice(parameter) {
@@ -141,6 +154,7 @@ export function changed(name, value) {
   if (!parameter || !row) return;
   if (parameter.value !== value) row.querySelector(".was").textContent = `was ${rounded(parameter.value)}`;
   parameter.value = value;
+  if (wanted.has(name)) return; // what is wanted next stands there
   for (const input of row.querySelectorAll("input, select")) {
     if (input.type === "checkbox") input.checked = value;
     else input.value = input.type === "number" ? rounded(value) : value;
@@ -173,7 +187,7 @@ function sendSpeed() {
   order("speed", { values: { share } }, () => { speeds.isAsked = false; sendSpeed(); });
 }
 
-export function forgetCommands() { undone.length = 0; }
+export function forgetCommands() { undone.length = 0; wanted.clear(); }
 
 for (const event of ["pointerenter", "focusin"]) find("keys").addEventListener(event, warm, { once: true });
 find("take").onclick = () => send({ kind: "take" });

@@ -56,8 +56,8 @@ export function frame(now) {
     if (isDue && (!isAwaited() || now - shown.showed > AWAITED_MS)) show(picture, shown.following ? picture.time_s : shown.at);
   }
   if (shown.owed) { shown.owed = false; send({ kind: "drawn" }); }
-  const isQuiet = isOpen() && shown.following && newest && !run.over && run.machine?.namespace && now - shown.heard > QUIET_MS;
-  if (isQuiet) find("state").textContent = run.paused ? "paused" : "no new picture";
+  const isQuiet = isOpen() && shown.following && newest && !run.over && !run.paused && run.machine?.namespace && now - shown.heard > QUIET_MS;
+  if (isQuiet) find("state").textContent = "no new picture";
 }
 
 // show header, drawing and curves at the time of a picture
@@ -67,7 +67,7 @@ export function show(picture, at) {
   Object.assign(shown, { drawn: picture, newest, showed: performance.now() });
   const header = `t = ${picture.time_s.toFixed(run.paused || !shown.following ? 4 : 2)} s`;
   if (find("time").textContent !== header) find("time").textContent = header;
-  find("state").textContent = run.over && shown.following ? "over" : picture.state;
+  find("state").textContent = !shown.following ? picture.state : run.over ? "over" : run.paused ? "paused" : picture.state;
   find("alarm").hidden = !picture.alarm;
   find("alarm").textContent = picture.alarm;
   cards(picture.cards, shown.following ? picture.time_s : null);
