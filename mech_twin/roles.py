@@ -223,6 +223,10 @@ class Observer(Protocol):
         ...
 
 
+def unchanged(observer: Observer) -> None:
+    """Leave an observer that knows no parameters as it is."""
+
+
 def no_remarks(numbers: Mapping[str, float]) -> Iterable[str]:
     """Return no remarks."""
     return ()
@@ -250,6 +254,8 @@ class Machine:
         ``analyse(crank_rad)``: every angle, speed, force and constant at one position.
     observer : callable
         Returns a new observer for one run.
+    goes_on : callable
+        ``goes_on(observer)``: the observer's run, begun with other parameters, goes on with this machine.
     mechanism : FrameTree
         Frames of the links and pins, for TF and the robot description (URDF); None if there are none.
     rests_when_supplied : bool
@@ -278,6 +284,7 @@ class Machine:
     blow_energy: Callable[[Event], float] | None = None
     gauge: BlowGauge | None = None
     remarks: Callable[[Mapping[str, float]], Iterable[str]] = no_remarks
+    goes_on: Callable[[Observer], None] = unchanged
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def simulate_machine(request: SimulateVerb) -> None:
     changes = live_changes(request.change, request.duration_s)
     changing = ChangingMachine(machine, changes)
     beside = None if request.one_step else _beside(machine, request.duration_s, changes)
-    simulation = Simulation(machine)
+    simulation = Simulation(machine, changing.at)
     changed = (changing.command, changing.at) if request.change else ()
     run = frames(machine, request.duration_s, *changed)
     with ExitStack() as outputs:

@@ -21,6 +21,7 @@ from mech_twin.parameters.live_change import ChangingMachine, LiveChange
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
+from mech_twin.studies.simulation import ChangingObserver
 
 DIGITS = 5  # reported at most, since both runs may miss a peak by the same amount
 FIRST_ORDER = 1.0 / (1.0 - 1.0 / TIMES_AS_MANY)  # error over difference, for an error proportional to the step
@@ -50,7 +51,7 @@ class RunInShorterSteps:
         self.failure = ""
         changing = ChangingMachine(machine, changes)
         self.step_s = machine.coupling_step_s
-        self._observer = machine.observer()
+        self._observer = ChangingObserver(machine, changing.at)
         self._frames: Iterator[Frame] = frames(machine, duration_s, changing.command, changing.at)
         self._time_s = -math.inf
 

@@ -69,14 +69,39 @@ class RunMetrics:
         return self._build()
 
 
-class Simulation:
-    """Collects the results of a run, frame by frame."""
+class ChangingObserver:
+    """Metrics of a run whose parameters may change.
 
-    def __init__(self, machine: Machine) -> None:
+    Parameters
+    ----------
+    machine : Machine
+        The machine at the beginning.
+    machine_at : callable, optional
+        ``machine_at(step)``: the machine with the parameters in force at a step.
+    """
+
+    def __init__(self, machine: Machine, machine_at: Callable[[int], Machine] | None = None) -> None:
+        self._machine, self._observer = machine, machine.observer()
+        self._machine_at = machine_at or (lambda step: machine)
+        self.numbers = self._observer.numbers
+
+    def observe(self, frame: Frame) -> None:
+        """Add one frame."""
+        machine = self._machine_at(frame.linkage.step)
+        if machine is not self._machine:
+            self._machine = machine
+            machine.goes_on(self._observer)
+        self._observer.observe(frame)
+
+
+class Simulation:
+    """Collects the results of a run, frame by frame; ``machine_at`` as for `ChangingObserver`."""
+
+    def __init__(self, machine: Machine, machine_at: Callable[[int], Machine] | None = None) -> None:
         self.events: list[Event] = []
         self.trajectory = Trajectory()
         self._machine = machine
-        self._observer = machine.observer()
+        self._observer = ChangingObserver(machine, machine_at)
         self._invariants = RunInvariants(machine)
 
     def observe(self, frame: Frame) -> None:

@@ -49,6 +49,7 @@ def build(parameters: Parameters) -> Machine:
         report=lambda: static_metrics(p, constants),
         analyse=lambda crank_rad: position_metrics(p, constants, crank_rad),
         observer=lambda: BreakerObserver(p, constants),
+        goes_on=lambda observer: observer.use(p, constants) if isinstance(observer, BreakerObserver) else None,
         mechanism=mechanism(constants, p.linkage.striker_angle_deg),
         blow_energy=lambda event: blow_energy(constants, event),
         gauge=tool_gauge(constants, p.tool.wave.gauge_curve),

@@ -210,11 +210,8 @@ class BreakerObserver:
     """
 
     def __init__(self, parameters: BreakerParameters, breaker: Breaker) -> None:
-        self._b = breaker
-        self._motor = motor_constants(parameters.motor)
-        self._stiffness = parameters.tool.contact_stiffness_n_per_m
+        self.use(parameters, breaker)
         self._counts = dict.fromkeys((*COUNTED.values(), "unseated_blows"), 0.0)
-        self._line = parameters.tool.wave.life.line
         self._cycle = Pass()
         self._body = BodyCycle(0.0, 0.0 if parameters.body.contact == "one_sided" else None)
         self._passes: deque[tuple[MotorDuty, Record, Record | None]] = deque(maxlen=LAST)
@@ -230,6 +227,11 @@ class BreakerObserver:
         self._seen_blow = self._seen_body_blow = False
         self._joints: tuple[str, ...] | None = None
         self._crank_and_body = (0, 0)
+
+    def use(self, parameters: BreakerParameters, breaker: Breaker) -> None:
+        """Take the frames that follow as those of this breaker."""
+        self._b, self._motor, tool = breaker, motor_constants(parameters.motor), parameters.tool
+        self._stiffness, self._line = tool.contact_stiffness_n_per_m, tool.wave.life.line
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account: its events in their order, then the step's end."""

@@ -14,6 +14,7 @@ from mech_twin.machines.mb10_breaker.run_metrics import striker_energy
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.studies.simulation import Simulation
 
 HALF_SINE = {
     "excitation.kind": "approximated",
@@ -173,3 +174,19 @@ def test_after_a_live_change_the_last_cycles_are_those_of_a_machine_that_was_mad
     found, (_, _, made) = observer.numbers(), observed(5.0, **{key: value})
     for name in ("steady_largest_spring_force_n", "steady_motor_power_w", "steady_motor_torque_nm"):
         assert found[name] == pytest.approx(made[name], rel=1e-5)
+
+
+@pytest.mark.parametrize("change", ["tool_mass=+15%", "supply_voltage=-5%", "rotor_resistance=+15%"])
+def test_after_a_fault_or_another_operating_point_the_last_cycles_are_those_of_a_machine_that_was_made_so(change):
+    twin = machine("mb10_breaker")
+    changing = ChangingMachine(twin, live_changes([f"{change}@0.5"]))
+    made = changing.revisions[-1][1]
+    found, expected = Simulation(twin, changing.at), Simulation(made)
+    for simulation, run in (
+        (found, frames(twin, 5.0, changing.command, changing.at)),
+        (expected, frames(made, 5.0)),
+    ):
+        for frame in run:
+            simulation.observe(frame)
+    for name in ("steady_blow_energy_j", "steady_motor_rms_torque_nm", "steady_motor_rotor_loss_w"):
+        assert found.numbers()[name] == pytest.approx(expected.numbers()[name], rel=1e-4)
