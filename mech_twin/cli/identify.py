@@ -187,7 +187,7 @@ def _run(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
 
 
 def _show_found(found: Identification) -> None:
-    show_keys(f"{found.question.machine}: identified in {found.seconds:.1f} s", found.keys)
+    show_keys(f"{found.question.machine}: fitted in {found.seconds:.1f} s", found.keys)
     if found.search.starts > 1:
         ahead = f", the second best {found.search.margin:.3g} times as far off" if found.search.valleys > 1 else ""
         say(f"{found.search.starts} starts ended in {found.search.valleys} local minima{ahead}")

@@ -189,7 +189,7 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
             continue
         heads = ("alarm at, s", "began at, s", "cycles", "finding", "size", "95 % from", "to", "unit")
         rows = [row for alarm in run.found.alarms for row in _alarm_rows(alarm)]
-        print_table(f"{run.run}: {run.found.counted}, {len(run.found.alarms)} alarms", heads, rows)
+        print_table(f"{run.run}: {run.found.counted}, alarms: {len(run.found.alarms)}", heads, rows)
     for run in runs:
         for explained in run.why:
             _show_explanation(run.run, explained)

@@ -245,7 +245,7 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
     """Write the points, their numbers that vary, and what is left out."""
     names = done.outputs
     shown_names, shown = (names, done.points) if request.everything else (varying, done.points[:SHOWN_ROWS])
-    title = f"{request.machine}: {len(done.points)} points, {len(names)} numbers"
+    title = f"{request.machine}: points: {len(done.points)}, numbers: {len(names)}"
     rows = [study.cells_of(done, point, shown_names, "refused")[:-1] for point in shown]
     print_table(title, (*done.asked.keys, *shown_names), rows, wide=request.everything, more="--all")
     left, fixed = len(done.points) - len(shown), len(names) - len(shown_names)

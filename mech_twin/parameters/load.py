@@ -313,7 +313,8 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
     values.pop(RUN_GROUP, None)
     meant = values.pop(MACHINE_KEY, entry.name)
     if meant != entry.name:
-        raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {meant!r}: expected {entry.name!r}")
+        use = f"; `{meant} --config FILE` takes it" if entry is PAGE and meant in CATALOGUE else ""
+        raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {meant!r}: expected {entry.name!r}{use}")
     try:
         return entry.parameters.model_validate(with_catalogue_motor(values, source))
     except ValidationError as error:

@@ -278,6 +278,13 @@ def test_what_is_no_former_linkage_is_refused_in_one_line(text, said, tmp_path):
     assert "\n" not in str(told.value)
 
 
+def test_a_configuration_given_as_a_page_is_refused_with_the_words_that_take_it(tmp_path):
+    file = tmp_path / "sized.yaml"
+    file.write_text("/**: {ros__parameters: {machine: mb10_breaker}}", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"'mb10_breaker': expected 'page'; `mb10_breaker --config FILE`"):
+        answer("simulate", file, "--duration", "1")
+
+
 def test_the_former_linkage_and_its_recordings_are_told_where_they_went(page, tmp_path):
     with pytest.raises(ConfigurationError, match=r"planar_linkage is a page now: `mech-twin new --from OLD\.yaml"):
         answer("simulate", "planar_linkage", "--duration", "1")

@@ -121,7 +121,7 @@ def sensor_plan(
     for run in _manoeuvres(own, duration_s) if helps else ():
         other, _ = _verdicts(_Derived(run, _samples(run, shown, shown, noises, duration_s)))
         found.append(_help(run.name, keys, other))
-    return SensorPlan(tuple(keys), tuple(combined), tuple(sorted(found, key=_worth, reverse=True)))
+    return SensorPlan(tuple(keys), tuple(combined), tuple(_best_first(found)))
 
 
 def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: float) -> list[Help]:
@@ -141,7 +141,7 @@ def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: 
         _help(f"sensor {channel.name}", before, _verdicts(derived, (*range(count), count + i))[0])
         for i, channel in enumerate(added)
     ]
-    return sorted(found, key=_worth, reverse=True)
+    return _best_first(found)
 
 
 def _help(what: str, before: Sequence[KeyVerdict], after: Sequence[KeyVerdict]) -> Help:
@@ -152,8 +152,10 @@ def _help(what: str, before: Sequence[KeyVerdict], after: Sequence[KeyVerdict]) 
     return Help(what, tuple(sorted(set(then) - set(first))), float(np.median(shares)) if shares else 1.0)
 
 
-def _worth(each: Help) -> tuple[int, float]:
-    return len(each.identified), each.narrowed
+def _best_first(found: Sequence[Help]) -> list[Help]:
+    """Return what finds a further key or narrows intervals."""
+    helps = [each for each in found if each.identified or each.narrowed > 1.0]
+    return sorted(helps, key=lambda each: (len(each.identified), each.narrowed), reverse=True)
 
 
 def _noise(channel: Channel, place: int) -> float:

@@ -251,7 +251,7 @@ class SavedIdentification:
             f"[{key.low_95:.6g}, {key.high_95:.6g}]  {key.verdict}"
             for key in self.found.keys
         ]
-        return "\n".join([f"{self.found.question.machine}: identified in {self.found.seconds:.1f} s", *rows])
+        return "\n".join([f"{self.found.question.machine}: fitted in {self.found.seconds:.1f} s", *rows])
 
     @property
     def _with_helps(self) -> dict[str, Any]:
