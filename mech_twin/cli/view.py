@@ -139,7 +139,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
     metrics, undrawn = None, None
     if history is not None:
         machine = history.machine_at(0)
-        metrics = RunMetrics(lambda: machine)
+        metrics = RunMetrics(lambda: machine, history.machine_at)
         know_machine(scene, machine)
     draws = not samples.has_drawings
     with progress(samples.shown(), samples.count, "showing") as shown:

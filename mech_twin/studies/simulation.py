@@ -10,7 +10,7 @@ from typing import Any
 
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.engine.trajectory import Residual, RunInvariants, Trajectory, frame_events
-from mech_twin.roles import Machine, Observer
+from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
 
 KEPT_EVENTS = 20_000  # 2 kB each; the bound keeps the memory of long runs constant
@@ -24,10 +24,12 @@ class RunMetrics:
     build : callable
         Returns the machine.  It is called at the first frame or the first request of metrics, since building a machine
         may compile kernels.
+    machine_at : callable, optional
+        As for `ChangingObserver`.
     """
 
-    def __init__(self, build: Callable[[], Machine]) -> None:
-        self._build = build
+    def __init__(self, build: Callable[[], Machine], machine_at: Callable[[int], Machine] | None = None) -> None:
+        self._build, self.machine_at = build, machine_at
         self.begin_anew()
 
     def begin_anew(self) -> None:
@@ -36,14 +38,14 @@ class RunMetrics:
         self.event_count = 0
         self.frames = 0
         self.last: Frame | None = None
-        self._observer: Observer | None = None
+        self._observer: ChangingObserver | None = None
 
     def observe(self, frame: Frame) -> tuple[Event, ...]:
         """Add one frame and return its events."""
         self.frames += 1
         self.last = frame
         if self._observer is None:
-            self._observer = self.machine.observer()
+            self._observer = ChangingObserver(self.machine, self.machine_at)
         self._observer.observe(frame)
         events = frame_events(frame)
         self.events.extend(events)

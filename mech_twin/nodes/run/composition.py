@@ -38,6 +38,7 @@ from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
 from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS
 from mech_twin.process.stop_signal import StopSignal
+from mech_twin.roles import Machine
 from mech_twin.samples import Frame, Sample, Shape
 from mech_twin.studies.simulation import RunMetrics
 
@@ -143,11 +144,15 @@ def _observed(roles: Sequence[RoleNode], viewer: ViewerNode | None) -> tuple[Run
     linkage = roles[-1]
     machine = linkage.machine
 
+    def in_force(step: int) -> Machine:
+        return linkage.machine
+
     def drawn(frame: Frame) -> tuple[Shape, ...]:
-        return linkage.machine.draw(frame.linkage, frame.body)  # with the parameters in force
+        return in_force(frame.linkage.step).draw(frame.linkage, frame.body)
 
     assembler = FrameAssembler(machine.body is not None)
     metrics = RunMetrics(lambda: machine) if viewer is None else viewer.run_metrics
+    metrics.machine_at = in_force
     if viewer is not None:
         viewer.draw = drawn
     take: Callable[[Frame], object] = metrics.observe if viewer is None else viewer.show

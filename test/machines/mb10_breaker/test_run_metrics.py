@@ -14,7 +14,7 @@ from mech_twin.machines.mb10_breaker.run_metrics import striker_energy
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine, machine_parameters
-from mech_twin.studies.simulation import Simulation
+from mech_twin.studies.simulation import RunMetrics, Simulation
 
 HALF_SINE = {
     "excitation.kind": "approximated",
@@ -190,3 +190,15 @@ def test_after_a_fault_or_another_operating_point_the_last_cycles_are_those_of_a
             simulation.observe(frame)
     for name in ("steady_blow_energy_j", "steady_motor_rms_torque_nm", "steady_motor_rotor_loss_w"):
         assert found.numbers()[name] == pytest.approx(expected.numbers()[name], rel=1e-4)
+
+
+def test_a_run_that_is_watched_tells_the_numbers_of_one_that_is_simulated():
+    twin = machine("mb10_breaker")
+    changing = ChangingMachine(twin, live_changes(["tool_mass=+15%@0.5"]))
+    watched, simulated = RunMetrics(lambda: twin, changing.at), Simulation(twin, changing.at)
+    for frame in frames(twin, 1.0, changing.command, changing.at):
+        watched.observe(frame)
+        simulated.observe(frame)
+    told, expected = watched.running_numbers(), simulated.numbers()
+    assert told["blows"] > 0.0
+    assert told == {name: expected[name] for name in told}
