@@ -81,6 +81,7 @@ class IntermediateLibrary(_Library):  # type: ignore[misc]
 
     def _get_module_for_linking(self) -> Any:
         """Return all its code as one module, for libraries of numba's own."""
+        self._ensure_finalized()
         if self._shared_module is None:
             own, *callees = map(llvm.parse_bitcode, reversed(self.parts.values()))
             for module in callees:

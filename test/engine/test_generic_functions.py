@@ -128,3 +128,11 @@ def test_what_two_kernels_call_is_kept_and_linked_once() -> None:
     own = shifted.overloads[int64, int64].library.parts
     assert set(own) == set(kept[0]) & set(kept[1])
     assert [len(parts) for parts in kept] == [len(own) + 1] * 2
+
+
+@compiled_only
+def test_a_library_of_numba_gets_a_kernel_with_what_it_calls() -> None:
+    """The body of a parallel loop is compiled by numba, which links what it calls by itself."""
+    module = left.compile_for_kernel((int64,)).library._get_module_for_linking()
+    defined = [function.name for function in module.functions if not function.is_declaration]
+    assert [sum(name in symbol for symbol in defined) for name in ("left", "shifted")] == [1, 1]
