@@ -343,8 +343,8 @@ def generic(compiler: Callable[[Any], Any] | None = None) -> Callable[[Function]
         def call(model: Any, *arguments: Any) -> Any:
             return (kernel_of(call, type(model)) or function)(model, *arguments)
 
-        kernels = _by_type[call] = {object: compiler(function) if compiler else None}
-        template = type(function.__name__, (_KernelByType,), {"key": call, "kernels": kernels, "functions": {}})
+        _by_type[call] = {object: compiler(function) if compiler else None}
+        template = type(function.__name__, (_KernelByType,), {"key": call, "functions": {}})
         _templates.infer_global(call, _types.Function(template))
         return cast("Function", call)
 
@@ -365,12 +365,12 @@ def kernel_of(of: Callable[..., Any], model_type: type) -> Any:
 class _KernelByType(_templates.AbstractTemplate):  # type: ignore[misc]
     """How the compiler types a generic function: as the kernel for the type of the first argument."""
 
-    kernels: dict[type, Any]
+    key: Callable[..., Any]
     functions: dict[Any, Any]
 
     def generic(self, arguments: Any, keywords: Any) -> Any:
         owner = getattr(arguments[0], "instance_class", None)
-        kernel = self.kernels.get(owner, self.kernels[object]) if owner is not None else None
+        kernel = None if owner is None else kernel_of(type(self).key, owner)
         if kernel is None:
             return None
         function = self.context.resolve_value_type(kernel)

@@ -140,6 +140,7 @@ def test_what_is_saved_is_the_table_and_a_configuration_that_runs(found: SavedId
         assert low < TRUE[key] < high
         assert f"{low:.6g} to {high:.6g}" in report
     sensors = document["further_sensors"]
+    assert max(each["narrowed"] for each in sensors) > 1.0
     assert all(each["identified"] or each["narrowed"] > 1.0 for each in sensors)
     assert f"<td>{sensors[0]['what']}</td>" in report
     assert pages(tmp_path / "found" / "report.html") <= 2
