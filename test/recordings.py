@@ -11,7 +11,7 @@ from catalogue import built
 from rclpy.serialization import deserialize_message, serialize_message
 
 from mech_twin.engine.run import frames
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.description import description_text
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.frame_recorder import FrameRecorder

@@ -21,7 +21,8 @@ import mech_twin as mt
 from mech_twin.cli.main import EXPORTS, QUESTIONS, VERBS
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import StudyError
-from mech_twin.parameters.load import configuration_file, description_text, machine_parameters
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import configuration_file, machine_parameters
 from mech_twin.recording.recovery import recover
 from mech_twin.results.printed_documents import PrintedDocument
 from mech_twin.results.written_documents import KINDS

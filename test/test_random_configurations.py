@@ -18,7 +18,7 @@ from draws.random_draw import CORNERS, Draw
 from mech_twin.engine.run import frames
 from mech_twin.errors import MotionError
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.description import description_text
 
 SEED = 2
 COUNT = 12

@@ -27,7 +27,8 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import TURNING, ModelTurn, model_turn
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.units import is_event, joint_column
-from mech_twin.parameters.load import description_text, kind_of
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import kind_of
 from mech_twin.process.dependencies import FIT_BYTES, check_address_space, extra_needed
 from mech_twin.results.opened_runs import checked_run, given_map, opened_run
 from mech_twin.roles import GuidedLinkage

@@ -20,9 +20,9 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.files.input_file import bounded_yaml
 from mech_twin.measurements.tables import is_table
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.parameters.load import MACHINE_KEY, description_text, file_tree, is_page, machine_parameters
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import MACHINE_KEY, file_tree, is_page, machine_parameters, own_name
 from mech_twin.studies.resimulation import ConfigurationHistory, Verdict, analysed, resimulated
-from mech_twin.studies.run_comparison import own_name
 
 if TYPE_CHECKING:
     from mech_twin.nodes.replay.replay_node import ReplayNode

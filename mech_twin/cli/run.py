@@ -27,12 +27,12 @@ from mech_twin.parameters.load import (
     catalogue_entry,
     is_page,
     machine_parameters,
+    own_name,
     run_group,
 )
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
-from mech_twin.studies.run_comparison import own_name
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:

@@ -20,8 +20,9 @@ from mech_twin.measurements.sensors import Reading, SensorBench
 from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
 from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
+from mech_twin.parameters.description import description_text
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
-from mech_twin.parameters.load import assignments, catalogue_entry, description_text, run_group
+from mech_twin.parameters.load import assignments, catalogue_entry, run_group
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.results.opened_runs import given_map, recorded_to, topic_field
 from mech_twin.roles import Machine

@@ -21,7 +21,7 @@ from mech_twin.errors import StudyError
 from mech_twin.files.output_file import check_output_file, written_file
 from mech_twin.fmi.step_object import ObjectFile, StepCode, of_interpreter
 from mech_twin.fmi.unit_variables import FIRST_COMMAND, MachineUnit, Variable, unit_of
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.description import description_text
 from mech_twin.process.dependencies import require_extra
 from mech_twin.roles import Machine
 

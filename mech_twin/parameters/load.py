@@ -19,16 +19,14 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
-from mech_twin import __version__
 from mech_twin.capabilities.arguments import by_name
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
-    configuration_tree,
     merged_tree,
     tree_from_flat,
     tree_from_json,
@@ -42,7 +40,6 @@ from mech_twin.roles import Machine
 
 NAME_KEY = "catalogue_name"
 SIZE_LIMIT_BYTES = 1_000_000
-LARGEST_COUNTER = 2**53  # largest exact integer range of a float64
 MACHINE_KEY = "machine"
 MOTOR_TABLE = "motors_4a"
 ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
@@ -130,6 +127,11 @@ def kind_of(name: str) -> str:
     return PAGE.name if is_page(name) else name
 
 
+def own_name(machine: str, parameters: Parameters) -> str:
+    """Return the name that a machine has on its topics and for its user: of a page the one that stands on it."""
+    return str(getattr(parameters, "name", machine))
+
+
 def machine_of_prefix(text: str) -> str:
     """Return the machine whose name is the only one with this prefix; a page's path is returned unchanged.
 
@@ -211,7 +213,7 @@ def configuration_text(path: Path) -> str:
 
 def text_tree(text: str, source: str) -> dict[str, Any]:
     """Return the parameters in the text of a parameter file; ``source`` is its name in error messages."""
-    document = _text_document(text, source)
+    document = text_document(text, source)
     if isinstance(document, dict) and document.keys() & PAGE_GROUPS:
         return document
     sections = document.values() if isinstance(document, dict) else ()
@@ -237,13 +239,14 @@ def document_tree(path: Path) -> dict[str, Any]:
     ConfigurationError
         If the file cannot be read, is not YAML, or has no keys.
     """
-    document = _text_document(configuration_text(path), str(path))
+    document = text_document(configuration_text(path), str(path))
     if not isinstance(document, dict):
         raise ConfigurationError(f"{path}: expected keys and their values, found {type(document).__name__}")
     return document
 
 
-def _text_document(text: str, source: str) -> Any:
+def text_document(text: str, source: str) -> Any:
+    """Return what stands in a YAML text, refused in one line where it is none."""
     try:
         return document_of(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
@@ -335,66 +338,6 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
         raise ConfigurationError(f"{path or configuration_file(name)}: {error}") from error
 
 
-def description_text(
-    name: str,
-    parameters: Parameters,
-    revision: int = 0,
-    from_step: int = 0,
-    source: float | None = None,
-    own_roles: Mapping[str, str] | None = None,
-) -> str:
-    """Return the full configuration as a parameter file with the machine's name and the step from which it is valid.
-
-    ``source`` is the number that the describing node puts into its step messages, if any.  ``own_roles`` names the
-    class of the user's own in the place of each role.
-    """
-    head = {"machine": name, "version": __version__, "revision": revision, "from_step": from_step}
-    head |= {} if source is None else {"source": int(source)}
-    head |= {"own_roles": dict(own_roles)} if own_roles else {}
-    tree = {**head, "/**": {"ros__parameters": {MACHINE_KEY: name, **configuration_tree(parameters)}}}
-    return yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-
-
 def table(name: str) -> dict[str, Any]:
     """Return an installed table that is not a machine's configuration, such as the motor catalogue."""
     return dict(yaml.safe_load(configuration_file(name).read_text(encoding="utf-8")))
-
-
-class Description(NamedTuple):
-    """Configuration in a description: machine, parameters, and the step from which they are valid."""
-
-    machine: str
-    version: str
-    revision: int
-    from_step: int
-    parameters: Parameters
-    source: float = 0.0
-    own_roles: tuple[tuple[str, str], ...] = ()  # role, and the class in its place
-
-
-def description(text: str, source: str = "description") -> Description:
-    """Return the configuration in the description of a run or a bag.
-
-    Raises
-    ------
-    ConfigurationError
-        If the text is not a description, or its parameters are invalid.
-    """
-    tree = text_tree(text, source)
-    head = _text_document(text, source)
-    name = str(tree.get(MACHINE_KEY, head.get("machine")))
-    parameters = validated(catalogue_entry(name), tree, source)
-    revision, from_step, described_by = (_counter(head, key, source) for key in ("revision", "from_step", "source"))
-    given = head.get("own_roles")
-    own_roles = tuple((str(role), str(made)) for role, made in given.items()) if isinstance(given, Mapping) else ()
-    return Description(name, str(head.get("version")), revision, from_step, parameters, float(described_by), own_roles)
-
-
-def _counter(head: Mapping[str, Any], key: str, source: str) -> int:
-    value = head.get(key, 0)
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_COUNTER:
-        shown = str(value) if not isinstance(value, int) or abs(value) < LARGEST_COUNTER**2 else "a huge number"
-        raise ConfigurationError(
-            f"{source}: key '{key}', value {shown}: expected a whole number, 0 to {LARGEST_COUNTER}"
-        )
-    return value

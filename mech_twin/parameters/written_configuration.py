@@ -13,6 +13,7 @@ from mech_twin import __version__
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import written_file
+from mech_twin.parameters.description import description_text
 from mech_twin.parameters.errors import parameter_nodes
 from mech_twin.parameters.load import (
     MACHINE_KEY,
@@ -20,7 +21,6 @@ from mech_twin.parameters.load import (
     catalogue_entry,
     configuration_file,
     configuration_text,
-    description_text,
     is_page,
     kind_of,
     text_tree,

@@ -18,7 +18,7 @@ from mech_twin.measurements.runs import MeasuredRun, read_run
 from mech_twin.measurements.tables import TableReader, is_table
 from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.roles import Machine
 

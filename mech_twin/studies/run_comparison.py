@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from mech_twin.capabilities.arguments import real_number
 from mech_twin.declarations.captions import axis_title, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import PAGE, machine_parameters
@@ -97,11 +96,6 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
         _paired(*({name: x for name, x in each.items() if not name.startswith(RESIDUAL)} for each in summaries)),
         tolerance,
     )
-
-
-def own_name(machine: str, parameters: Parameters) -> str:
-    """Return the name that a machine has on its topics and for its user: of a page the one that stands on it."""
-    return str(getattr(parameters, "name", machine))
 
 
 def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:

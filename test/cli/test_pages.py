@@ -19,7 +19,8 @@ from mech_twin.cli.main import app
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import StudyError
 from mech_twin.files.output_file import OutputError
-from mech_twin.parameters.load import description, machine_parameters
+from mech_twin.parameters.description import description
+from mech_twin.parameters.load import machine_parameters
 
 RUNNER = CliRunner()
 FORMER = Path(__file__).parents[1] / "machines" / "page" / "former_linkages.json"

@@ -33,7 +33,7 @@ from mech_twin.engine.trajectory import Residual, broken_lines, frame_events, fr
 from mech_twin.errors import MotionError
 from mech_twin.files.output_file import plain
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.description import description_text
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 

@@ -18,7 +18,8 @@ from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.errors import StudyError
 from mech_twin.machines.page.parameters import Page
-from mech_twin.parameters.load import catalogue_entry, description, description_text, machine_parameters
+from mech_twin.parameters.description import description, description_text
+from mech_twin.parameters.load import catalogue_entry, machine_parameters
 from mech_twin.roles import RESIDUALS
 from mech_twin.samples import BodySample, Frame, LinkageSample
 

@@ -7,7 +7,7 @@ from catalogue import built
 
 from mech_twin.messages.step_message import ConfigurationMark
 from mech_twin.nodes.roles.follower_node import REMEMBERED_SOURCES, DescriptionStore
-from mech_twin.parameters.load import Description
+from mech_twin.parameters.description import Description
 
 PARAMETERS = built("winding_drum").parameters
 

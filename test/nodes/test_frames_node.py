@@ -36,7 +36,8 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.roles.frames_node import FramesNode
 from mech_twin.nodes.run.composition import run_in_process
-from mech_twin.parameters.load import description_text, machine_parameters
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = pytest.mark.usefixtures("ros_domain")

@@ -16,8 +16,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import SPEED_COMMAND
+from mech_twin.parameters.description import description
 from mech_twin.parameters.errors import keys
-from mech_twin.parameters.load import description
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 CRANK = "vibration_crank"

@@ -4,7 +4,8 @@
 import pytest
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.parameters.load import description, description_text, machine_parameters
+from mech_twin.parameters.description import description, description_text
+from mech_twin.parameters.load import machine_parameters
 
 
 def test_another_motor_is_one_line():

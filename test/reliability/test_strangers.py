@@ -50,7 +50,8 @@ from mech_twin.nodes.roles.answering_nodes import ForceNode, MotorNode
 from mech_twin.nodes.roles.linkage_node import LinkageNode
 from mech_twin.nodes.roles.recorder_node import COPIED, RecorderNode
 from mech_twin.nodes.roles.viewer_node import ViewerNode
-from mech_twin.parameters.load import description_text, machine_parameters
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.recording.bag_reader import BagReader, open_bag
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.schemas import offered_qos

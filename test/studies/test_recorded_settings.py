@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Of a recording's configuration what is not as installed is told, and nothing of one that cannot be read."""
 
-from mech_twin.parameters.load import description_text, machine_parameters
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.resimulation import recorded_settings
 
 NAME = "compaction_press"

@@ -17,7 +17,8 @@ from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import description_text, machine_parameters
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies.resimulation import ConfigurationHistory, analysed, first_difference, resimulated

@@ -20,7 +20,7 @@ from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, Admission, SourceLock
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
-from mech_twin.parameters.load import Description, description
+from mech_twin.parameters.description import Description, description
 
 REMEMBERED_SOURCES = 8
 

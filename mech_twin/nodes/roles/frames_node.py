@@ -31,7 +31,8 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
-from mech_twin.parameters.load import catalogue_entry, description
+from mech_twin.parameters.description import description
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_contents import stamp_ns
 from mech_twin.roles import Machine
 

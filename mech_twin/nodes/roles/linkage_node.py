@@ -30,7 +30,8 @@ from mech_twin.nodes.exchange.peers import PeerWait
 from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, LinkageRejoin
 from mech_twin.nodes.roles.role_node import PLACES, RETRY_S, RoleNode
 from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
-from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, description_text, is_of_ros
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, is_of_ros
 from mech_twin.parameters.load import validated as validated_tree
 from mech_twin.samples import LinkageSample
 

@@ -61,7 +61,7 @@ from mech_twin.nodes.exchange.peers import (
     other_publishers,
 )
 from mech_twin.nodes.roles.role_node import RoleNode
-from mech_twin.parameters.load import Description, description
+from mech_twin.parameters.description import Description, description
 from mech_twin.samples import BodySample, Drawing, Event, LinkageSample
 
 ASK_AGAIN_S = 0.3

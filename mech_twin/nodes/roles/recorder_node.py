@@ -42,7 +42,8 @@ from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.counting import StepSequence
 from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, Listener, ReceivedBytes
 from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
-from mech_twin.parameters.load import catalogue_entry, description_text
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.stop_signal import closed_first
 from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
@@ -52,6 +53,15 @@ from mech_twin.recording.schemas import decoded, offered_qos
 NS_PER_S = 1_000_000_000
 LARGEST_NS = 10**9 * NS_PER_S  # more than 30 years of simulated time must be a wall clock
 SAME_RUN_NS = 10 * NS_PER_S
+TICK_S = 0.1
+QUIET_S, QUIET_LIMIT_S = 0.15, 4.0  # silence that ends a recording; longest wait for it if others keep publishing
+REPAIR_S, REPAIR_LIMIT_S = 3.2, 8.0  # the middleware sends lost messages again within 3 s, and may lose them again
+LOOK_S = 1.0  # period of graph queries once the run has begun; querying all topics and publishers is slow
+TICKS_PER_LOSS = 0.2
+MIB = 1024.0 * 1024.0
+UNDER_WAY = 2  # steps that not every role has answered yet
+COPIED = "copied_source"  # subtopic of a step topic: messages with the source number of a node that did not send them
+OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded if published
 
 
 class RecordingClock:
@@ -79,14 +89,6 @@ class RecordingClock:
         return stamp_ns >= 0 and abs(stamp_ns - self._now_ns) <= SAME_RUN_NS
 
 
-TICK_S = 0.1
-QUIET_S, QUIET_LIMIT_S = 0.15, 4.0  # silence that ends a recording; longest wait for it if others keep publishing
-REPAIR_S, REPAIR_LIMIT_S = 3.2, 8.0  # the middleware sends lost messages again within 3 s, and may lose them again
-LOOK_S = 1.0  # period of graph queries once the run has begun; querying all topics and publishers is slow
-TICKS_PER_LOSS = 0.2
-MIB = 1024.0 * 1024.0
-
-
 class StepInput:
     """One topic of step messages: its full name, the followed publisher and the last step."""
 
@@ -98,11 +100,6 @@ class StepInput:
         self.living = 0
         self.matched = 0
         self.listener: Listener | None = None
-
-
-UNDER_WAY = 2  # steps that not every role has answered yet
-COPIED = "copied_source"  # subtopic of a step topic: messages with the source number of a node that did not send them
-OPTIONAL = (FRAMES, ROBOT_DESCRIPTION, BLOW_GAUGE, BLOW_WAVE)  # recorded if published
 
 
 class RecorderNode(TwinNode):

@@ -15,7 +15,7 @@ from mech_twin.messages.topics import DIAGNOSTICS, EVERY, Topic, type_name
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.shadow_node import FOLLOWED
-from mech_twin.parameters.load import description_text
+from mech_twin.parameters.description import description_text
 from mech_twin.recording.bag_contents import RecentMessage, stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagError

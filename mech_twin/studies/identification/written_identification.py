@@ -25,7 +25,8 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, plain, written_file
-from mech_twin.parameters.load import configuration_read, description_text, kind_of
+from mech_twin.parameters.description import description_text
+from mech_twin.parameters.load import configuration_read, kind_of
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
