@@ -17,7 +17,7 @@ from mech_twin.declarations.captions import caption, unit_of
 from mech_twin.parameters.load import assignments
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import Event
-from mech_twin.studies.shorter_steps import common_digits
+from mech_twin.studies.shorter_steps import in_common_digits
 
 SHOWN_EVENTS = 12
 NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
@@ -39,20 +39,13 @@ def show_numbers(
     everything: bool,
 ) -> None:
     """Write the numbers of a run in groups: the headlines, or all; in the digits they have in shorter steps too."""
-    groups = {}
-    for group, values in grouped(numbers, design).items():
-        chosen = values if everything else headlines(values, group)
-        beside = NO_NUMBERS if group == CHECKS else shorter
-        groups[group] = {name: common_digits(name, value, beside) for name, value in chosen.items()}
+    found = grouped(numbers, design)
+    told = {**in_common_digits(numbers, shorter), **found.get(CHECKS, {})}
+    chosen = {group: values if everything else headlines(values, group) for group, values in found.items()}
+    groups = {group: {name: told[name] for name in values} for group, values in chosen.items()}
     show_groups(title, groups)
     if left := len(numbers) - sum(map(len, groups.values())):
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
-
-
-def in_common_digits(numbers: Mapping[str, Any], shorter: InShorterSteps | None) -> dict[str, Any]:
-    """Return numbers in the digits that they have in shorter steps too, where they come from a run."""
-    beside = NO_NUMBERS if shorter is None else shorter.numbers
-    return {name: common_digits(name, value, beside) for name, value in numbers.items()}
 
 
 def how_told(step_s: float, shorter_s: float | None = None, failure: str = "") -> str:

@@ -15,13 +15,12 @@ from typing import Any
 
 import yaml
 
-from mech_twin.capabilities.design import Design
+from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import listening
 from mech_twin.capabilities.sizing import Sizing
 from mech_twin.cli.console import counted, estimating, numbered, print_numbers, write_text
 from mech_twin.cli.failure import CommandError
 from mech_twin.cli.option_values import assigned
-from mech_twin.cli.run_summary import in_common_digits
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -32,7 +31,7 @@ from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
-from mech_twin.studies.shorter_steps import common_digits as digits_told
+from mech_twin.studies.shorter_steps import common_digits, in_common_digits
 from mech_twin.studies.sweep_table import Point
 
 RANGE = "from:to:count, from:to:count:log or a,b,c"
@@ -197,23 +196,28 @@ def cells_of(done: Sweep, point: Point, names: Sequence[str], absent: str | None
     return (*done.asked.changes(point.index).values(), *numbers, point.refused)
 
 
+def numbers_beside(shorter: InShorterSteps | None) -> Mapping[str, float]:
+    """Return the numbers of the run in shorter steps; none where there was no such run."""
+    return {} if shorter is None else shorter.numbers
+
+
 def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:
     """Return what is asked and reached, the margin and its unit, and whether it binds, of each constraint."""
-    beside = {} if answer.in_shorter_steps is None else answer.in_shorter_steps.numbers
+    beside = numbers_beside(answer.in_shorter_steps)
     rows = []
     for c in answer.constraints:
-        text, margin, shown = c.text, c.margin, digits_told(c.name, c.value, beside)
+        text, margin, shown = c.text, c.margin, common_digits(c.name, c.value, beside)
         if shown != c.value:
             again = replace(c, value=beside[c.name])
             text = f"{c.demand} (has {shown})"
-            margin = digits_told(c.name, c.margin, {c.name: again.margin})
+            margin = common_digits(c.name, c.margin, {c.name: again.margin})
         rows.append((text, margin, unit_of(c.name), "binds" if c.binds else "holds" if c.holds else "not met"))
     return rows
 
 
 def sizing_parts(answer: Sizing) -> list[str]:
     """Return what a report says of a sizing."""
-    metrics = in_common_digits(answer.metrics, answer.in_shorter_steps)
+    metrics = in_common_digits(answer.metrics, numbers_beside(answer.in_shorter_steps))
     return [
         f"<p>Objective: {answer.objective}; tolerance {answer.tolerance:g} of "
         f"{', '.join(answer.uncertain) or 'nothing'}; binding: {answer.binding}.</p>",

@@ -13,7 +13,7 @@ from mech_twin.capabilities.design import Design
 from mech_twin.cli import study
 from mech_twin.cli.console import counted, print_csv, print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import INTERRUPTED, CommandError
-from mech_twin.cli.run_summary import how_told, in_common_digits, shorter_record
+from mech_twin.cli.run_summary import how_told, shorter_record
 from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import check_output_file
@@ -23,6 +23,7 @@ from mech_twin.studies import designs, regimes, search, search_runs, size, sweep
 from mech_twin.studies.declared_studies import asked_of, searches_by_runs
 from mech_twin.studies.design_scan import asked_objectives, design_question
 from mech_twin.studies.parameter_sweep import Sweep
+from mech_twin.studies.shorter_steps import in_common_digits
 from mech_twin.studies.sweep_table import varies
 
 POINTS = 9  # of a Pareto front
@@ -53,7 +54,9 @@ def answer_size(request: SizeVerb) -> None:
         tail = {"trade_off": answer.trade_off, "configuration": out, **shorter_record(shorter)}
         print_json({**head, **document, **tail})
         return
-    print_numbers(f"{machine}: sizes", {**answer.sizes, **in_common_digits(answer.metrics, shorter)})
+    print_numbers(
+        f"{machine}: sizes", {**answer.sizes, **in_common_digits(answer.metrics, study.numbers_beside(shorter))}
+    )
     print_table("constraints", ("constraint", "margin", "unit", "state"), study.constraint_rows(answer))
     if answer.trade_off:
         chosen = {**answer.metrics, **{key.replace(".", "_"): value for key, value in answer.sizes.items()}}
@@ -100,7 +103,9 @@ def answer_search(request: SearchVerb) -> None:
         options["objective"] = asked_objectives(design_question(request.machine), tuple(request.objective))
     title = "Pareto front" if len(options["objective"]) > 1 else "best design"
     study.write_report(request, title, options, lambda: study.search_parts(found, options["objective"]))
-    rows = [{**design.variables, **in_common_digits(design.objectives, design.in_shorter_steps)} for design in found]
+    besides = [study.numbers_beside(design.in_shorter_steps) for design in found]
+    told = [in_common_digits(design.objectives, beside) for design, beside in zip(found, besides, strict=True)]
+    rows = [{**design.variables, **numbers} for design, numbers in zip(found, told, strict=True)]
     if request.as_json:
         front = [
             {
@@ -120,7 +125,9 @@ def answer_search(request: SearchVerb) -> None:
         _print_rows(named, rows, 0 if len(rows) > 1 else None)
     if near or not by_runs:
         of = "limits" if by_runs else "constraints"
-        print_numbers(f"margins of the {of} (least first; 0 binds)", in_common_digits(near, shorter))
+        print_numbers(
+            f"margins of the {of} (least first; 0 binds)", in_common_digits(near, study.numbers_beside(shorter))
+        )
     if shorter is not None:
         say(how_told(shorter.beside_s, shorter.step_s))
     if len(found) > 1:

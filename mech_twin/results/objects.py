@@ -85,9 +85,9 @@ class Run:
     @property
     def digits(self) -> dict[str, Any]:
         """Every number with the digits that do not depend on the step; both numbers if these are too few."""
-        from mech_twin.studies.shorter_steps import common_digits
+        from mech_twin.studies.shorter_steps import in_common_digits
 
-        return {name: common_digits(name, value, self.in_shorter_steps) for name, value in self.summary.items()}
+        return in_common_digits(self.summary, self.in_shorter_steps)
 
     def plot(self, *names: str) -> Figure:
         """Return a figure of samples over time; see `Columns.plot`."""

@@ -109,9 +109,9 @@ def changed_settings(name: str, tree: Mapping[str, Any]) -> list[list[str]]:
 
 
 def _paired(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[Differing, ...]:
-    least = _least_sizes(first, second)
+    least = rounding_errors(first, second)
     pairs = ((name, first.get(name), second.get(name)) for name in dict.fromkeys((*first, *second)))
-    return tuple(Differing(*each, relative_difference(*each[1:], least.get(_size_of(each[0]), 0.0))) for each in pairs)
+    return tuple(Differing(*each, relative_difference(*each[1:], least[each[0]])) for each in pairs)
 
 
 def _size_of(name: str) -> str:
@@ -120,14 +120,14 @@ def _size_of(name: str) -> str:
     return SAME_UNIT.get(unit, unit)
 
 
-def _least_sizes(*sides: Mapping[str, Any]) -> dict[str, float]:
-    """Return the rounding error of the largest number of each unit; numbers without a unit have no common size."""
-    found: dict[str, float] = {}
+def rounding_errors(*sides: Mapping[str, Any]) -> dict[str, float]:
+    """Return the rounding error of each number: that of the largest number in its unit; 0 for one without a unit."""
+    largest: dict[str, float] = {}
+    names = dict.fromkeys(name for side in sides for name in side)
     for name, value in (item for side in sides for item in side.items()):
-        unit = _size_of(name)
-        if unit and isinstance(value, int | float) and math.isfinite(value):
-            found[unit] = max(found.get(unit, 0.0), ROUNDING * abs(value))
-    return found
+        if isinstance(value, int | float) and math.isfinite(value):
+            largest[_size_of(name)] = max(largest.get(_size_of(name), 0.0), abs(value))
+    return {name: ROUNDING * largest.get(_size_of(name), 0.0) if _size_of(name) else 0.0 for name in names}
 
 
 def relative_difference(first: Any, second: Any, least: float = 0.0) -> float:

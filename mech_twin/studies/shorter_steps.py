@@ -21,6 +21,7 @@ from mech_twin.parameters.live_change import ChangingMachine, LiveChange
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
+from mech_twin.studies.run_comparison import rounding_errors
 from mech_twin.studies.simulation import ChangingObserver
 
 DIGITS = 5  # reported at most, since both runs may miss a peak by the same amount
@@ -97,11 +98,18 @@ def checked_numbers(machine: Machine, duration_s: float, names: Iterable[str]) -
     return InShorterSteps(run.step_s, machine.coupling_step_s, run.numbers(names))
 
 
-def common_digits(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
+def in_common_digits(numbers: Mapping[str, Any], shorter: Mapping[str, float]) -> dict[str, Any]:
+    """Return numbers in the digits that they have in shorter steps too; those that are rounding errors are 0."""
+    errors = rounding_errors(numbers, shorter)
+    return {name: common_digits(name, value, shorter, errors[name]) for name, value in numbers.items()}
+
+
+def common_digits(name: str, value: Any, shorter: Mapping[str, float], rounding_error: float = 0.0) -> Any:
     """Return a number with the digits that do not depend on the step; both numbers if these are too few.
 
     Half of the last digit is at least the error, assumed proportional to the step.  A number that is absent from
-    ``shorter`` does not depend on the run and is returned unchanged.
+    ``shorter`` does not depend on the run and is returned unchanged.  Numbers of two runs that are both within
+    ``rounding_error`` of 0 are 0.
 
     Examples
     --------
@@ -115,6 +123,8 @@ def common_digits(name: str, value: Any, shorter: Mapping[str, float]) -> Any:
     other = shorter[name]
     if not (math.isfinite(value) and math.isfinite(other)):
         return value if math.isnan(value) and math.isnan(other) else _both(value, other)
+    if max(abs(value), abs(other)) <= rounding_error:
+        return 0.0
     last = math.ceil(math.log10(2.0 * FIRST_ORDER * abs(value - other)))
     size = math.floor(math.log10(abs(value))) + 1 if value else last
     last = max(last, size - DIGITS)

@@ -26,7 +26,13 @@ from mech_twin.parameters.load import machine as built
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies import search_runs, size
-from mech_twin.studies.shorter_steps import RunInShorterSteps, checked_numbers, common_digits, in_shorter_steps
+from mech_twin.studies.shorter_steps import (
+    RunInShorterSteps,
+    checked_numbers,
+    common_digits,
+    in_common_digits,
+    in_shorter_steps,
+)
 from mech_twin.studies.simulation import Simulation
 
 FINER = 3.7  # times shorter than the step of the run, so that samples of all three fall elsewhere
@@ -106,8 +112,22 @@ def test_a_run_in_python_tells_the_digits_that_shorter_steps_have_too() -> None:
     document = json.loads(mech_twin("simulate", "compaction_press", "--duration", "0.05", "--json").out)
     confirmed = document["shorter_steps"]["summary"]
     assert dict(run.in_shorter_steps) == pytest.approx(confirmed, nan_ok=True)
-    assert run.digits == {name: common_digits(name, value, run.in_shorter_steps) for name, value in run.summary.items()}
+    told = {name: common_digits(name, value, run.in_shorter_steps) for name, value in run.summary.items()}
+    assert {name: run.digits[name] for name in told if told[name] != run.digits[name]} == {}
     assert any(isinstance(value, str) for value in run.digits.values())
+
+
+def test_the_work_of_a_lossless_turn_is_told_as_zero_and_small_real_numbers_are_kept() -> None:
+    """A crank at constant speed takes and returns its power: what is left over is the rounding of 4566 W."""
+    digits = simulate("vibration_crank", 2.0).digits
+    assert (digits["turn_power_mean_w"], digits["run_drive_work_j"]) == (0.0, 0.0)
+    numbers = {"power_max_w": 4566.0, "power_mean_w": 3e-8, "leak_w": 3e-5, "drift": 1e-12, "gap_m": 1e-9}
+    beside = {"power_max_w": 4566.0, "power_mean_w": -1e-7, "leak_w": 9e-5, "drift": 2e-12, "gap_m": 2e-9}
+    told = in_common_digits(numbers, beside)
+    assert told == {
+        "power_max_w": 4566.0, "power_mean_w": 0.0, "leak_w": "3e-05 to 9e-05", "drift": "1e-12 to 2e-12",
+        "gap_m": "1e-09 to 2e-09",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["compaction_press", "roller_former", "vibration_crank", "mb10_breaker"])
