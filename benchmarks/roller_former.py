@@ -20,13 +20,11 @@ import numpy as np
 from comparison import Table, in_turn, measure, ratio
 from scipy.integrate import solve_ivp
 
-from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import Former, Modes, state_array
-from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.steady import closed_extremes, steady_turn
-from mech_twin.parts.induction_motor import motor_torque, supplied_motor
+from mech_twin.machines.roller_former.steady import closed_extremes, steady_turn, turned
+from mech_twin.parts.induction_motor import motor_torque
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 from roller_former_cases import parameters_for
@@ -45,8 +43,7 @@ def tighter(former: Former, tolerance: float) -> Former:
 def ours(former: Former, duration_s: float) -> np.ndarray:
     """Return the state after a run from synchronous speed under full load."""
     y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, True, 1.0, -1.0, False)
-    torque, log = supplied_motor(former.motor, 1.0), np.empty((8, EVENT_WIDTH))
-    advance_motion(former, torque, 0.0, duration_s, y, modes, log, np.inf)
+    turned(former, 1.0, 0.0, duration_s, 1, np.inf, y, modes)
     return y
 
 

@@ -154,7 +154,9 @@ def advance_motion(
     numbers, marks, start = np.zeros(size), np.zeros(places, dtype=np.int64), y.copy()
     done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
     while done.status == LOG_FULL:
-        log, y[:] = np.empty((2 * len(log) + 8, log.shape[1])), start
+        log = np.empty((2 * len(log) + 8, log.shape[1]))
+        for i in range(len(y)):  # a slice would have numba compile the words of an error
+            y[i] = start[i]
         done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
     return done, log
 

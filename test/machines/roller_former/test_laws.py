@@ -16,16 +16,14 @@ from scipy.integrate import solve_ivp
 
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.run import frames
-from mech_twin.engine.sample_vectors import EVENT_WIDTH
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
 from mech_twin.machines.roller_former.dynamics import Modes, state_array
 from mech_twin.machines.roller_former.former_row import FormerMemory
-from mech_twin.machines.roller_former.integration import advance_motion
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.roles import CartForces, former_forces, joints_of, start_modes
-from mech_twin.machines.roller_former.steady import start_motion, steady_turn
-from mech_twin.parts.induction_motor import motor_torque, supplied_motor
+from mech_twin.machines.roller_former.steady import start_motion, steady_turn, turned
+from mech_twin.parts.induction_motor import motor_torque
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
@@ -39,11 +37,10 @@ def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]
     linkage = machine_for(carts, overrides).linkage
     start, former = linkage.start(), linkage.former
     y = state_array(joints_of(start.position).crank, joints_of(start.velocity).crank)
-    memory, torque = FormerMemory(*start.memory.values), supplied_motor(former.motor, 1.0)
+    memory = FormerMemory(*start.memory.values)
     senses, load = (memory.direction_1, memory.drive_direction_1), (memory.load_on_1 > 0.0, memory.load_share_1)
     modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0)
-    log = np.empty((8, EVENT_WIDTH))
-    done, _ = advance_motion(former, torque, 0.0, duration_s, y, modes, log, np.inf)
+    done, _ = turned(former, 1.0, 0.0, duration_s, 1, np.inf, y, modes)
     assert done.status >= 0
     return y
 
