@@ -236,6 +236,7 @@ def replay_bag(request: ReplayVerb) -> None:
 
 
 LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes
+NEEDED = {"analyse": ("linkage", "forces"), "resimulate": ("linkage", "motor")}
 TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
 UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
 
@@ -296,7 +297,7 @@ def _write(
     uncertain = first is not None and doubted is not None and first["step"] >= doubted
     numbers = {
         "machine": history.name,
-        "identical": None if uncertain else verdict.identical,
+        "identical": None if uncertain or not verdict.samples else verdict.identical,
         "steps_compared": verdict.steps,
         "samples_compared": verdict.samples,
         "incomplete_steps": verdict.missing_steps,
@@ -309,7 +310,8 @@ def _write(
         more |= {"contradicted_from_step": doubted, "first_difference": first}
         print_json({"bag": request.bag, "recorded_with": history.versions, "version": __version__, **numbers, **more})
         return
-    numbers["identical"] = "not certain" if uncertain else verdict.identical
+    if numbers["identical"] is None:
+        numbers["identical"] = "not certain" if uncertain else "nothing compared"
     rows = [(_word(name), value, UNITS.get(name, "")) for name, value in numbers.items()]
     print_table(f"{request.bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
     say(*(f"step {step}: resumed from the recorded state" for step in verdict.taken_up[:10]))
@@ -325,7 +327,8 @@ def _write(
             f"field {first['field']}: recorded {first['recorded']!r}, computed {first['computed']!r}"
         )
     elif not verdict.samples:
-        say("nothing could be compared")
+        absent = " and ".join(role for role in NEEDED[mode] if role not in samples.topics)
+        say("nothing could be compared" + (f": the recording has no steps of the {absent}" if absent else ""))
 
 
 def _word(name: str) -> str:

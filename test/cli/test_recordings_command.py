@@ -185,6 +185,18 @@ def test_the_first_difference_is_shown_with_time_topic_and_field(
     assert f"first difference at 0.077 s (step 77), topic {topic}, field {first['field']}" in said.err
 
 
+@pytest.mark.parametrize(("mode", "topic", "role"), [("--resimulate", MOTOR, "motor"), ("--analyse", FORCES, "forces")])
+def test_a_recording_without_a_needed_role_is_not_compared(
+    bag: Path, tmp_path: Path, mode: str, topic: str, role: str
+) -> None:
+    other = altered_bag(bag, tmp_path / "other", lambda e: (e._replace(topic="/mine") if e.topic == topic else e,))
+    code, result = document("replay", other, mode)
+    assert (code, result["identical"], result["steps_compared"]) == (1, None, 0)
+    said = mech_twin("replay", other, mode)
+    assert "nothing compared" in said.out
+    assert f"nothing could be compared: the recording has no steps of the {role}" in said.err
+
+
 def test_another_version_is_said(bag: Path, tmp_path: Path) -> None:
     def older(entry: Entry) -> Iterable[Entry]:
         if not entry.topic.endswith("/description"):
