@@ -7,7 +7,7 @@ import io
 import json
 import sqlite3
 import sys
-from contextlib import redirect_stdout
+from contextlib import closing, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -107,14 +107,14 @@ def no_database(file: Path) -> None:
 
 def other_tables(file: Path) -> None:
     file.unlink()
-    with sqlite3.connect(file) as database:
+    with closing(sqlite3.connect(file)) as database, database:
         database.execute("CREATE TABLE messages(x)")
         database.execute("CREATE TABLE topics(y)")
 
 
 def a_huge_message(file: Path) -> None:
     """Let the column of the payload compute 900 MB from nothing."""
-    with sqlite3.connect(file) as database:
+    with closing(sqlite3.connect(file)) as database, database:
         database.execute("ALTER TABLE messages RENAME TO old")
         database.execute(
             "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,"
