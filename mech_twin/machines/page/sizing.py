@@ -24,6 +24,8 @@ LIMITS: dict[str, float] = {"non_uniformity": 0.05}
 OBJECTIVES = ("flywheel_inertia_kg_m2",)
 TRADE = (0.01, 0.02, 0.03, 0.05, 0.08, 0.1, 0.15, 0.2)
 POSITIONS = 3600  # of a turn: what lies between them is of 1e-6 of a flywheel
+MOST_TURNS = 100  # of the led joint until the mechanism is as at its start
+RETURNED = 1e-3  # off from its start, an angle (rad), a way in parts of the machine's size, a part of a gas
 Array = NDArray[np.float64]
 
 
@@ -35,13 +37,14 @@ def sizing(
     Raises
     ------
     StudyError
-        Not one drive of constant speed leads the page, or the non-uniformity is not between 0 and 2.
+        Not one drive of constant speed leads the page, its motion does not repeat, or the non-uniformity is not
+        between 0 and 2.
     """
     delta = limits["non_uniformity"]
     if not 0.0 < delta < 2.0:
         raise StudyError(f"limit non_uniformity={delta:g}: expected a number above 0 and below 2")
     body, speed = _turned(parameters)
-    work, inertia = _turn(parameters, speed)
+    work, inertia = _turns(parameters, speed)
     flywheel = max(0.0, exact_inertia(work, inertia, delta, speed))
     key = f"bodies.{body}.inertia_kg_m2"
     sizes = {key: parameters.bodies[body].inertia_kg_m2 + flywheel}
@@ -82,23 +85,53 @@ def _turned(page: Page) -> tuple[str, float]:
     return next(body for body in ends if body != GROUND), abs(drive.speed_rpm) * RPM
 
 
-def _turn(page: Page, speed: float) -> tuple[Array, Array]:
-    """Return work of a constant torque and all loads (J), and reduced inertia (kg m2), along a turn at full speed.
+def _turns(page: Page, speed: float) -> tuple[Array, Array]:
+    """Return work of a constant torque and all loads (J), and reduced inertia (kg m2), along a cycle at full speed.
 
-    The work of the loads is the change of kinetic energy less the work of the drive.
+    A cycle is the turns after which the mechanism is as it was; the first turn is left out, in which a gas fills.  The
+    work of the loads is the change of kinetic energy less the work of the drive.
+
+    Raises
+    ------
+    StudyError
+        The mechanism does not come back.
     """
     step_s = 2.0 * math.pi / speed / POSITIONS
     full = varied(page, {"supply.initial_fraction": 1.0, "coupling.step_s": step_s})
     shared = build(full).linkage.shared  # type: ignore[attr-defined] # the linkage of a page
     (drive,) = shared.places.driven_names
-    kinetic, done = [], []
-    for frame in frames(build(full), POSITIONS * step_s):
+    kinetic, done, begun, away = [], [], None, ""
+    for frame in frames(build(full), (1 + MOST_TURNS) * POSITIONS * step_s):
+        if frame.linkage.step < POSITIONS:
+            continue
         kinetic.append(_kinetic_energy(shared, frame.linkage))
         done.append(frame.linkage.memory[f"{drive}_work_j"])
-    held, given = np.array(kinetic), np.array(done)
+        begun = begun or frame.linkage
+        if len(done) > 1 and len(done) % POSITIONS == 1:
+            away = _away(shared, begun, frame.linkage)
+            if not away:
+                break
+    if away:
+        raise StudyError(
+            f"{page.name}: {away} is not as it was after any of {MOST_TURNS} turns; "
+            "a flywheel is sized for a motion that repeats"
+        )
+    held, given = np.array(kinetic), np.array(done) - done[0]
     share = np.linspace(0.0, 1.0, len(given))
     mean = given[-1] - (held[-1] - held[0])
     return mean * share + (held - held[0]) - given, 2.0 * held / speed**2
+
+
+def _away(shared: PageModel, begun: LinkageSample, now: LinkageSample) -> str:
+    """Return a joint or gas that is not as it was at the beginning; empty where all are."""
+    places, assembly = shared.places, shared.assembly
+    for name in (assembly.coordinates[j] for j in assembly.split.dependent):
+        moved = now.joint(name).position - begun.joint(name).position
+        off = moved / assembly.size_m if name in assembly.slides else math.remainder(moved, 2.0 * math.pi)
+        if abs(off) > RETURNED:
+            return str(name)
+    gas = ((name, now.memory[f"{name}_gas_1"], begun.memory[f"{name}_gas_1"]) for name in places.gases)
+    return next((name for name, one, other in gas if np.abs(np.subtract(one, other)) > RETURNED), "")
 
 
 def _kinetic_energy(shared: PageModel, linkage: LinkageSample) -> float:

@@ -16,10 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from machines.page.pages import page
 
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
+from mech_twin.errors import StudyError
 from mech_twin.machines.page import build
 from mech_twin.machines.page.crank_and_dyads import page_of
 from mech_twin.machines.page.parameters import Page
@@ -156,3 +158,58 @@ DRIVE = {"kind": "constant_speed", "speed_rpm": 60.0}
 def test_what_is_no_such_linkage_is_refused_by_its_key(changes, said):
     with pytest.raises(ConfigurationError, match=said):
         page_of({"crank": CRANK, "dyad_1": FOUR_BAR, "drive": DRIVE} | changes)
+
+
+SHAFTS = """
+gravity_m_per_s2: [0, -9.81]
+ground: {points_m: {beside: [1, 0]}}
+bodies: {crank: {inertia_kg_m2: 0.05}, cam: {mass_kg: 3, inertia_kg_m2: 0.02, centre_m: [0.1, 0]}}
+joints:
+  shaft: {kind: revolute, between: [ground, crank]}
+  cam_shaft: {kind: revolute, between: [ground.beside, cam], start_deg: 30}
+couplings: {mesh: {kind: gear, joints: [shaft, cam_shaft], ratio: -0.5}}
+drives: {motor: {kind: constant_speed, joint: shaft, speed_rpm: 300}}
+"""
+FILLED = """
+gravity_m_per_s2: [0, 0]
+ground: {points_m: {head: [0.5, 0]}}
+bodies:
+  crank: {inertia_kg_m2: 0.05, points_m: {pin: [0.05, 0]}}
+  rod: {points_m: {end: [0.2, 0]}}
+  piston: {}
+joints:
+  shaft: {kind: revolute, between: [ground, crank], start_deg: 80}
+  pin: {kind: revolute, between: [crank.pin, rod]}
+  wrist: {kind: revolute, between: [rod.end, piston]}
+  guide: {kind: slider, between: [ground, piston], start_m: 0.2}
+springs:
+  air:
+    between: [piston, ground.head]
+    gas: {area_m2: 0.002, volume_m3: 1.5e-4, exponent: 1, ports: {inlet: {joint: guide, open_below_m: 0.16}}}
+drives: {motor: {kind: constant_speed, joint: shaft, speed_rpm: 300}}
+"""
+SWING_J = 2.0 * 3.0 * 9.81 * 0.1  # of the weight of the cam, whose turn takes two of the crank
+
+
+def pressed_j():
+    """Return the work of compressing the air that closed at its port, down to the crank's dead centre."""
+    start = 0.05 * math.cos(math.radians(80.0)) + math.sqrt(0.04 - (0.05 * math.sin(math.radians(80.0))) ** 2)
+    closed, least = (1.5e-4 + 0.002 * (start - place) for place in (0.16, 0.25))
+    return 101325.0 * (closed * math.log(closed / least) - closed + least)
+
+
+@pytest.mark.parametrize(
+    ("text", "swing_j", "inertia"), [(SHAFTS, SWING_J, 0.05 + 0.25 * 0.05), (FILLED, pressed_j(), 0.05)]
+)
+def test_a_flywheel_is_of_all_turns_until_the_mechanism_is_as_it_was(text, swing_j, inertia):
+    """At constant inertia it is the swing of the work over that of the square of the speed, less the inertia."""
+    found = sizing(page(text), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
+    expected = swing_j / (0.05 * (10.0 * math.pi) ** 2) - inertia
+    assert found.metrics["flywheel_inertia_kg_m2"] == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_motion_that_does_not_repeat_has_no_flywheel():
+    rack = {"mesh": {"kind": "rack", "joints": ["shaft", "cam_shaft"], "ratio": None, "radius_m": 0.1}}
+    guide = {"cam_shaft": {"kind": "slider", "start_deg": None, "start_m": 0.0}}
+    with pytest.raises(StudyError, match="cam_shaft is not as it was after any of 100 turns; a flywheel is sized for"):
+        sizing(page(SHAFTS, couplings=rack, joints=guide), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
