@@ -41,6 +41,7 @@ from mech_twin.roles import Machine
 NAME_KEY = "catalogue_name"
 SIZE_LIMIT_BYTES = 1_000_000
 MACHINE_KEY = "machine"
+MOTOR_KEY, DRIVES_KEY = "motor", "drives"
 MOTOR_TABLE = "motors_4a"
 ROS_KEYS = frozenset({"use_sim_time", "qos_overrides", "start_type_description_service"})
 RUN_GROUP = "run"  # settings of the nodes, not of the machine
@@ -67,29 +68,45 @@ def _parsed(text: str) -> Any:
 
 
 def with_catalogue_motor(tree: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Return the tree with the data of the motor named in ``motor.catalogue_name`` added.
+    """Return the tree with the data of each motor that it names, in place of all those of another motor of the table.
 
     Raises
     ------
     ConfigurationError
-        If the table has no such motor, or the tree has a value that differs from the table's.
+        If the table has no such motor, or the tree has a value that differs from the table's and is of no whole row.
     """
-    motor = tree.get("motor")
-    if not isinstance(motor, dict) or not isinstance(motor.get(NAME_KEY), str):
-        return dict(tree)
+    found = dict(tree)
+    if isinstance(found.get(MOTOR_KEY), dict):
+        found[MOTOR_KEY] = _with_data(found[MOTOR_KEY], MOTOR_KEY, source)
+    if isinstance(found.get(DRIVES_KEY), dict):  # of a page
+        found[DRIVES_KEY] = {
+            name: {**drive, MOTOR_KEY: _with_data(drive[MOTOR_KEY], f"{DRIVES_KEY}.{name}.{MOTOR_KEY}", source)}
+            if isinstance(drive, dict) and isinstance(drive.get(MOTOR_KEY), dict)
+            else drive
+            for name, drive in found[DRIVES_KEY].items()
+        }
+    return found
+
+
+def _with_data(motor: dict[str, Any], group: str, source: str) -> dict[str, Any]:
+    """Return a group of motor data with the row of the table that it names."""
+    if not isinstance(motor.get(NAME_KEY), str):
+        return motor
     name, file = motor[NAME_KEY], configuration_file(MOTOR_TABLE)
     table = motor_table(file)
     if name not in table:
         raise ConfigurationError(
-            f"{source}: key 'motor.{NAME_KEY}', value '{name}': expected one of {', '.join(table)} ({file.name})"
+            f"{source}: key '{group}.{NAME_KEY}', value '{name}': expected one of {', '.join(table)} ({file.name})"
         )
+    whole = [row for row in table.values() if all(motor.get(key) == value for key, value in row.items())]
+    kept = {key: value for key, value in motor.items() if not any(key in row for row in whole)}
     for key, value in table[name].items():
-        if key in motor and motor[key] != value:
+        if key in kept and kept[key] != value:
             raise ConfigurationError(
-                f"{source}: key 'motor.{key}', value {motor[key]!r}: the named motor {name} has {value!r} in "
-                f"{file.name}; leave out motor.{NAME_KEY} or the value"
+                f"{source}: key '{group}.{key}', value {kept[key]!r}: the named motor {name} has {value!r} in "
+                f"{file.name}; leave out {group}.{NAME_KEY} or the value"
             )
-    return {**tree, "motor": {**motor, **table[name]}}
+    return {**kept, **table[name]}
 
 
 def is_of_ros(key: str) -> bool:

@@ -3,9 +3,9 @@
 
 import pytest
 
-from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.parameters.description import description, description_text
-from mech_twin.parameters.load import machine_parameters
+from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
 
 
 def test_another_motor_is_one_line():
@@ -23,6 +23,32 @@ def test_a_value_that_contradicts_the_named_motor_is_refused():
         ConfigurationError, match=r"key 'motor.rated_power_w', value 9000.0: the named motor 4A160S6U3 has 11000.0"
     ):
         machine_parameters("roller_former", overrides={"motor.rated_power_w": 9000.0})
+
+
+def test_a_name_replaces_the_whole_data_of_another_motor():
+    """So a sweep, a search and a configuration that was written with its data take another motor by its name."""
+    named = machine_parameters("roller_former", overrides={"motor.catalogue_name": "4A160M6U3"})
+    whole = configuration_tree(machine_parameters("roller_former"))
+    renamed = {**whole, "motor": {**whole["motor"], "catalogue_name": "4A160M6U3"}}
+    assert validated(catalogue_entry("roller_former"), renamed, "here") == named
+
+
+PAGE = """
+bodies: {wheel: {inertia_kg_m2: 1.0}}
+joints: {shaft: {kind: revolute, between: [ground, wheel]}}
+drives: {engine: {kind: induction_motor, joint: shaft, motor: {catalogue_name: 4A160M6U3}}}
+"""
+
+
+def test_a_drive_of_a_page_takes_its_motor_from_the_table(tmp_path):
+    page = tmp_path / "wheel.yaml"
+    page.write_text(PAGE, encoding="utf-8")
+    motor = machine_parameters(str(page)).drives["engine"].motor
+    assert motor == machine_parameters("roller_former", overrides={"motor.catalogue_name": "4A160M6U3"}).motor
+    with pytest.raises(
+        ConfigurationError, match=r"key 'drives.engine.motor.rated_power_w', value 9000.0: the named motor 4A160M6U3"
+    ):
+        machine_parameters(str(page), overrides={"drives.engine.motor.rated_power_w": 9000.0})
 
 
 def test_a_described_configuration_keeps_the_motors_name_and_data():
