@@ -93,6 +93,8 @@ def _with_values(name: str, text: str, parameters: Parameters, source: str) -> s
     edits = [(values[key], _replacing(text, values[key], value)) for key, value in changed.items() if key in values]
     keys = [key for key in (MACHINE_KEY, *changed) if key in wanted and key not in values]
     new = {key: wanted[key] for key in keys if not _of_catalogue(key, wanted)}
+    gone = [values[key] for key in before if key in values and key not in wanted]
+    edits += [(_line_of(text, place), "# ") for place in gone if not place.flow]
     edits += [(groups[group], _line(rest, groups[group])) for group, rest in _by_group(new, groups).items()]
     for place, words in sorted(edits, key=lambda edit: -edit[0].begin):
         text = text[: place.begin] + words + text[place.end :]
@@ -108,6 +110,13 @@ def _replacing(text: str, place: TextPlace, value: Any) -> str:
     """Return a value, followed by the previous value at the start of the comment beside it."""
     before = text[place.begin : place.end].strip()
     return _shown(value) if place.flow else f"{_shown(value)}  # was {before};"
+
+
+def _line_of(text: str, place: TextPlace) -> TextPlace:
+    """Return where the words begin of the line on which a value stands."""
+    start = text.rfind("\n", 0, place.begin) + 1
+    begin = start + len(text[start:]) - len(text[start:].lstrip())
+    return TextPlace(begin, begin, place.column, flow=False)
 
 
 def _line(values: Mapping[str, Any], place: TextPlace) -> str:

@@ -14,11 +14,11 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import catalogue_entry, configuration_file, machine_parameters, text_tree, validated
 from mech_twin.parameters.written_configuration import configured_text, write_configuration
 
-# a value of each machine that is not the installed one, and one that has no line in the installed file
+# a value of each machine that is not the installed one, one that has no line in the installed file, one left out
 CHOSEN = {
     "mb10_breaker": {"body.spring_rate_n_per_m": 41234.5, "body.friction.coulomb_nm": 0.25},
     "compaction_press": {"linkage.crank_m": 0.0553, "links.plate.mass_kg": 41.0},
-    "vibration_crank": {"working_force_n": 333.0},
+    "vibration_crank": {"working_force_n": 333.0, "counterweight.mass_kg": None},
     "impact_mass": {"restitution": 0.31},
     "roller_former": {"motor.catalogue_name": "4A160M6U3", "drive.stiffness_nm_per_rad": 120000.0},
     "winding_drum": {"eccentricity_m": 0.0011},
