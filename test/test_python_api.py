@@ -202,6 +202,18 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.sweep("mb10_breaker", {"body.preload_deflection_m": [1.0]}, outputs="x"), "outputs 'x': expected"),
         (lambda: mt.sweep("mb10_breaker", {"body.preload_deflection_m": [1.0]}, outputs=[1]), "no summary number 1"),
         (lambda: mt.sweep("winding_drum", np.eye(2)), "axes array"),
+        (
+            lambda: mt.sweep("winding_drum", {"eccentricity_m": [True, 0.001]}),
+            "values True and 0.001: expected numbers or names, not both",
+        ),
+        (
+            lambda: studies.search_runs("vibration_crank", "run_power_max_w", {"rod_m": (0.4, 0.5)}),
+            "without a run: no objective 'run_power_max_w'",
+        ),
+        (
+            lambda: studies.search_runs("vibration_crank", "drive_torque_peak_nm", {"masses.pin_kg": (0.0, 1.0)}),
+            "drive_torque_peak_nm is the same at all 16 points tried: masses.pin_kg changes nothing",
+        ),
         (lambda: mt.simulate("winding_drum", 0.0, bag=3), "bag 3: expected the path of a file"),
         (lambda: mt.simulate("winding_drum", 0.0, {"core_radius_m": b"0.1"}), "value b'0.1': expected a number in m"),
         (lambda: mt.size("compaction_press", limits={"non_uniformty": 1}), "did you mean non_uniformity"),
@@ -228,6 +240,7 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: studies.regimes("impact_mass", [10.0]), "phase1_duration_s = 10.0, period_s = 0.05"),
         (lambda: studies.regimes("impact_mass", ["a"]), "value 'a': expected a finite number"),
         (lambda: mt.rollouts("winding_drum", 0.0, [None])["linkage.drm.velocity"], "linkage.drum.velocity"),
+        (lambda: mt.rollouts("winding_drum", 0.0, [None])[0], "0: expected the name of a column; a member is one of"),
         (lambda: mt.from_json(None), "document None: expected the path of a file"),
         (
             lambda: Columns("run", "time_s", {"time_s": []}).plot("time_s"),

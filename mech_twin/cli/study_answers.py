@@ -253,7 +253,8 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
     names = done.outputs
     shown_names, shown = (names, done.points) if request.everything else (varying, done.points[:SHOWN_ROWS])
     title = f"{request.machine}: points: {len(done.points)}, numbers: {len(names)}"
-    rows = [study.cells_of(done, point, shown_names, "refused")[:-1] for point in shown]
+    absent = ("-", "refused")  # a number that this point alone lacks, and every number of a refused one
+    rows = [study.cells_of(done, point, shown_names, absent[bool(point.refused)])[:-1] for point in shown]
     print_table(title, (*done.asked.keys, *shown_names), rows, wide=request.everything, more="--all")
     left, fixed = len(done.points) - len(shown), len(names) - len(shown_names)
     omitted = [f"{left} more points"] * (left > 0) + [f"{fixed} numbers that do not vary"] * (fixed > 0)

@@ -96,6 +96,8 @@ class RollOuts:
 
     def __getitem__(self, column: str) -> Array:
         """Return a column of every member, shape (members, steps + 1); shorter members end in nan."""
+        if not isinstance(column, str):
+            raise StudyError(f"{column!r:.80}: expected the name of a column; a member is one of `members`")
         found = [member[column] for member in self.members]
         stacked = np.full((len(found), max(map(len, found), default=0)), np.nan)
         for row, values in zip(stacked, found, strict=True):

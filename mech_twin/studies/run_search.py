@@ -24,7 +24,6 @@ from mech_twin.capabilities.arguments import bounds_by_name, real_number
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import ConfigurationError, value_in
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MotionError, StudyError
@@ -32,7 +31,7 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.shorter_steps import checked_numbers
 from mech_twin.studies.spreading import spread, used_cores
-from mech_twin.studies.sweep_table import Question, question, summary
+from mech_twin.studies.sweep_table import Question, question, require_number, summary
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -151,8 +150,7 @@ def run_search(
             )
     known = summary(asked, {})
     for what, name in (("objective", objective.removeprefix(LARGE)), *(("limit", name) for name in limits)):
-        if name not in known:
-            raise StudyError(unknown_name(name, known, f"{what} "))
+        require_number(asked, name, known, what)
     for name, (low, high) in limits.items():
         if not low <= high or not (math.isfinite(low) or math.isfinite(high)):
             raise StudyError(f"limit {name}: {low:g} <= {high:g} fails; expected NAME=LOW:HIGH, one of them at least")
@@ -178,6 +176,11 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
     if (time.monotonic() - begun) * (len(points) + REFINED * EVALUATIONS * keys) < WORTH_SPREADING_S:
         workers = 1
     scanned += _spread(asked.judged, points[1:], workers, steps, 1)
+    if len({(point.objective, point.margins) for point in scanned}) == 1 and scanned[0].objective != BROKEN:
+        raise StudyError(
+            f"{asked.name} is the same at all {len(scanned)} points tried: {', '.join(asked.bounds)} "
+            "changes nothing that is asked; is another key in its place?"
+        )
     starts = [point.place for point in sorted(scanned, key=lambda point: point.rank)[:REFINED]]
     refined = _spread(partial(refined_from, asked), starts, workers, steps, len(places))
     best = min((*scanned, *refined), key=lambda point: (point.rank, point.place))

@@ -8,13 +8,13 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
 from mech_twin.capabilities.arguments import by_name, real_number, several
+from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
     configuration_tree,
@@ -96,9 +96,7 @@ def question(
         fixed.append((key, several(f"key '{key}', value", values, "a list of values")))
         if not fixed[-1][1]:
             raise StudyError(f"key '{key}': no values to sweep")
-        for value in fixed[-1][1]:
-            if not isinstance(value, float | int | str | bool | None):
-                raise StudyError(f"key '{key}', value {value!r:.80}: expected numbers or names")
+        _require_one_kind(key, fixed[-1][1])
     if not fixed:
         raise StudyError("a sweep needs at least one key")
     wanted = several("outputs", outputs, "a list of names")
@@ -107,6 +105,23 @@ def question(
     if asked.count > MOST_POINTS:
         raise StudyError(f"{asked.count} points; at most {MOST_POINTS} in one sweep")
     return asked
+
+
+def _require_one_kind(key: str, values: Sequence[Any]) -> None:
+    """Raise a `StudyError` if values are not all numbers, all names, or all true or false; None is an absent key."""
+    known = [(value, _kind(value)) for value in values if value is not None]
+    for value, kind in known:
+        if kind is None:
+            raise StudyError(f"key '{key}', value {value!r:.80}: expected numbers or names")
+        if kind != known[0][1]:
+            both = f"values {known[0][0]!r:.80} and {value!r:.80}"
+            raise StudyError(f"key '{key}', {both}: expected numbers or names, not both")
+
+
+def _kind(value: Any) -> Any:
+    if isinstance(value, float) and math.isnan(value):
+        return None
+    return next((kind for kind in (bool, float | int, str) if isinstance(value, kind)), None)
 
 
 def require_key(model: type[BaseModel], key: str) -> None:
@@ -136,10 +151,14 @@ def require_outputs(asked: Question) -> None:
     if asked.outputs:
         known = summary(asked, {})
         for name in asked.outputs:
-            if name not in known:
-                near = get_close_matches(str(name), known, 1)
-                hint = f"; did you mean '{near[0]}'?" if near else f"; there are {', '.join(known)}"
-                raise StudyError(f"no summary number {name!r}{hint}")
+            require_number(asked, name, known, "summary number")
+
+
+def require_number(asked: Question, name: str, known: Mapping[str, float], what: str) -> None:
+    """Raise a `StudyError` if a name is not one of the known numbers."""
+    if name not in known:
+        where = f"in a run of {asked.duration_s:g} s" if asked.duration_s > 0.0 else "without a run"
+        raise StudyError(f"{where}: {unknown_name(name, known, f'{what} ')}")
 
 
 def point(asked: Question, index: int) -> Point:

@@ -47,6 +47,14 @@ def test_a_sweep_is_written_and_told_as_json(asked, tmp_path):
     assert (tmp_path / "d.png").is_file()
 
 
+def test_a_number_that_one_point_lacks_is_not_called_refused(asked):
+    """A motor that stalls has no steady turn; the configuration is not refused."""
+    done = asked("roller_former", "sweep", "--over", "parameter_set=table,printed", "--out", "d.csv", "--all")
+    assert done.code == 0, done.err
+    assert "refused" not in done.out + done.err
+    assert " - " in done.out
+
+
 def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
     done = asked("vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--tolerance", "0", "--json")
     assert done.code == 0, done.err
@@ -60,7 +68,9 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
     [
         (("nothing", "sweep", "--over", "a=1,2"), "no machine 'nothing'"),
         (("winding_drum", "sweep", "--over", "a=1,2"), "no configuration key 'a'"),
+        (("vibration_crank", "sweep", "--over", "rod_m=0.5,a"), "values 0.5 and 'a': expected numbers or names, not"),
         (("vibration_crank", "size", "--tolerance", "0.6"), "expected 0 to 0.5"),
+        (("mb10_breaker", "size", "--limit", "tool_mass_kg=9"), "limit tool_mass_kg: not of the objective largest"),
         (("winding_drum", "search"), "no design question; its runs are searched with"),
         (("impact_mass", "designs", "--count", "10"), "no design question; there is an answer for compaction_press"),
         (("compaction_press", "search", "--limit", "peak_n=1"), "no limit 'peak_n'"),
