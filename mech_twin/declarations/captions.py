@@ -65,11 +65,13 @@ def unit_of(name: str) -> str:
     --------
     >>> unit_of("forces.drive_torque_nm"), unit_of("rod_force_n.1"), unit_of("impacts_above_1_mm_per_s")
     ('N m', 'N', '')
+    >>> unit_of("worst_factor_of_tool.mass_kg")
+    ''
     """
     words = name.split(".")
     while len(words) > 1 and words[-1].isdigit():  # index of a component or cart
         words.pop()
-    return caption(words[-1])[1]
+    return caption(name if "factor_of_" in name else words[-1])[1]
 
 
 def titled(name: str) -> str:

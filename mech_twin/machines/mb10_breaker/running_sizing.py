@@ -27,7 +27,7 @@ from mech_twin.errors import StudyError
 from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.run_metrics import BodyCycle
-from mech_twin.machines.mb10_breaker.sizing import LIMITS
+from mech_twin.machines.mb10_breaker.sizing import LIMITS, out_of_reach
 from mech_twin.machines.mb10_breaker.state import EventSide
 
 SETTLED_S = 8.0  # of a run from standstill: some eighty blows, the last twenty of which count
@@ -181,7 +181,7 @@ def running_sizing(soft: BreakerParameters, limits: Mapping[str, float], objecti
             "nominal_edge_rest_force_n": nominal,
             "points_tried_in_the_box": float(tried),
             **metrics,
-            **{f"worst_{key.replace('.', '_')}_factor": factor for key, factor in worst.items()},
+            **{f"worst_factor_of_{key}": factor for key, factor in worst.items()},
         },
         constraints,
         binding,
@@ -246,9 +246,8 @@ def _least_objective(
     good = [force for force in forces if _kept(at(force, worst), limits)]
     if not good:
         tried = [at(force, worst) for force in forces]
-        best = {name: min(float(getattr(found, name)) for found in tried) for name in limits}
-        text = "; ".join(f"{name} <= {limit:.4g} (has {best[name]:.4g})" for name, limit in limits.items())
-        raise StudyError(f"no preload that seats the tool meets the limits: {text}")
+        best = {name: min(float(getattr(found, name)) for found in tried if seats(found, limits)) for name in limits}
+        raise StudyError(f"no preload that seats the tool meets the limits: {out_of_reach(best, limits)}")
     least = min(good, key=rank)
     place = forces.index(least)
     low, high = forces[max(place - 1, 0)], forces[min(place + 1, len(forces) - 1)]

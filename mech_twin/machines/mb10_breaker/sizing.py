@@ -121,8 +121,11 @@ def _binding(
 
 
 def _nearest(found: Mapping[float, Worst], limits: Mapping[str, float]) -> str:
-    """Return the limits broken, each with the best value there is."""
-    best = {name: min(worst[name] for worst in found.values()) for name in limits}
+    return out_of_reach({name: min(worst[name] for worst in found.values()) for name in limits}, limits)
+
+
+def out_of_reach(best: Mapping[str, float], limits: Mapping[str, float]) -> str:
+    """Return the limits that the best value of each breaks, with that value."""
     broken = [f"{name} <= {limit:.4g} (has {best[name]:.4g})" for name, limit in limits.items() if best[name] > limit]
     return "; ".join(broken) or "the limits one by one, but not together"
 
@@ -162,6 +165,10 @@ def sizing(
     """
     from mech_twin.machines.mb10_breaker.running_sizing import running_sizing
 
+    asked = tool_sizing.LIMITS if objective == tool_sizing.OBJECTIVE else OF_SPRING
+    for name, usual in LIMITS.items():
+        if name not in asked and limits[name] != usual:
+            raise StudyError(f"limit {name}: not of the objective {objective}, whose limits are {', '.join(asked)}")
     if objective == tool_sizing.OBJECTIVE:
         return tool_sizing.tool_sizing(parameters, {name: limits[name] for name in tool_sizing.LIMITS}, tolerance)
     limits = {name: limits[name] for name in OF_SPRING}
