@@ -26,7 +26,7 @@ from mech_twin.parameters.load import configuration_file, machine_parameters
 from mech_twin.recording.recovery import recover
 from mech_twin.results.printed_documents import PrintedDocument
 from mech_twin.results.written_documents import KINDS
-from mech_twin.studies import designs, regimes, synthesise
+from mech_twin.studies import designs, regimes, search_runs, synthesise
 
 pytest.importorskip("pyarrow")
 ROOT = Path(__file__).resolve().parents[1]
@@ -45,8 +45,11 @@ SPEED_M_PER_S = 2.0
 ROBUST = ("--impact-speed", "2", "--starts", "10", "--tolerance", "0.001")
 CYCLE = {"starts": 10, "tolerance": 0.001}
 SLOW = pytest.mark.slow
+OF_RUNS = ("--objective", "shaft_force_max_n", "--duration", "0.1")
+ECCENTRIC = {"eccentricity_m": (0.001, 0.002)}
 LONG = (
     "study search",
+    "study size by runs",
     "study designs",
     "monitor design",
     "monitor",
@@ -61,8 +64,10 @@ WORDS = {
     "reproduce": ("reproduce", "winding_drum"),
     "recover": ("recover", BAGS / "impact_mass", "salvaged"),
     "study size": ("study", "compaction_press", "size"),
+    "study size by runs": ("study", "mb10_breaker", "size", "--tolerance", "0"),
     "study sweep": ("study", "winding_drum", "sweep", "--over", "package_radius_m=0.1,0.12", "--no-picture"),
     "study search": ("study", "compaction_press", "search", "--bound", "crank=0.04:0.06"),
+    "study search by runs": ("study", "winding_drum", "search", *OF_RUNS, "--bound", "eccentricity_m=0.001:0.002"),
     "study designs": ("study", "compaction_press", "designs", "--count", "400", "--out", "designs.parquet"),
     "study synthesise": ("study", "impact_mass", "synthesise", *ROBUST, "--periods", "50"),
     "study regimes": ("study", "impact_mass", "regimes", "--over", "phase1_duration_s=0.02,0.03", "--settling", "50"),
@@ -90,8 +95,10 @@ FUNCTIONS: dict[str, Callable[[], Any]] = {
     "reproduce": lambda: mt.reproduce("winding_drum"),
     "recover": lambda: recover(BAGS / "impact_mass", "salvaged", force=True),
     "study size": lambda: mt.size("compaction_press"),
+    "study size by runs": lambda: mt.size("mb10_breaker", tolerance=0.0),
     "study sweep": lambda: mt.sweep("winding_drum", {"package_radius_m": [0.1, 0.12]}, cores=1),
     "study search": lambda: mt.search("compaction_press", bounds={"crank": (0.04, 0.06)}),
+    "study search by runs": lambda: [search_runs("winding_drum", "shaft_force_max_n", ECCENTRIC, duration_s=0.1)],
     "study designs": lambda: designs("compaction_press", 400),
     "study synthesise": lambda: synthesise("impact_mass", SPEED_M_PER_S, options=CYCLE, periods=50),
     "study regimes": lambda: regimes("impact_mass", [0.02, 0.03], "phase1_duration_s", settling_periods=50),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Union, get_args, get
 
 from pydantic import TypeAdapter, ValidationError
 
-from mech_twin.capabilities.design import Design
+from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.long_run import (
     CycleAnswer,
     RegimeAnswer,
@@ -161,12 +161,17 @@ def _analysis(document: Document) -> Analysis:
 
 
 def _sizes(document: Document) -> SizingResult:
-    constraints = read_as(tuple[Constraint, ...], document["constraints"])
+    constraints, parameters = read_as(tuple[Constraint, ...], document["constraints"]), _parameters(document)
     return SizingResult(
-        document["machine"], document["objective"], document["sizes"], _parameters(document), document["metrics"],
+        document["machine"], document["objective"], document["sizes"], parameters, document["metrics"],
         constraints, document["binding"], tuple(document["trade_off"]), document["tolerance"],
-        tuple(document.get("uncertain", ())),
+        tuple(document.get("uncertain", ())), _shorter(document, parameters),
     )  # fmt: skip
+
+
+def _shorter(document: Document, parameters: Any) -> InShorterSteps | None:
+    told = document.get("shorter_steps")
+    return told and InShorterSteps(told["step_s"], parameters.coupling.step_s, dict(_numbers("", told["summary"])))
 
 
 def _points(document: Document) -> Columns:
@@ -181,9 +186,11 @@ def _designs(document: Document) -> list[Design]:
 
 
 def _design(machine: str, named: set[str], row: dict[str, Any]) -> Design:
-    margins, config = row.pop("margins"), row.pop("config")
+    margins, parameters = row.pop("margins"), configuration_read(machine, row.pop("config"), "config")
+    shorter = _shorter(row, parameters)
+    row.pop("shorter_steps", None)
     objectives, variables = ({name: row[name] for name in row if (name in named) == asked} for asked in (True, False))
-    return Design(variables, objectives, margins, configuration_read(machine, config, "config"))
+    return Design(variables, objectives, margins, parameters, shorter)
 
 
 def _published(document: Document) -> tuple[PublishedRow, ...]:
