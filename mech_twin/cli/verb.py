@@ -81,9 +81,14 @@ class Verb(BaseModel):
 
     def outputs(self) -> dict[Path, dict[str, Any]]:
         """Return the files that are asked for, and how their options are declared."""
-        options = {name: declared(field) for name, field in type(self).model_fields.items()}
-        found = {self.written_to(name): said for name, said in options.items() if "writes" in said}
-        return {path: said for path, said in found.items() if path is not None}
+        found: dict[Path, dict[str, Any]] = {}
+        for name, field in type(self).model_fields.items():
+            said = declared(field)
+            path = self.written_to(name) if "writes" in said else None
+            if path in found:
+                raise CommandError(f"{flags_of(name, field)[0]} {path}: another option writes it; name another file")
+            found |= {} if path is None else {path: said}
+        return found
 
     def written_to(self, name: str) -> Path | None:
         """Return the file of an option: as asked, else the usual one of the machine, if there is one."""

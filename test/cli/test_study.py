@@ -80,6 +80,7 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
             "limit stroke_m -1.0: expected a number of 0 or more",
         ),
         (("vibration_crank", "size", "--out", "no/where.yaml"), "cannot be written"),
+        (("vibration_crank", "size", "--report", "a.yaml", "--out", "a.yaml"), "a.yaml: another option writes it"),
         (("impact_mass", "synthesise", "--impact-speed", "-1"), "impact_speed_m_per_s > 0"),
         (("impact_mass", "synthesise", "--periods", "1000000000000"), "periods: expected a whole number from 1 to"),
         (("impact_mass", "synthesise", "--starts", "1000000000000"), "starts: expected a whole number from 1 to"),
