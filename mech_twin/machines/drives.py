@@ -14,7 +14,7 @@ same rate.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi
@@ -55,6 +55,7 @@ SLOWEST_RPM, FASTEST_RPM = 0.01, 1e4
 LONGEST_TURN = 0.25  # of a turn, that a coupling step may take at prescribed speed
 LONGEST_MOTOR_TURN = 0.05  # of a turn at the motor's synchronous speed
 LONGEST_MOTOR_STEP_S = 0.01
+OTHER_SPEED = 0.1  # of the rated speed: a motor that turns the crank further off is remarked on
 MOST_STIFFNESS = 1e3  # step over the shortest time constant of the shaft
 
 
@@ -142,6 +143,17 @@ class DrivenCrank(Parameters):
     def motor_curve(self) -> MotorConstants | None:
         """Torque curve of the motor, None with a prescribed speed."""
         return None if self.drive.kind != "kloss" or self.motor is None else motor_constants(self.motor)
+
+    def speed_remarks(self, numbers: Mapping[str, float]) -> Iterator[str]:
+        """Yield a remark where the motor turns the crank at another speed than that of every figure of a cycle."""
+        asked = abs(self.drive.speed_rpm)
+        if self.motor_curve is not None and self.motor is not None and self.gear is not None:
+            turned = self.motor.rated_speed_rpm / self.gear.ratio
+            if abs(turned - asked) > OTHER_SPEED * asked:
+                yield (
+                    f"figures of a cycle and sizes are for drive.speed_rpm = {asked:g}; behind its gear the motor "
+                    f"turns the crank at {turned:.4g} rpm"
+                )
 
     @property
     def direction(self) -> float:

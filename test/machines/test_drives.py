@@ -6,10 +6,13 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
+from crank_drives import PRESS_KLOSS, VIBRATION_CRANK_KLOSS
 
 from mech_twin.machines.drives import KlossDrive, PrescribedSpeed
+from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.samples import LinkageSample, Named
+from mech_twin.studies import size
 
 MOTOR = motor_constants(
     InductionMotorParameters(
@@ -71,3 +74,15 @@ def test_swapping_the_phases_takes_the_supply_through_zero_at_its_rate():
         seen.append(command)
     assert max(abs(b - a) for a, b in pairwise(seen)) <= 0.002 * (1.0 + 1e-9)
     assert seen[-1] == -1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "drive"), [("vibration_crank", VIBRATION_CRANK_KLOSS), ("compaction_press", PRESS_KLOSS)]
+)
+def test_a_motor_that_turns_the_crank_at_another_speed_than_the_figures_is_remarked_on(name, drive):
+    assert list(machine(name, overrides=drive).remarks({})) == []
+    other = {**drive, "gear.ratio": 0.5 * drive["gear.ratio"]}
+    (remark,) = machine(name, overrides=other).remarks({})
+    asked = machine_parameters(name).drive.speed_rpm
+    assert remark.startswith(f"figures of a cycle and sizes are for drive.speed_rpm = {asked:g}; behind its gear")
+    assert remark in size(name, machine_parameters(name, overrides=other), tolerance=0.0).binding

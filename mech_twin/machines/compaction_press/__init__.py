@@ -50,6 +50,7 @@ def build(parameters: Parameters) -> Machine:
         partial(position_metrics, p),
         lambda: PressObserver(p.motor_curve),
         mechanism(press),
+        remarks=p.speed_remarks,
     )
 
 

@@ -61,6 +61,7 @@ def sizing(
     where = f": fastest at {metrics['fastest_at_deg']:.2f} degrees, slowest at {metrics['slowest_at_deg']:.2f}"
     otherwise = "none: the press keeps the asked non-uniformity without a flywheel"
     worst_names = {f"worst_factor_of_{key}": factor for key, factor in worst.factors.items()}
+    binding = binding_of(constraints, otherwise) + (where if flywheel > 0.0 else "")
     return Sizing(
         "compaction_press",
         objective,
@@ -68,7 +69,7 @@ def sizing(
         chosen,
         {"nominal_flywheel_inertia_kg_m2": nominal, "machines_tried": float(worst.tried), **metrics, **worst_names},
         constraints,
-        binding_of(constraints, otherwise) + (where if flywheel > 0.0 else ""),
+        "; ".join((binding, *parameters.speed_remarks({}))),
         tuple(
             {
                 "non_uniformity": other,

@@ -58,6 +58,7 @@ def build(parameters: Parameters) -> Machine:
         partial(position_metrics, s, p.drive.speed_rad_per_s),
         lambda: VibrationCrankObserver(p.motor_curve),
         mechanism(s),
+        remarks=p.speed_remarks,
     )
 
 

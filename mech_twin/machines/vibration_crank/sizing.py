@@ -132,6 +132,7 @@ def sizing(
     single = box_corners(parameters, 0.0)
     edge = fraction if tolerance == 0.0 else _best_fraction(parameters, limits, objective, single)[0]
     bare = single[0].mechanism._replace(counter_mass=0.0)
+    binding = binding_of(constraints, f"none: {objective} has its minimum inside the range")
     return Sizing(
         "vibration_crank",
         objective,
@@ -146,7 +147,7 @@ def sizing(
             "drive_torque_peak_without_counterweight_nm": float(extreme(bare, single[0].speed, MOMENT)),
         },
         constraints,
-        binding_of(constraints, f"none: {objective} has its minimum inside the range"),
+        "; ".join((binding, *parameters.speed_remarks({}))),
         tuple({"balancing_fraction": i / 10.0, **balance_at(parameters, i / 10.0)._asdict()} for i in range(11)),
         tolerance,
         tuple(key for group in GROUPS for key in group if attrgetter(key)(parameters)),
