@@ -252,7 +252,7 @@ def varies(values: Sequence[float]) -> bool:
 
 
 def _places(values: Sequence[Value]) -> list[Any]:
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+    numbers = all(_kind(value) == float | int and math.isfinite(float(value)) for value in values)
     return list(values) if numbers else [str(value) for value in values]
 
 
@@ -268,7 +268,7 @@ def _lines(axes: Any, asked: Question, values: Sequence[float], name: str) -> No
     axes.set_xlabel(key)
     axes.set_ylabel(name)
     if shown:
-        axes.legend()
+        axes.legend(title="\n".join(f"{other} = {entries[0]}" for other, entries in rest[1:]))
 
 
 def _map(figure: Any, axes: Any, asked: Question, values: Sequence[float], name: str) -> None:
@@ -287,4 +287,5 @@ def _map(figure: Any, axes: Any, asked: Question, values: Sequence[float], name:
 
 def _spots(values: Sequence[Value]) -> list[Any]:
     places = _places(values)
-    return places if places == list(values) else list(range(len(values)))
+    ordered = places in (sorted(places), sorted(places, reverse=True))
+    return places if places == list(values) and ordered else list(range(len(values)))

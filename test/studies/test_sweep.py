@@ -94,6 +94,14 @@ def test_a_refused_point_says_why_and_the_others_stand(tmp_path):
     assert math.isnan(parquet.read_table(done.table)["stroke_m"][1].as_py())
 
 
+@pytest.mark.parametrize("rods", [(0.4, 0.5, math.inf), (0.5, 0.4, 0.6), (0.4, 0.5, None)])
+def test_any_values_of_two_keys_are_drawn_as_a_map(tmp_path, rods):
+    """What has no place on an axis, or is out of order, stands at even places."""
+    axes = {"rod_m" if None not in rods else "masses.rotating_kg": rods, "crank_m": (0.08, 0.1)}
+    done = sweep("vibration_crank", axes, tmp_path / "m.csv", outputs=("drive_torque_peak_nm",), cores=1)
+    assert done.picture is not None and done.picture.stat().st_size > 5000
+
+
 def test_two_processes_give_what_one_gives(tmp_path):
     asked = question("winding_drum", machine_parameters("winding_drum"), AXES, ("dynamic_torque_nm",))
     from functools import partial
