@@ -231,6 +231,7 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
         (lambda: mt.search("compaction_press", limits={"stroke_m": "a"}), "limit stroke_m 'a': expected"),
         (lambda: mt.search("compaction_press", seed=-1), "seed: expected a whole number"),
         (lambda: studies.search_runs("winding_drum", "x", {"core_radius_m": 1}), "bounds of core_radius_m 1: expected"),
+        (lambda: mt.search("winding_drum"), "winding_drum: no design question; `mech_twin.studies.search_runs` finds"),
         (
             lambda: studies.search_runs("roller_former", "x", {"carts.count": (1.0, 4.0)}),
             "bounds of carts.count: 2 is a choice or a count; expected a key of real numbers",

@@ -187,8 +187,11 @@ def search(
     """
     from mech_twin.capabilities.arguments import several, whole_number
     from mech_twin.parameters.load import machine_parameters
+    from mech_twin.studies.declared_studies import searches_by_runs
     from mech_twin.studies.design_scan import MOST_POINTS, asked_objectives, design_question
 
+    if searches_by_runs(machine):
+        raise StudyError(f"{machine}: no design question; `mech_twin.studies.search_runs` finds a design by its runs")
     question = design_question(machine)
     wanted = asked_objectives(question, several("objectives", objectives, "a list of names"))
     seed, points = whole_number("seed", seed, 0, GREATEST_SEED), whole_number("points", points, 1, MOST_POINTS)
