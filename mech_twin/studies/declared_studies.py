@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pydantic import ValidationError
+
 from mech_twin.capabilities.arguments import by_name, real_number
 from mech_twin.capabilities.published import CONTRADICTS, PublishedRow
 from mech_twin.capabilities.sizing import Sizing, SizingQuestion
@@ -19,6 +21,7 @@ from mech_twin.declarations.captions import unknown_name
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, table
 from mech_twin.roles import Machine
 
@@ -145,7 +148,11 @@ def sized(
         raise StudyError(unknown_name(wanted, question.objectives, "objective "))
     allowed = allowed_tolerance(machine, question, tolerance)
     asked = parameters or machine_parameters(machine)
-    found = question.answer(asked, {**question.limits, **given}, wanted, table, allowed)
+    try:
+        found = question.answer(asked, {**question.limits, **given}, wanted, table, allowed)
+    except ValidationError as error:
+        off = f", numbers off by up to {100.0 * allowed:g} %" if allowed > 0.0 else ""
+        raise refusal(f"this study{off}", error) from error
     broken = [constraint.text for constraint in found.constraints if constraint.name in given and not constraint.holds]
     if broken:
         raise StudyError(f"{machine}: no sizes keep {'; '.join(broken)}")

@@ -7,6 +7,7 @@ from scipy.integrate import cumulative_simpson
 
 from mech_twin.capabilities.sizing import SizingQuestion
 from mech_twin.capabilities.variation import scaled
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import regime_at
 from mech_twin.machines.compaction_press.dynamics import press_reduced
@@ -156,6 +157,14 @@ def test_the_tolerance_is_that_of_the_keys_named(machine_name):
     assert not [key for key in answer.uncertain if key.endswith(("rod_m", "crank_m"))]
     for key in answer.uncertain:
         scaled(answer.parameters, {key: 1.05})
+
+
+def test_a_number_that_the_tolerance_takes_beyond_its_bound_is_told_with_the_tolerance():
+    near = machine_parameters("compaction_press", None, {"working_force.contact_fraction": 0.98})
+    said = r"numbers off by up to 5 %: key 'working_force.contact_fraction', value 1.029: .* or equal to 0.999"
+    with pytest.raises(ConfigurationError, match=said):
+        size("compaction_press", near)
+    assert size("compaction_press", near, tolerance=0.0).sizes["flywheel.inertia_kg_m2"] > 0.0
 
 
 def test_a_tolerance_is_refused_where_there_is_no_answer_with_one():
