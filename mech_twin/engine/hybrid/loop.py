@@ -282,6 +282,15 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
 
 
 @borrowing_kernel
+def stands(at: Equations, tolerance: Array, regimes: Indices, law: int) -> bool:
+    """Return whether a sliding law has no velocity but the error of a step: another one that holds has kept it so."""
+    n, error = len(at.force), 0.0
+    for k in range(n):
+        error += abs(at.directions[law, k]) * tolerance[n + k]
+    return bool((regimes[law] == LOW or regimes[law] == HIGH) and abs(at.velocity[law]) <= error)
+
+
+@borrowing_kernel
 def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room: Room, log: Array, count: int) -> int:
     """Execute and log the event of a law's signal; return the number of events, or `CONTRADICTS`."""
     at, search, m, law, answer = room.at, room.search, len(room.candidates), which // 2, SOLVED
@@ -301,7 +310,7 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
         answer = change_law(system, t, y, regimes, law, which % 2 == 1, room)
     for i in range(m):
         begins = room.past[i] != regimes[i] or room.struck[i] == STRUCK or i == law
-        if regimes[i] != HOLD and begins and room.struck[i] != JUMPED:
+        if regimes[i] != HOLD and ((begins and room.struck[i] != JUMPED) or stands(at, room.tolerance, regimes, i)):
             search.at_root[2 * i] = 1.0
     if answer != SOLVED:
         return CONTRADICTS

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
@@ -146,3 +147,22 @@ def test_friction_of_nothing_lets_a_ram_go_from_its_anvil_as_if_there_were_none(
     assert released == pytest.approx(expected, abs=1e-10)
     ram = "linkage.ram_guide.velocity"
     assert rubbing[ram] == pytest.approx(free[ram], abs=1e-8)
+
+
+@pytest.mark.parametrize("coulomb_n", [5.0, 9.0, 11.5, 16.0])
+def test_a_ram_leaves_a_layer_that_bears_no_more_when_its_spring_pulls_as_its_friction_holds(coulomb_n):
+    tree = yaml.safe_load(HAMMER.read_text())
+    tree["friction"]["ram_friction"]["coulomb_n"] = coulomb_n
+    tree["contacts"]["layer"] = {"joint": "ram_guide", "most_m": 0.62, "layer_m_n": [[0.0, 0.0], [0.3, 500.0]]}
+    found = rollout(build(Page.model_validate(tree)), 1.0)
+    rubs = [event for event in found.events if event.contact == "ram_friction"]
+    assert all(one.kind != other.kind for one, other in itertools.pairwise(rubs)), "it sticks and slips by turns"
+    speed, ram = found["linkage.ram_guide.velocity"], found["linkage.ram_guide.position"]
+    slips = [(e.time_s, int(e.time_s / 1e-3)) for e in rubs if e.kind == "slip"]
+    left = [(time_s, k) for time_s, k in slips if abs(speed[k]) < 1e-12 and speed[k + 1] < 0.0 and ram[k] > 0.62]
+    assert len(left) >= 4
+    for time_s, k in left:
+        angle = math.pi * (1.0 + 10.0 * time_s)
+        crosshead = 0.05 * math.cos(angle) + math.sqrt(0.25**2 - (0.05 * math.sin(angle)) ** 2)
+        pull = 8000.0 * (ram[k] - crosshead - 0.4)
+        assert pull == pytest.approx(coulomb_n, abs=1e-6)
