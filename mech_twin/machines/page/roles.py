@@ -94,15 +94,15 @@ class PageModel:
         mass = np.array(now.equations()[: n * n], dtype=float).reshape(n, n)
         values, vectors = np.linalg.eigh(mass) if n else (np.array([1.0]), np.eye(1))
         if values[0] <= 1e-12 * values[-1] or values[0] <= 0.0:
-            names = [self.assembly.coordinates[j] for j in self.assembly.split.free]
-            moved = names[int(np.abs(vectors[:, 0]).argmax())] if n else ""
+            moved = self.assembly.coordinates[self.assembly.split.free[int(np.abs(vectors[:, 0]).argmax())]]
             raise ConfigurationError(
                 f"joints.{moved}: a motion without inertia: give the bodies that it moves a mass or an inertia"
             )
         for name, law in zip(places.laws, now.laws, strict=True):
             value = float(law.scalar.value)  # type: ignore[arg-type]
             if law.restitution >= 0.0 and value < -DEEP * self.assembly.size_m:
-                how, unit = ("stop", "rad") if name in self.turning_stops else ("line", "m")
+                how = "line" if self.page.contacts[name].joint is None else "stop"
+                unit = "rad" if name in self.turning_stops else "m"
                 raise ConfigurationError(
                     f"contacts.{name}: begins {-value:.4g} {unit} behind its {how}; start its bodies further off"
                 )

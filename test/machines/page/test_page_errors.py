@@ -210,6 +210,11 @@ def test_a_stop_that_begins_inside_is_told_as_an_angle():
     assert "contacts.stop: begins 0.5236 rad behind its stop" in refused(PENDULUM, contacts=stop)
 
 
+def test_a_stop_of_a_slider_that_begins_inside_is_told_as_a_stop():
+    stop = {"stop": {"joint": "fall", "most_m": 0.75, "restitution": 0.0}}
+    assert "contacts.stop: begins 0.25 m behind its stop" in refused(BALL, contacts=stop)
+
+
 def test_a_series_of_impacts_without_end_names_page_and_contacts():
     with pytest.raises(MotionError) as ended:
         run(BIT, 0.05)
