@@ -130,7 +130,7 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
         name = getattr(parameters, "name", request.machine)
         show_numbers(f"{name}: metrics of the run", numbers, design, everything=request.everything)
         say_result(how_told(configuration_tree(parameters)["coupling"]["step_s"]))
-        show_events(tuple(outcome.metrics.events), everything=request.everything)
+        show_events(tuple(outcome.metrics.events), numbers, everything=request.everything)
         if directory is not None and directory.exists():
             say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")
         return

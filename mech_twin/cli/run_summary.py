@@ -23,6 +23,7 @@ SHOWN_EVENTS = 12
 NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
 AUDIBLE_M_PER_S = 1e-3  # slower impacts are the end of a series that dies out
 EVENT_COLUMNS = ("time, s", "kind", "contact", "before, m/s", "after, m/s", "impulse, N s")
+TURNING = "rad/s", "rad/s", "N m s"  # units of a stop of a turning joint
 
 
 def shorter_record(shorter: InShorterSteps | None) -> dict[str, Any]:
@@ -74,8 +75,8 @@ def show_residuals(residuals: Mapping[str, Mapping[str, Any]]) -> None:
     say_result(f"{holding} of {len(rows)} checks within their limits")
 
 
-def show_events(events: Sequence[Event], *, everything: bool) -> None:
-    """Write how many events of which kind there were, and the last that matter, or all."""
+def show_events(events: Sequence[Event], numbers: Mapping[str, Any] = NO_NUMBERS, *, everything: bool) -> None:
+    """Write how many events of which kind there were, and the last that matter, or all; units as in the numbers."""
     if not events:
         return
     counts = Counter(event.kind for event in events)
@@ -85,7 +86,8 @@ def show_events(events: Sequence[Event], *, everything: bool) -> None:
     shown = matter if everything else matter[-SHOWN_EVENTS:]
     left = len(events) - len(shown)
     title = "events" if not left else f"last {len(shown)} events; {left} more with --all, also below 1 mm/s"
-    print_table(title, EVENT_COLUMNS, [_row(event) for event in shown])
+    turning = {event.contact for event in shown if f"{event.contact}_impact_speed_max_rad_per_s" in numbers}
+    print_table(title, EVENT_COLUMNS, [_row(event, turns=event.contact in turning) for event in shown])
 
 
 def is_notable(event: Event) -> bool:
@@ -93,9 +95,12 @@ def is_notable(event: Event) -> bool:
     return event.impulse_ns == 0.0 or abs(event.pre_velocity_m_per_s) > AUDIBLE_M_PER_S
 
 
-def _row(event: Event) -> tuple[Any, ...]:
+def _row(event: Event, *, turns: bool) -> tuple[Any, ...]:
     speeds = [f"{speed:.4g}" for speed in (event.pre_velocity_m_per_s, event.post_velocity_m_per_s)]
-    impact = ("-", "-", "-") if event.impulse_ns == 0.0 else (*speeds, event.impulse_ns)
+    impact: tuple[Any, ...] = ("-", "-", "-") if event.impulse_ns == 0.0 else (*speeds, event.impulse_ns)
+    if turns and event.impulse_ns != 0.0:
+        told = (*speeds, f"{event.impulse_ns:.6g}")
+        impact = tuple(f"{number} {unit}" for number, unit in zip(told, TURNING, strict=True))
     return (f"{event.time_s:.5f}", event.kind, event.contact, *impact)
 
 

@@ -123,7 +123,10 @@ class PageRun:
             self._joints.take(f"{name}_{{}}_{unit}", position)
             self._joints.take(f"{name}_speed_{{}}_{unit}_per_s", speed)
         for pin, wrench in zip(frame.forces.pins, frame.forces.wrenches, strict=True):
-            self._pins.take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
+            if pin in shared.turning_stops:
+                self._pins.take(f"{pin}_moment_max_nm", abs(wrench.moment_nm))
+            else:
+                self._pins.take(f"{pin}_force_max_n", hypot(wrench.force_x_n, wrench.force_y_n))
         for name, value in frame.forces.quantities.as_dict().items():
             self._quantities.take(_with_place(name), value)
         for event in events:
@@ -159,13 +162,15 @@ class PageRun:
         out: dict[str, float] = {}
         span = self._last - self._first
         for name, (count, largest, total, fastest, energy) in self._blows.items():
+            turns = name in self._shared.turning_stops
+            speed, impulse, mean = ("rad", "nms", "moment_mean_nm") if turns else ("m", "ns", "force_mean_n")
             out[f"{name}_impacts"] = count
-            out[f"{name}_impact_speed_max_m_per_s"] = fastest
-            out[f"{name}_impact_impulse_max_ns"] = largest
+            out[f"{name}_impact_speed_max_{speed}_per_s"] = fastest
+            out[f"{name}_impact_impulse_max_{impulse}"] = largest
             out[f"{name}_impact_loss_j"] = energy
             if span > 0.0:
                 out[f"{name}_impact_rate_hz"] = count / span
-                out[f"{name}_impact_force_mean_n"] = total / span
+                out[f"{name}_impact_{mean}"] = total / span
         for name, blows in self._rods.items():
             if blows:
                 out |= over_last(blows, f"steady_{name}_")

@@ -12,6 +12,7 @@ from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, run
 from scipy.special import ellipk
 
 from mech_twin import rollout
+from mech_twin.cli.run_summary import show_events
 
 
 def impacts(simulation):
@@ -43,6 +44,20 @@ def test_a_pendulum_has_the_period_of_the_elliptic_integral():
     share = before.linkage.velocity[0] / (before.linkage.velocity[0] - after.linkage.velocity[0])
     assert before.linkage.time_s + share * 1e-3 == pytest.approx(0.5 * period, abs=2e-9)
     assert max(abs(f.linkage.residuals["energy_balance"]) for f in told) < 1e-10
+
+
+def test_a_stop_of_a_pin_is_told_as_angular_speed_angular_impulse_and_moment(capsys):
+    _, simulation = run(PENDULUM, 0.5, contacts={"rest": {"joint": "pivot", "least_deg": -80.0, "restitution": 0.0}})
+    numbers = simulation.numbers()
+    drop_m = 0.5 * (math.sin(math.radians(80.0)) - math.sin(math.radians(60.0)))
+    speed = math.sqrt(2.0 * 2.0 * 9.81 * drop_m / 0.6)
+    assert numbers["rest_impact_speed_max_rad_per_s"] == pytest.approx(speed, rel=1e-9)
+    assert numbers["rest_impact_impulse_max_nms"] == pytest.approx(0.6 * speed, rel=1e-9)
+    assert numbers["rest_impact_moment_mean_nm"] == pytest.approx(0.6 * speed / 0.5, rel=1e-9)
+    assert numbers["rest_moment_max_nm"] == pytest.approx(2.0 * 9.81 * 0.5 * math.cos(math.radians(80.0)), rel=1e-9)
+    assert not [name for name in numbers if name.startswith("rest_") and name.endswith(("_m_per_s", "_ns", "_n"))]
+    show_events(simulation.events, numbers, everything=True)
+    assert f"{speed:.4g} rad/s" in capsys.readouterr().out
 
 
 def test_a_slider_crank_at_constant_speed_has_its_closed_form():
