@@ -289,20 +289,19 @@ class Contact(Parameters):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         one_of(self, "point", "joint")
-        one_of(self, "restitution", "stiffness_n_per_m", "layer_m_n", "gives_way_n", "rod")
+        law = one_of(self, "restitution", "stiffness_n_per_m", "layer_m_n", "gives_way_n", "rod")
+        laws = (law, "damping_s_per_m") if law == "stiffness_n_per_m" else (law,)
         if self.layer_m_n is not None and (self.layer_m_n[0][0] != 0.0 or min(f for _, f in self.layer_m_n) < 0.0):
             raise ValueError("layer_m_n: expected depths from 0 on, and forces of 0 or more")
-        if self.gives_way_n is not None:
-            only(self, "wall", ("joint", "gives_way_n"))
+        if law == "gives_way_n":
+            only(self, "wall", ("joint", law))
         elif self.point is not None:
-            only(
-                self, "point on line", ("point", "line", "normal_deg"),
-                ("restitution", "stiffness_n_per_m", "damping_s_per_m", "layer_m_n", "rod", "friction"),
-            )  # fmt: skip
+            only(self, "point on line", ("point", "line", "normal_deg"), (*laws, "friction"))
         else:
-            one_of(self, "least_m", "most_m", "least_deg", "most_deg")
+            stop = one_of(self, "least_m", "most_m", "least_deg", "most_deg")
             if self.friction > 0.0:
                 raise ValueError("friction: a stop has no line to rub along; expected the keys point and line")
+            only(self, "stop", ("joint", stop), laws)
         return self
 
     @property

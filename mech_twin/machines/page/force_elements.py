@@ -154,20 +154,14 @@ class SpringElement(Parameters):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         one_of(self, "between", "joint")
-        for key in ("table_m_n", "table_deg_nm", "gas"):
-            if getattr(self, key) is not None:
-                only(self, key, (key,), ("between", "joint"))
-                if key == "table_deg_nm" and self.between is not None:
-                    raise ValueError("a spring between points has the key table_m_n")
-                if key == "gas" and self.between is not None and self.gas is not None and self.gas.area_m2 < 0.0:
-                    raise ValueError("gas.area_m2 between points must be above 0")
-                return self
-        if self.between is not None or self.rate_nm_per_rad is None:
-            one_of(self, "rate_n_per_m")
-            one_of(self, "free_m", "preload_n")
-        else:
-            one_of(self, "rate_n_per_m", "rate_nm_per_rad")
-            one_of(self, "free_deg", "preload_nm")
+        turning = ("rate_nm_per_rad", "table_deg_nm") if self.between is None else ()
+        law = one_of(self, "rate_n_per_m", "table_m_n", *turning, "gas")
+        starts = {"rate_n_per_m": ("free_m", "preload_n"), "rate_nm_per_rad": ("free_deg", "preload_nm")}.get(law, ())
+        if starts:
+            one_of(self, *starts)
+        only(self, law, (law,), ("between", "joint", *starts))
+        if self.between is not None and self.gas is not None and self.gas.area_m2 < 0.0:
+            raise ValueError("gas.area_m2 between points must be above 0")
         return self
 
     @property
