@@ -277,10 +277,13 @@ class Assembly:
             return split_of(structure.size, structure.closures, driven, self._order, regular)
         except StructureError as error:
             rests = [tuple(j for j in range(structure.size) if j not in driven[: k + 1]) for k in range(len(driven))]
-            led = next((k for k, rest in enumerate(rests) if k and not regular(rest)), 0)
-            one, *others = [self.coordinates[j] for j in (driven[led], *driven[:led])] if led else [""]
-            told = f"drives: the loops lead {one} with {', '.join(others)}; give it no speed; or" if led else ""
-            raise ConfigurationError(f"{told or f'joints: {error};'} the start is at a dead point, move it") from error
+            led = next((k for k, rest in enumerate(rests) if not regular(rest)), -1)
+            one, *others = [self.coordinates[j] for j in (driven[led], *driven[:led])] if led >= 0 else [""]
+            held = f"the loops hold {one}, which has a given speed; take one away; or"
+            told = f"joints: {held if one else f'{error};'}"
+            if others:
+                told = f"drives: the loops lead {one} with {', '.join(others)}; give it no speed; or"
+            raise ConfigurationError(f"{told} the start is at a dead point, move it") from error
 
     def _redundant(self, rows: Array) -> str:
         """Return the error text for the first loop or coupling that is redundant (rank of the Jacobian)."""

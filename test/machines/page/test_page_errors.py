@@ -140,6 +140,13 @@ def test_a_second_given_speed_in_one_loop_is_named_though_a_freedom_is_left_else
     assert "drives: the loops lead guide with bearing; give it no speed" in told
 
 
+def test_a_given_speed_of_a_joint_that_a_coupling_holds_is_named():
+    held = {"tie": {"kind": "gear", "joints": ["bearing", "wrist"], "ratio": 1.0}}
+    rail = {"kind": "slider", "between": ["ground", "cart"]}
+    told = refused(SLIDER_CRANK, couplings=held, bodies={"cart": {"mass_kg": 1.0}}, joints={"rail": rail})
+    assert "joints: the loops hold bearing, which has a given speed; take one away" in told
+
+
 def test_a_body_that_nothing_joins_is_named():
     told = refused(PENDULUM, bodies={"stone": {"mass_kg": 1.0}})
     assert "nothing joins stone to the ground" in told
@@ -192,6 +199,14 @@ VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
             "ratio of a belt must be above 0",
         ),
         ("contacts", {"joint": "guide", "gives_way_n": 5.0, "most_m": 1.0}, "wall has no key most_m"),
+        ("contacts", {"joint": "guide", "most_m": 1.0, "restitution": 0.5, "line": "ground"}, "stop has no key line"),
+        (
+            "contacts",
+            {"joint": "guide", "most_m": 1.0, "restitution": 0.5, "damping_s_per_m": 1.0},
+            "stop has no key damping_s_per_m",
+        ),
+        ("springs", {"joint": "guide", "rate_n_per_m": 1.0, "free_m": 0.0, "free_deg": 5.0}, "no key free_deg"),
+        ("springs", {"joint": "guide"}, "exactly one of rate_n_per_m, table_m_n, rate_nm_per_rad, table_deg_nm, gas"),
         ("contacts", {"joint": "guide", "most_m": 0.0, "layer_m_n": [[0.1, 0], [1, 5]]}, "expected depths from 0 on"),
         ("loads", {"joint": "guide", "table_m_n": [[0, -1], [1, 5]]}, "a resistance is 0 or more"),
         ("drives", {"kind": "table", "joint": "guide"}, "expected exactly one of table_rpm_nm"),
