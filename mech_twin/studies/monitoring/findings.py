@@ -114,7 +114,7 @@ def _moved(life: FaultLife, state: State, time_s: float, cycles: int = 0) -> Fau
 
 
 class FaultEvent(NamedTuple):
-    """A change of a fault's state at a stamp; ``because`` gives the reason if it was not the charts."""
+    """A change of a fault's state at a stamp; ``because`` gives the reason, if not the charts, or a sensor's size."""
 
     time_s: float
     name: str

@@ -202,7 +202,7 @@ class Monitor:
                 self._events.append(FaultEvent(vector.end_s, name, "withdrawn", f"it is {first.name}"))
                 self.lives[name] = FaultLife(name, "cleared", vector.end_s)
         sensors = {name for name in self.lives if name.startswith(SENSOR)}
-        announce = self._live_on(first.name, vector.end_s, {first.name, *sensors})
+        announce = self._live_on(first.name, vector.end_s, {first.name, *sensors}, f"size {first.size:.4g}")
         found = (Candidate(first.name, first.size, first.size, first.size, "1", 0.0),)
         return Findings(
             vector.number, vector.end_s, self.setup.baseline.names, self._nothing, None, verdict="named",
@@ -339,8 +339,11 @@ class Monitor:
         assert surface is not None
         return surface.open_share(np.mean([each.row(surface.names) for each in cycles], axis=0)) <= MODEL_SHARE**2
 
-    def _live_on(self, seen: str, time_s: float, judged: Collection[str] | None = None) -> bool:
-        """Advance the state of every fault, or of those in ``judged``; return whether to announce one now."""
+    def _live_on(self, seen: str, time_s: float, judged: Collection[str] | None = None, because: str = "") -> bool:
+        """Advance the state of every fault, or of those in ``judged``; return whether to announce one now.
+
+        ``because`` is said with a change of state of the one that is seen.
+        """
         if seen and seen not in self.lives:
             self.lives[seen] = FaultLife(seen)
         announce = False
@@ -350,7 +353,7 @@ class Monitor:
             later = after_cycle(life, name == seen, time_s, self.setup.rules)
             self.lives[name] = later
             if later.state != life.state:
-                self._events.append(FaultEvent(time_s, name, later.state))
+                self._events.append(FaultEvent(time_s, name, later.state, because if name == seen else ""))
             rises = later.state == "active" and life.state in ("pending", "cleared")
             if rises and later.is_announced(time_s) and time_s - self._announced_s >= self.setup.rules.announce_every_s:
                 announce, self._announced_s = True, time_s

@@ -110,6 +110,12 @@ def test_a_sensor_at_fault_is_named_and_the_machine_is_not(
     assert since_s - period_s <= first.onset_s <= since_s + 2.0 * period_s
 
 
+def test_a_change_of_state_tells_how_far_the_sensor_is_at_fault() -> None:
+    events = [event for each in told(slower) for event in each.events]
+    assert events[-1].state == "active"
+    assert float(events[-1].because.removeprefix("size ")) == pytest.approx(1.0 / 0.7, rel=0.02)
+
+
 @pytest.mark.parametrize("gain", [-1.0, 180.0 / np.pi], ids=["reversed", "in degrees"])
 def test_an_encoder_that_turns_otherwise_than_the_machine_is_named(gain: float) -> None:
     machine, setup = watched(NAME)
