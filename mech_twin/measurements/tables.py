@@ -93,13 +93,22 @@ class TableReader:
         return [SourceColumn(Source(column=name), unit_in(name)) for name in self.columns if name != time]
 
     def proposed_time(self) -> TimeSource:
-        """Return the first column named as a time; else the first typed or ascending as one; else the first."""
+        """Return the first column named as a time; else the first typed or ascending as one; else the first.
+
+        Raises
+        ------
+        MeasurementError
+            That column has a unit that is none of time.
+        """
         names = [(name, name.strip("%# ").lower()) for name in self.columns]
         named = next((name for name, word in names if word.startswith(("time", "stamp")) or word in ("t", "t_s")), None)
         column = named or next((name for name, word in names if time_unit_in(word) is not None), None)
         if column is None:
             rising = tuple(self._clocks) if self._text is None else self._text.rising
             column = rising[0] if rising else self.columns[0]
+            if (unit := unit_in(column)) not in (None, "1", "count"):
+                expected = f"expected a column of the time, named such as 'time' or 't_ms'; {column!r} is in {unit}"
+                raise MeasurementError(self.path, expected)
         return TimeSource(column=column, unit=self._clocks.get(column) or time_unit_in(column) or "s")
 
     def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:

@@ -138,6 +138,13 @@ def test_a_table_without_a_header_has_numbered_columns_and_its_rising_one_is_the
     assert reader.proposed_time().column == "3"
 
 
+def test_a_column_with_a_unit_that_is_none_of_time_is_not_taken_as_the_time(tmp_path: Path) -> None:
+    rows = np.array([[0.0, 1.0], [1.0, 3.0], [2.0, 2.0]])
+    path = table(tmp_path / "a.csv", rows, names=("Wheel (deg)", "Slide (mm)"))
+    with pytest.raises(MeasurementError, match=r"expected a column of the time.*'Wheel \(deg\)' is in deg"):
+        TableReader(path).proposed_time()
+
+
 def test_signs_of_comment_around_a_name_do_not_count(tmp_path: Path) -> None:
     path = table(tmp_path / "a.tsv", numbers(), ("%Time (s)", "x", "remark 3:10 PM"), "\t")
     ((_, values),) = read(path, ("x",), TimeSource(column="Time (s)"))
