@@ -15,7 +15,7 @@ import numpy as np
 
 from mech_twin.cli.console import bar, print_json, print_table, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
-from mech_twin.cli.measured import NoNameError
+from mech_twin.cli.measured import NoNameError, runs_of_map
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree, value_in
@@ -70,7 +70,7 @@ def identify_machine(request: IdentifyVerb) -> None:
         _plan(request)
         return
     if not request.runs:
-        raise CommandError("expected at least one run, a bag or a table")
+        request = request.model_copy(update={"runs": runs_of_map(request.map_file, request.built)})
     if _bouncing(request):
         identify_bounces(request)
         return

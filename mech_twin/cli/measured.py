@@ -24,7 +24,7 @@ from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.measurements.units import machine_columns
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.process.stop_signal import StopSignal
-from mech_twin.results.opened_runs import checked_run, configured_map, opened_run
+from mech_twin.results.opened_runs import checked_run, configured_map, given_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing
 from mech_twin.studies.measured_forces import guided_samples, measured_forces
@@ -100,6 +100,14 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     qualities = {path: tuple(compress(each, chosen)) for path, each in qualities.items()}
     text = map_text(built.name, time, channels, notes, columns, runs, [each.source for each in offered])
     return Proposal(text, known, qualities, problems)
+
+
+def runs_of_map(map_file: Path | None, built: Machine, otherwise: str = "a bag or a table") -> list[Path]:
+    """Return the runs that a map names, for a command line that names none; raise where there is none either."""
+    named = () if map_file is None else given_map(map_file, built).runs
+    if not named:
+        raise CommandError(f"expected at least one run, {otherwise}; or `runs` in the map")
+    return [Path(run) for run in named]
 
 
 def _qualities(path: Path, given: MeasurementMap) -> tuple[Quality, ...]:

@@ -17,6 +17,7 @@ import typer
 from mech_twin.capabilities.cycle import CycleFeature
 from mech_twin.cli.console import print_json, print_table, progress, rounded, say, write_text
 from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.measured import runs_of_map
 from mech_twin.cli.measurement_verbs import FleetVerb, MonitorVerb
 from mech_twin.cli.monitor_baseline import (
     ARL0_H,
@@ -75,11 +76,10 @@ def monitor_machine(request: MonitorVerb) -> None:
     if request.design:
         _design(request)
         return
-    if not request.runs:
-        raise CommandError("monitor: expected at least one run, or --design --sensors FILE")
+    named = request.runs or runs_of_map(request.map_file, request.built, "or --design --sensors FILE")
     if request.sensors is not None:
         raise CommandError(f"--sensors {request.sensors}: goes with --design; a run has --map")
-    runs = [featured_run(request, path) for path in request.runs]
+    runs = [featured_run(request, path) for path in named]
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
         write_setup(request.save_baseline, setup, force=request.force)

@@ -235,3 +235,16 @@ def test_a_map_where_it_has_no_use_is_refused(words: tuple[str, ...], expected: 
     assert found.code == 2
     assert all(word in found.err for word in expected)
     assert found.err.count("\n") == 1
+
+
+def test_the_runs_of_a_map_are_read_where_the_command_line_names_none(plant: Plant, tmp_path: Path) -> None:
+    named = written(tmp_path / "named.yaml", {**SENSORS, "runs": [str(plant.table)]})
+    words = ("identify", "vibration_crank", "--free", "crank_m", "--motion", "measured", "--json")
+    given, of_map = mech_twin(*words, plant.table, "--map", plant.map), mech_twin(*words, "--map", named)
+    assert given.code == of_map.code == 0, of_map.err
+    one, other = json.loads(of_map.out), json.loads(given.out)
+    assert {**one, "seconds": 0.0} == {**other, "seconds": 0.0}
+    for verb in ("identify", "monitor"):
+        none = mech_twin(verb, "vibration_crank", "--map", plant.map)
+        assert none.code == 2
+        assert "expected at least one run" in none.err
