@@ -89,7 +89,7 @@ def score(problem: FitProblem, x: Array) -> Score:
     comparison = problem.comparison(x, noise_floors(problem.runs))
     parts = problem.parts(x)
     found = []
-    for place, channel in enumerate(problem.runs[0].channels):
+    for place, (channel, label) in enumerate(zip(problem.runs[0].channels, _labels(problem), strict=True)):
         if channel.of_events:
             continue
         masks = [comparison.masks[run][place] for run in range(len(problem.runs))]
@@ -101,8 +101,16 @@ def score(problem: FitProblem, x: Array) -> Score:
         centred = np.concatenate([each - each.mean() for each in values if len(each)])
         size, rms = float(np.sqrt(np.mean(centred**2))), float(np.sqrt(np.mean(whole**2)))
         fit = 100.0 * (1.0 - rms / size) if size > rounding_of(problem.runs, channel) else np.nan
-        found.append(ChannelScore(channel.name, fit, rms, min(map(ljung_box, off))))
+        found.append(ChannelScore(label, fit, rms, min(map(ljung_box, off))))
     return Score(tuple(found), *_events(problem, x))
+
+
+def _labels(problem: FitProblem) -> list[str]:
+    """Return a name for each channel: its quantity, with its source where several sensors have the same."""
+    channels = problem.runs[0].channels
+    names = [channel.name for channel in channels]
+    pairs = zip(channels, names, strict=True)
+    return [name if names.count(name) == 1 else f"{name} ({each.channel.source.label})" for each, name in pairs]
 
 
 def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
@@ -242,14 +250,14 @@ def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
     Events are too few for a test of whiteness: in its place stands the chance of so large a residual by that noise.
     """
     problem, parts = fitted.problem, fitted.problem.parts(fitted.x)
-    names = [channel.name for channel in problem.runs[0].channels]
-    found = [(names.index(each.channel), each) for each in score(problem, fitted.x).channels]
+    labels = _labels(problem)
+    found = [(labels.index(each.channel), each) for each in score(problem, fitted.x).channels]
     found = [(place, each) for place, each in found if not stands_still(problem, place)]
     for place, channel in enumerate(problem.runs[0].channels):
         rms, count = _event_rms(fitted, parts, place)
         if channel.of_events and channel.channel.sigma and count:
             chance = float(stats.chi2.sf(count * (rms / channel_noise(problem, place)[0]) ** 2, count))
-            found.append((place, ChannelScore(channel.name, np.nan, rms, chance)))
+            found.append((place, ChannelScore(labels[place], np.nan, rms, chance)))
     return found
 
 
@@ -265,8 +273,8 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
     problem, found = fitted.problem, list[ChannelFit]()
     parts = problem.parts(fitted.x)
     scores = {each.channel: each for each in score(problem, fitted.x).channels}
-    for place, channel in enumerate(problem.runs[0].channels):
-        own = scores.get(channel.name)
+    for place, (channel, label) in enumerate(zip(problem.runs[0].channels, _labels(problem), strict=True)):
+        own = scores.get(label)
         unit = channel.channel.si_factor
         sigma = float(fitted.comparison.sigmas[place]) / unit / abs(fixed(channel.channel.gain, 1.0))
         open_numbers: dict[str, dict[str, float]] = {ZERO: {}, GAIN: {}, LAG: {}}
@@ -283,7 +291,7 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
             open_numbers[unknown.kind][run] = value
         found.append(
             ChannelFit(
-                channel.name,
+                label,
                 np.nan if own is None else own.fit_percent,
                 _event_rms(fitted, parts, place)[0] if own is None else own.rms,
                 sigma,

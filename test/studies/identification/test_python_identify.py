@@ -242,3 +242,21 @@ def test_what_contradicts_the_machine_is_a_warning(plant: tuple[Path, Path], tmp
     np.savetxt(in_millimetres, numbers * (1.0, 1.0, 1000.0), delimiter=",", header=head, comments="")
     with pytest.warns(UserWarning, match=r"plant\.csv: linkage\.slider\.position .* is its unit mm\?"):
         mt.identify(MACHINE, [in_millimetres], plant[1], ["crank_m"], cores=1)
+
+
+def test_two_sensors_of_one_quantity_are_scored_each_by_its_own(plant: tuple[Path, Path], tmp_path: Path) -> None:
+    """The rough one is judged by its own noise: that of the fine one would refute a fit that is right."""
+    table, given = tmp_path / "two.csv", tmp_path / "two.yaml"
+    rows, rough = np.genfromtxt(plant[0], delimiter=",", names=True), 5e-3
+    again = rows["slide"] + rough * np.random.default_rng(5).standard_normal(len(rows))
+    columns = np.column_stack([rows["t"], rows["wheel"], again, rows["slide"]])
+    np.savetxt(table, columns, delimiter=",", header="t,wheel,rough,slide", comments="")
+    tree = yaml.safe_load(plant[1].read_text(encoding="utf-8"))
+    wheel, slide = tree["channels"]
+    other = {**slide, "source": {"column": "rough"}, "sigma": rough}
+    given.write_text(yaml.safe_dump({**tree, "channels": [wheel, slide, other]}))
+    document = mt.identify(MACHINE, [table], given, list(TRUE), cores=1).document
+    expected = {f"{slide['is']} (slide)": slide["sigma"], f"{slide['is']} (rough)": rough}
+    rms = {each["is"]: each["rms"] for each in document["channels"][1:]}
+    assert rms == pytest.approx(expected, rel=0.2)
+    assert {name: document["held_out"]["rms"][name] for name in expected} == pytest.approx(expected, rel=0.5)
