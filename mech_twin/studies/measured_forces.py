@@ -80,7 +80,8 @@ def measured_forces(
     A channel is compared at its own instants; an unknown zero is the mean difference, an unknown gain is fitted.
     """
     others = [channel for channel in run.channels if channel.name != crank]
-    columns: dict[str, list[float]] = {name: [] for name in ("time_s", *(channel.name for channel in others))}
+    columns: dict[str, list[float]] = {channel.name: [] for channel in others}
+    times_s: list[float] = []
     found = MeasuredForces()
     for linkage, forces in samples:
         found.samples += 1
@@ -88,10 +89,11 @@ def measured_forces(
         for name, value in row.items():
             if name.startswith("forces.") or name.endswith(".effort"):
                 found.largest[name] = max(found.largest.get(name, 0.0), abs(value))
-        columns["time_s"].append(linkage.time_s)
-        for channel in others:
-            columns[channel.name].append(row.get(channel.name, float("nan")))
-    found.compared = _compared(others, {name: np.array(values) for name, values in columns.items()})
+        times_s.append(linkage.time_s)
+        for name, values in columns.items():
+            values.append(row.get(name, float("nan")))
+    model = {name: np.array(values) for name, values in columns.items()}
+    found.compared = _compared(others, model | {"time_s": np.array(times_s)})
     return found
 
 

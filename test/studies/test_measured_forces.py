@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,17 @@ def test_an_unknown_zero_is_found_and_the_torque_follows_from_the_angle(turn: Mo
     assert shares["linkage.crank.effort"] < 0.05
     exact = max(abs(frame.forces.wrenches[0].force_x_n) for frame in frames(built("vibration_crank"), 1.0))
     assert found.largest["forces.crank_bearing.force_x_n"] == pytest.approx(exact, rel=0.02)
+
+
+def test_two_sensors_of_one_quantity_are_compared_each(turn: ModelTurn) -> None:
+    run = run_of(0.0, **{"linkage.slider.position": "free"})
+    slider = run.channels[-1]
+    rough = replace(slider, values=slider.values + 0.05 * np.sign(np.sin(700.0 * slider.times_s)))
+    both = replace(run, channels=(*run.channels, rough))
+    motion = crank_motion(run, turn)
+    found = measured_forces(guided_samples(built("vibration_crank"), motion, both), both, CRANK)
+    rms = [each.rms for each in found.compared if each.name == slider.name]
+    assert rms == pytest.approx([0.0, 0.05], abs=0.002)
 
 
 def test_a_zero_that_nothing_tells_is_asked_for(turn: ModelTurn) -> None:
