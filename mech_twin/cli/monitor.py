@@ -33,6 +33,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
+from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.recording.errors import BagError
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.design import (
@@ -55,7 +56,7 @@ from mech_twin.studies.monitoring.report import (
     judged,
     known_fault,
 )
-from mech_twin.studies.monitoring.sensing import MonitoredMachine
+from mech_twin.studies.monitoring.sensing import MonitoredMachine, first_channels
 from mech_twin.studies.spreading import available_cores, spread
 
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
@@ -80,6 +81,7 @@ def monitor_machine(request: MonitorVerb) -> None:
     if request.sensors is not None:
         raise CommandError(f"--sensors {request.sensors}: goes with --design; a run has --map")
     runs = [featured_run(request, path) for path in named]
+    _say_left_out(runs[0].given)
     setup, runs[0] = _setup(request, runs[0])
     if request.save_baseline is not None:
         write_setup(request.save_baseline, setup, force=request.force)
@@ -97,6 +99,14 @@ def monitor_machine(request: MonitorVerb) -> None:
         raise SystemExit(FOUND)
     if request.renew and kept_file is not None:
         _renew(request, kept_file, setup, runs)
+
+
+def _say_left_out(given: MeasurementMap) -> None:
+    """Say which sensors are not looked at: of several of one quantity, all but the first."""
+    first = first_channels(given)
+    others = [channel for channel in given.channels if first[channel.quantity] is not channel]
+    for each in others:
+        say(f"{each.source.label}: left out, {each.quantity} is read from {first[each.quantity].source.label}")
 
 
 def _renew(request: MonitorVerb, file: Path, setup: MonitorSetup, runs: Sequence[FeaturedRun]) -> None:
@@ -132,7 +142,9 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
 def _design(request: MonitorVerb) -> None:
     if request.sensors is None or request.runs:
         raise CommandError("--design: expected --sensors FILE and no runs")
-    monitored = MonitoredMachine(request.machine, request.parameters, given_map(request.sensors, request.built))
+    sensors = given_map(request.sensors, request.built)
+    _say_left_out(sensors)
+    monitored = MonitoredMachine(request.machine, request.parameters, sensors)
     seed = request.seed or 0
     setup = fitted_setup(monitored, simulated_vectors(monitored, DESIGN_CYCLES, seed), _arl0_h(request), seed)
     show_design(setup, sensor_design(setup), monitored.feed().features, as_json=request.as_json)

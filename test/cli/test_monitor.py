@@ -263,6 +263,15 @@ def test_what_is_wrong_is_told_in_one_line(words: tuple[str, ...], told: str, pl
     assert err.strip().splitlines()[-1].count(told) == 1
 
 
+def test_a_second_sensor_of_one_quantity_is_named_as_left_out(plant: Plant, tmp_path: Path) -> None:
+    again = {**CHANNELS[1], "source": {"topic": "/plant/again", "joint": "mass", "field": "position"}}
+    given = tmp_path / "two.yaml"
+    given.write_text(yaml.safe_dump({**SENSORS, "channels": [*SENSORS["channels"], again]}), encoding="utf-8")
+    code, _, err = mech_twin("monitor", "impact_mass", "--design", "--sensors", given)
+    assert code == 0
+    assert "/plant/again mass position: left out, linkage.mass.position is read from /plant/mass mass position" in err
+
+
 def test_a_map_of_another_machine_is_refused(plant: Plant) -> None:
     code, _, err = mech_twin("monitor", "winding_drum", plant.faulty, "--map", plant.map)
     assert code not in (0, 1) and "key 'machine', value 'impact_mass': expected 'winding_drum'" in err
