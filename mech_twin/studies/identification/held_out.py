@@ -226,7 +226,8 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
             most = min(most, BURSTS * max(noise, float(fitted.comparison.sigmas[place])))
         if not np.isfinite(found.rms) or (found.rms > most and found.white_p < BY_CHANCE):
             part = "" if np.isnan(found.fit_percent) else f", {100.0 - found.fit_percent:.2g} % of its size"
-            return f"{found.channel} is off by {found.rms:.3g} in the rms{part}, and its sensor's noise is {noise:.3g}"
+            off = f"{found.channel} is off by {found.rms:.3g} in the rms{part}"
+            return f"{off}; expected at most {most:.3g} by its noise"
     return None
 
 
