@@ -19,6 +19,7 @@ from mech_twin.measurements.units import TURN, UNITS, joint_column
 FOLLOWS = 0.8  # least correlation with the model's motion
 CLEARLY = 0.15  # increase of the correlation that indicates swapped channels
 FACTOR = 4.0  # amplitude over the model's: beyond it, the unit is wrong or the machine another
+TIME_FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)  # of stamps in another unit of time than the map's
 SPEED_FACTOR = 12.0  # largest ratio of the crank speed to the model's
 RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the position
 MOST_COMPARED = 4000
@@ -177,6 +178,9 @@ def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
     if abs(usually) > SPEED_FACTOR * abs(usual):
         speed = usually  # an angle that starts anew at each turn, in another unit, has hardly any mean speed
     told = f"{crank.name} turns at {speed:.4g} rad/s, the model at {usual:.4g}"
+    if (beyond := next((each for each in TIME_FACTORS if 0.5 < each * abs(speed / usual) < 2.0), None)) is not None:
+        apart = f"{beyond:g} times too far apart" if beyond > 1.0 else f"{1.0 / beyond:g} times too close"
+        return [f"{told}: the stamps are {apart}, is the unit of the time wrong?"]
     if not 1.0 / SPEED_FACTOR < abs(speed / usual) < SPEED_FACTOR:
         return [f"{told}{_fitting_unit(crank, 'rad', abs(speed), abs(usual), SPEED_FACTOR)}"]
     return [] if speed * usual > 0.0 else [f"{told}: expected sign {-crank.channel.sign}"]

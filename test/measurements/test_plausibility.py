@@ -183,6 +183,14 @@ class FewBlocks:
         return iter(self._blocks)
 
 
+@pytest.mark.parametrize(("factor", "apart"), [(1e3, "1000 times too far apart"), (1e-6, "1e+06 times too close")])
+def test_stamps_in_another_unit_of_time_are_named(
+    factor: float, apart: str, motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    run = with_clock(measured(motion, *COLUMNS[:2]), lambda times: factor * times, turns=True)
+    the_line(implausible(run, turn, UNITS), COLUMNS[0], apart, "is the unit of the time wrong?")
+
+
 @pytest.mark.parametrize("turns", [True, False])
 @pytest.mark.parametrize(("shift_turns", "word"), [(2.5, "set forward"), (-0.5, "set back")])
 def test_a_clock_that_is_set_while_the_machine_turns_is_named(
