@@ -32,7 +32,7 @@ from mech_twin.parameters.load import (
 )
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.stop_signal import StopSignal
-from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
+from mech_twin.recording.bag_metadata import check_recording_directory, kept_until_replaced
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:
@@ -97,12 +97,12 @@ def _run(
     from mech_twin.nodes.run.composition import run_in_process, run_processes
 
     if directory is not None:
-        remove_recording(directory)
         kept = f"the last {options.snapshot_s:g} s before each trigger or alarm " if options.snapshot_s else ""
         say(f"recording {kept}to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
-    return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
+    with kept_until_replaced(directory):
+        return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
 
 
 def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions:

@@ -30,7 +30,7 @@ from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
 from mech_twin.parameters.errors import did_you_mean, key_units, refusal
 from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of, own_name
-from mech_twin.recording.bag_metadata import check_recording_directory, remove_recording
+from mech_twin.recording.bag_metadata import check_recording_directory, kept_until_replaced
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.advice_search import AdviceWish, advice_model
 
@@ -64,9 +64,10 @@ def shadow_machine(request: ShadowVerb) -> None:
 
     free = FreeKeys(*_free_keys(request, parameters)) if request.identify else None
     setup = ShadowSetup(followed_namespace(own, request.followed), given, deviations=deviations)
+    if given is not None:
+        _check_followed(given, request, setup.namespace)
     if request.record is not None:
         check_recording_directory(request.record, force=request.force)
-        remove_recording(request.record)
         say(f"recording to {request.record}")
     say("starting (the first time compiles the numerical kernels, which takes up to a minute)")
 
@@ -74,6 +75,7 @@ def shadow_machine(request: ShadowVerb) -> None:
         say(f"following {setup.namespace}; estimates below /{own}/twin")
 
     with ExitStack() as stack:
+        stack.enter_context(kept_until_replaced(request.record))
         view = opened_view(request.view, request.view_port, stack)
         if view.link is not None:
             offered = ((reference, MONITOR_ORDERS), (wish, ADVISOR_ORDERS), (free, IDENTIFIER_ORDERS))
@@ -92,6 +94,17 @@ def shadow_machine(request: ShadowVerb) -> None:
     if outcome.silent:
         say(f"no sample came on {', '.join(outcome.silent)}; does the machine run?")
     report_losses(request.record, *outcome.black_boxes, known=outcome.failed_boxes)
+
+
+def _check_followed(given: MeasurementMap, request: ShadowVerb, namespace: str) -> None:
+    """Refuse a map by which no machine can be followed."""
+    from mech_twin.nodes.shadow.inputs import followed_topics, sensed_channels
+
+    try:
+        sensed_channels(given)
+        followed_topics(given, namespace)
+    except ConfigurationError as error:
+        raise CommandError(f"{request.given_map}: {error}") from error
 
 
 def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, ...], dict[str, tuple[float, float]]]:

@@ -7,13 +7,16 @@ The directory of a new recording is checked before a run, created for it, and fr
 from __future__ import annotations
 
 import os
+import shutil
 import stat
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from tempfile import mkdtemp
 from types import MappingProxyType
 from typing import Any
 
@@ -271,6 +274,35 @@ def remove_recording(directory: Path) -> None:
     if _occupied(directory):
         for path in _recording_files(directory):
             path.unlink()
+
+
+@contextmanager
+def kept_until_replaced(directory: Path | None) -> Iterator[None]:
+    """Keep the recording in this directory until another one stands there; put it back if none does at the end.
+
+    Where no directory can be made beside it, it is deleted at the beginning.
+    """
+    files = _recording_files(directory) if directory is not None and _occupied(directory) else []
+    if directory is None or not files:
+        yield
+        return
+    directory = directory.absolute()
+    try:
+        aside = Path(mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
+    except OSError:
+        remove_recording(directory)
+        yield
+        return
+    for path in files:
+        shutil.move(path, aside)
+    try:
+        yield
+    finally:
+        if not _occupied(directory):
+            directory.mkdir(DIRECTORY_MODE, exist_ok=True)
+            for path in list(aside.iterdir()):
+                shutil.move(path, directory)
+        shutil.rmtree(aside)
 
 
 def new_directory(wanted: Path) -> tuple[Path, list[Path]]:

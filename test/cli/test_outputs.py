@@ -18,7 +18,7 @@ import termios
 from pathlib import Path
 
 import pytest
-from command_line import mech_twin
+from command_line import in_a_process, mech_twin
 from recordings import simulated_bag
 from signal_cases import processor_s, until
 
@@ -140,6 +140,26 @@ def test_force_replaces_a_recording(verb, bag, tmp_path):
         done = mech_twin(*words, *more)
         assert done.code == 0, done.err
     assert mech_twin("info", tmp_path / "out", "--json").code == 0
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_recording_gives_way_only_to_another_one(tmp_path):
+    """What is refused after the place of the recording was looked at leaves the earlier recording there."""
+    out, sensors = tmp_path / "out", tmp_path / "sensors.yaml"
+    mech_twin("simulate", DRUM, "--duration", "0.1", "--bag", out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    drum = ("source: {column: drum}", "is: linkage.drum.position", "unit: rad")
+    sensors.write_text(f"machine: {DRUM}\nchannels:\n  - {{{', '.join(drum)}}}\n")
+    words = ["--record", str(out), "--force", "--view", "none"]
+    refused = in_a_process("run", DRUM, "--motor", "nobodys:Motor", *words)
+    assert (refused.code, "No module named 'nobodys'" in refused.err) == (2, True)
+    said = refusal(["shadow", DRUM, "--from", "plant", "--map", str(sensors), *words])
+    assert f"{sensors}: key 'channels.0': expected a topic to follow" in said
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "sensors.yaml"}
+    assert in_a_process("run", DRUM, "--duration", "0.05", *words).code == 0
+    assert (out / "out_0.mcap").read_bytes() != before["out_0.mcap"]
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "sensors.yaml"}
 
 
 def test_a_recording_is_not_recovered_onto_itself(bag):
