@@ -26,6 +26,7 @@ def test_a_motor_of_somebody_else_that_gives_the_same_effort_gives_the_same_moti
     assert _driven(unit, efforts, 500) == run["linkage.mass.position"].tolist()
 
 
+@pytest.mark.slow
 def test_each_effort_that_can_be_given_moves_the_machine(unit: Any) -> None:
     run = mt.rollout("impact_mass", 0.5)
     efforts = {name: run[name] for name in _efforts_given_to(unit("impact_mass", 2))}

@@ -197,6 +197,7 @@ def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
         assert with_client(port, diagnosed) == CRANK
 
 
+@pytest.mark.slow
 def test_foxgloves_own_client_sees_a_topic_a_parameter_and_a_service():
     if not (NPM / "node_modules").is_dir():
         pytest.skip("the JavaScript client is not set up: make test does it where npm is found")
@@ -211,6 +212,7 @@ def test_foxgloves_own_client_sees_a_topic_a_parameter_and_a_service():
     assert "the run is not paused" in seen["answer"]["message"]
 
 
+@pytest.mark.slow
 def test_without_commands_a_client_watches_and_changes_nothing():
     async def talk(client):
         told = await client.hear(lambda told: told["op"] == "serverInfo")

@@ -147,7 +147,7 @@ def check_recording(bag: Path) -> None:
     [
         (),
         *(pytest.param((role,), marks=pytest.mark.slow) for role in ("motor", "force_analysis", "body", "linkage")),
-        ("motor", "body"),
+        pytest.param(("motor", "body"), marks=pytest.mark.slow),
     ],
 )
 def test_each_role_and_the_recorder_may_be_elsewhere(apart: tuple[str, ...], recorder: str, tmp_path: Path) -> None:

@@ -248,6 +248,7 @@ def test_a_publisher_of_best_effort_and_one_beside_ours_are_told(monkeypatch: py
         assert reason in PAGE
 
 
+@pytest.mark.slow
 def test_a_publisher_of_another_type_on_a_command_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with BenchRun(BODY_MACHINE) as run:
         run.steps(20)

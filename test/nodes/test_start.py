@@ -53,6 +53,7 @@ def called(run: BenchRun, service: str) -> Any:
     return run.call(Trigger, service, Trigger.Request())
 
 
+@pytest.mark.slow
 def test_a_drive_that_friction_holds_is_not_started_until_it_is_let_go() -> None:
     with BenchRun(FORMER) as run:
         heard: list[DiagnosticStatus] = []
@@ -116,6 +117,7 @@ def test_changes_and_starts_in_turn_without_end_leave_the_run_its_time() -> None
         assert sum(starts_s) < FORECAST_BURST_S + FORECAST_SHARE * taken_s + 2.0 * max(starts_s)
 
 
+@pytest.mark.slow
 def test_changes_without_end_are_refused_but_for_some_each_second() -> None:
     key = "friction.viscous_nms_per_rad"
     with BenchRun("winding_drum") as run:

@@ -132,6 +132,7 @@ def test_what_a_message_would_be_refused_for_ends_in_one_line(my_package: Any, w
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_breach_in_a_process_of_its_own_ends_in_one_line(my_package: Any, ros_domain: int, tmp_path: Path) -> None:
     asked = ["run", NAME, "--motor", "my_package:Tiring", "--processes", "--no-record", "--view", "none"]
     command = [sys.executable, "-m", "mech_twin", *asked]

@@ -35,7 +35,12 @@ CALLS = {
 
 
 @pytest.mark.parametrize(
-    ("call", "machine"), [("one", "compaction_press"), ("many", "winding_drum"), ("simulate", "winding_drum")]
+    ("call", "machine"),
+    [
+        pytest.param("one", "compaction_press", marks=pytest.mark.slow),
+        pytest.param("many", "winding_drum", marks=pytest.mark.slow),
+        ("simulate", "winding_drum"),
+    ],
 )
 def test_ctrl_c_ends_a_long_roll_out_called_from_python(call: str, machine: str) -> None:
     script = SCRIPT.format(machine=machine, call=CALLS[call].format(machine=machine, duration=HOURS_S))

@@ -351,7 +351,7 @@ def strange_drawings() -> list[MarkerArray]:
     return [scene.to_message(picture) for picture in [*pictures, *(Drawing(0, 0.1, shapes) for shapes in many)]]
 
 
-@pytest.mark.parametrize("machine", [DRUM, "mb10_breaker"])
+@pytest.mark.parametrize("machine", [DRUM, pytest.param("mb10_breaker", marks=pytest.mark.slow)])
 def test_a_view_shows_the_machine_whatever_strangers_say(machine: str, tmp_path: Path) -> None:
     with BenchRun(machine) as run:
         viewer = run.revive(lambda name, *known: ViewerNode(name, str(tmp_path / "run.rrd"), *known))

@@ -163,7 +163,11 @@ def test_a_bearing_s_peak_in_a_blow_is_far_above_that_between_blows():
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("body.spring_rate_n_per_m", 47970.0), ("body.preload_deflection_m", 0.0125), ("gear.efficiency", 0.87)],
+    [
+        ("body.spring_rate_n_per_m", 47970.0),
+        pytest.param("body.preload_deflection_m", 0.0125, marks=pytest.mark.slow),
+        pytest.param("gear.efficiency", 0.87, marks=pytest.mark.slow),
+    ],
 )
 def test_after_a_live_change_the_last_cycles_are_those_of_a_machine_that_was_made_so(key, value):
     """Of the spring's force and the motor's power, which follow from live keys."""

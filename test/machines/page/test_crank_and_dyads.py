@@ -81,7 +81,10 @@ def test_a_converted_page_moves_and_bears_as_the_former_machine(name):
         assert drive_torque(name, frame) == pytest.approx(at["torque_nm"], abs=RELATIVE[name] * torque)
 
 
-@pytest.mark.parametrize("name", FORMER)
+OTHERS = [pytest.param(name, marks=pytest.mark.slow) for name in list(FORMER)[2:]]
+
+
+@pytest.mark.parametrize("name", [*list(FORMER)[:2], *OTHERS])
 def test_the_largest_values_and_works_of_its_run_are_the_former_machine_s(name):
     run, former = told(name)[1:], FORMER[name]["run"]
     torques = [drive_torque(name, frame) for frame in run]
