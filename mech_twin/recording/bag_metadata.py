@@ -278,7 +278,7 @@ def remove_recording(directory: Path) -> None:
 
 @contextmanager
 def kept_until_replaced(directory: Path | None) -> Iterator[None]:
-    """Keep the recording in this directory until another one stands there; put it back if none does at the end.
+    """Keep the recording in this directory until another one stands there; put it back after a failure without one.
 
     Where no directory can be made beside it, it is deleted at the beginning.
     """
@@ -297,11 +297,13 @@ def kept_until_replaced(directory: Path | None) -> Iterator[None]:
         shutil.move(path, aside)
     try:
         yield
-    finally:
+    except BaseException:
         if not _occupied(directory):
             directory.mkdir(DIRECTORY_MODE, exist_ok=True)
             for path in list(aside.iterdir()):
                 shutil.move(path, directory)
+        raise
+    finally:
         shutil.rmtree(aside)
 
 
