@@ -188,6 +188,7 @@ def test_the_examples_of_the_documentation_run(tmp_path, monkeypatch, capsys):
     [
         (lambda: mt.simulate("mb10_braker", 0.0), "did you mean 'mb10_breaker'"),
         (lambda: mt.simulate(3, 0.0), "no machine 3"),
+        (lambda: mt.simulate(np.array([1.0, 2.0]), 0.0), "no machine array([1., 2.])"),
         (lambda: mt.simulate("mb10_breaker", "3s"), "duration_s '3s': expected a finite number of seconds"),
         (lambda: mt.simulate("mb10_breaker", 0.0, ["a=1"]), "settings ['a=1']: expected settings by dotted key"),
         (lambda: mt.simulate("mb10_breaker", 0.0, config=3), "config 3: expected the path of a file"),

@@ -127,11 +127,12 @@ def catalogue_entry(name: str) -> Entry:
     ConfigurationError
         If the catalogue has no such machine.
     """
-    if is_page(name) or name == PAGE.name:
+    text = name if isinstance(name, str) else ""  # anything may come from Python
+    if is_page(name) or text == PAGE.name:
         return PAGE
-    if isinstance(name, str) and name in CATALOGUE:
-        return CATALOGUE[name]
-    if name == FORMER:
+    if text in CATALOGUE:
+        return CATALOGUE[text]
+    if text == FORMER:
         raise ConfigurationError(f"{FORMER} is a page now: `mech-twin new --from OLD.yaml > my.yaml` writes it")
     within = [known for known in CATALOGUE if len(str(name)) > 1 and str(name) in known]
     near = get_close_matches(str(name), CATALOGUE, 1) or within
