@@ -26,7 +26,8 @@ QUIET_FILES := $(addprefix cli/test_,completion.py consequences.py errors.py mea
     poor_surroundings.py soak_report.py) \
   $(addprefix view/test_,annotations.py decimation.py labels.py rerun_scene.py) view/bench/test_lanes.py \
   $(addprefix test_,captions.py changed_values.py kernel_cache.py kernel_sources.py output_file.py random_configurations.py terminal_output.py)
-QUIET := $(wildcard $(addprefix test/,$(QUIET_ROOMS) $(QUIET_FILES)))
+LONGEST := test_random_configurations.py reliability/test_poor_surroundings.py
+QUIET := $(wildcard $(addprefix test/,$(LONGEST) $(filter-out $(LONGEST),$(QUIET_ROOMS) $(QUIET_FILES))))
 SHARED := -n 2 --dist loadfile --no-loadscope-reorder $(QUIET)
 ALONE := -n 2 --dist loadfile test $(addprefix --ignore=,$(QUIET) test/reliability)
 # these kill and stop processes of a run, beside which they listen: in a process that has not listened to others before,
