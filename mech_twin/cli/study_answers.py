@@ -103,9 +103,10 @@ def answer_search(request: SearchVerb) -> None:
         options["objective"] = asked_objectives(design_question(request.machine), tuple(request.objective))
     title = "Pareto front" if len(options["objective"]) > 1 else "best design"
     study.write_report(request, title, options, lambda: study.search_parts(found, options["objective"]))
-    besides = [study.numbers_beside(design.in_shorter_steps) for design in found]
-    told = [in_common_digits(design.objectives, beside) for design, beside in zip(found, besides, strict=True)]
-    rows = [{**design.variables, **numbers} for design, numbers in zip(found, told, strict=True)]
+    rows = [
+        {**each.variables, **in_common_digits(each.objectives, study.numbers_beside(each.in_shorter_steps))}
+        for each in found
+    ]
     if request.as_json:
         front = [
             {

@@ -302,9 +302,9 @@ def kept_until_replaced(directory: Path | None) -> Iterator[None]:
             directory.mkdir(DIRECTORY_MODE, exist_ok=True)
             for path in list(aside.iterdir()):
                 shutil.move(path, directory)
-        raise
-    finally:
         shutil.rmtree(aside)
+        raise
+    shutil.rmtree(aside)
 
 
 def new_directory(wanted: Path) -> tuple[Path, list[Path]]:
