@@ -73,6 +73,14 @@ function keyRow(parameter) {
   const was = document.createElement("p");
   was.className = "was";
   row.append(label, meaning, controls, was);
+  // an input that is typed into or dragged keeps its value until it is sent or left
+  row.addEventListener("input", () => { row.dataset.edited = ""; });
+  row.addEventListener("change", () => { delete row.dataset.edited; }, { capture: true });
+  row.addEventListener("focusout", () => {
+    if (row.dataset.edited === undefined) return;
+    delete row.dataset.edited;
+    changed(parameter.name, parameter.value);
+  });
   return row;
 }
 
@@ -154,7 +162,7 @@ export function changed(name, value) {
   if (!parameter || !row) return;
   if (parameter.value !== value) row.querySelector(".was").textContent = `was ${rounded(parameter.value)}`;
   parameter.value = value;
-  if (wanted.has(name)) return; // what is wanted next stands there
+  if (wanted.has(name) || row.dataset.edited !== undefined) return; // what is wanted next stands there
   for (const input of row.querySelectorAll("input, select")) {
     if (input.type === "checkbox") input.checked = value;
     else input.value = input.type === "number" ? rounded(value) : value;
