@@ -143,6 +143,7 @@ def test_force_replaces_a_recording(verb, bag, tmp_path):
 
 
 @pytest.mark.usefixtures("ros_domain")
+@pytest.mark.slow
 def test_a_recording_gives_way_only_to_another_one(tmp_path):
     """What is refused after the place of the recording was looked at leaves the earlier recording there."""
     out, sensors = tmp_path / "out", tmp_path / "sensors.yaml"

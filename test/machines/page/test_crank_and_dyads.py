@@ -211,6 +211,7 @@ def test_a_flywheel_is_of_all_turns_until_the_mechanism_is_as_it_was(text, swing
     assert found.metrics["flywheel_inertia_kg_m2"] == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_motion_that_does_not_repeat_has_no_flywheel():
     rack = {"mesh": {"kind": "rack", "joints": ["shaft", "cam_shaft"], "ratio": None, "radius_m": 0.1}}
     guide = {"cam_shaft": {"kind": "slider", "start_deg": None, "start_m": 0.0}}

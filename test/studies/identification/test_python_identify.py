@@ -235,6 +235,7 @@ def test_a_map_of_another_machine_is_refused(plant: tuple[Path, Path], tmp_path:
         mt.identify(MACHINE, [plant[0]], other, ["crank_m"])
 
 
+@pytest.mark.slow
 def test_what_contradicts_the_machine_is_a_warning(plant: tuple[Path, Path], tmp_path: Path) -> None:
     head, *rows = plant[0].read_text().splitlines()
     numbers = np.array([[float(cell) for cell in row.split(",")] for row in rows])

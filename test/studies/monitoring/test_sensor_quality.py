@@ -30,7 +30,7 @@ SENSOR = {  # beside that which cycles are counted by
     "roller_former": "linkage.twist.position",
     "winding_drum": "linkage.drum.effort",
 }
-QUICK = (NAME, "compaction_press", "winding_drum")  # the others take seconds to be watched
+QUICK = (NAME, "winding_drum")  # the others take seconds to be watched
 MACHINES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SENSOR]
 AFTER_CYCLES = 30
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
