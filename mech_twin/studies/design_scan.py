@@ -98,8 +98,10 @@ def design_question(machine: str) -> DesignQuestion:
 
 
 def asked_objectives(question: DesignQuestion, objectives: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the requested objectives, by default the usual one; raise a StudyError for an unknown name."""
+    """Return the requested objectives, by default the usual one; raise a StudyError for one unknown or twice."""
     for name in objectives:
+        if objectives.count(name) > 1:
+            raise StudyError(f"objective '{name}' stands twice; expected it once")
         if name not in question.objectives:
             raise StudyError(f"no objective '{name}'; expected one of {', '.join(question.objectives)}")
     return objectives or (next(iter(question.objectives)),)

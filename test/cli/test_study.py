@@ -74,6 +74,7 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
         (("winding_drum", "search"), "no design question; its runs are searched with"),
         (("impact_mass", "designs", "--count", "10"), "no design question; there is an answer for compaction_press"),
         (("compaction_press", "search", "--limit", "peak_n=1"), "no limit 'peak_n'"),
+        (("compaction_press", "search", *2 * ("--objective", "mass_kg")), "objective 'mass_kg' stands twice"),
         (("compaction_press", "size", "--limit", "a=1", "a=2"), "--limit a=2: 'a' stands twice; expected it once"),
         (
             ("compaction_press", "designs", "--limit", "stroke_m=-1"),
