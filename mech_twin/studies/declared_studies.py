@@ -60,12 +60,12 @@ def searches_by_runs(machine: str) -> bool:
 
 
 def questions_of(machine: str) -> tuple[str, ...]:
-    """Return the names of the functions of `mech_twin.studies` that this machine supports."""
+    """Return the questions of ``study`` that this machine answers; any machine can be swept, and searched by runs."""
     able = catalogue_entry(machine).capabilities
     answered = {
         "sweep": True,
         "size": able.sizing,
-        "search": able.design,
+        "search": True,
         "designs": able.design,
         "synthesise": able.synthesis,
         "regimes": able.regimes,
