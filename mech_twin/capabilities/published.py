@@ -134,5 +134,5 @@ class Literature:
         error = error_of(computed, published, measure)
         size = error if measure in ("below", "above") else abs(error)
         keeps = tolerance is None or (math.isfinite(error) and size <= tolerance)
-        head, told = (self.source, self.item, quantity, self.inputs), verdict if keeps else FAILED
-        return PublishedRow(*head, published, computed, error, measure, tolerance, told, reason, gated)
+        head, final_verdict = (self.source, self.item, quantity, self.inputs), verdict if keeps else FAILED
+        return PublishedRow(*head, published, computed, error, measure, tolerance, final_verdict, reason, gated)

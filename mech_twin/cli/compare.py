@@ -295,8 +295,8 @@ class Overlay:
         self._view.tell("comparison", content)
 
     def _tell_machine(self, machine: str) -> None:
-        told = {"name": machine, "namespace": "", "orders": [], "parameters": [], "recording": "", "sides": self._names}
-        self._view.tell("machine", told)
+        head = {"name": machine, "namespace": "", "orders": [], "parameters": [], "recording": "", "sides": self._names}
+        self._view.tell("machine", head)
 
 
 def _leading_angle(machine: Machine, side: ComparedRun) -> str | None:

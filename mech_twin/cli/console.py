@@ -235,11 +235,11 @@ def counted(title: str, *times: str, total: float | None = None) -> Iterator[Cal
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
     """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
     with counted(title, "TimeRemainingColumn", total=total) as update:
-        told = update or estimating(title, beyond_reason=True)
+        show = update or estimating(title, beyond_reason=True)
 
         def followed() -> Iterator[Item]:
             for done, item in enumerate(items):
-                told(done, total)
+                show(done, total)
                 yield item
 
         yield followed()

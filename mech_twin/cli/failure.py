@@ -87,10 +87,10 @@ def report_cli_errors() -> Iterator[None]:
     except Exception as error:
         if isinstance(error, StandardOutputError):
             give_up_output()
-        told = lacking(error) or _told(error)
-        if told is None:
+        message = lacking(error) or _told(error)
+        if message is None:
             raise
-        sys.stderr.write(f"mech-twin: {printable(' '.join(told.split()))}\n")
+        sys.stderr.write(f"mech-twin: {printable(' '.join(message.split()))}\n")
         raise SystemExit(EXIT_CODE) from error
 
 

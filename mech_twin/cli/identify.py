@@ -197,8 +197,8 @@ def _show_found(found: Identification) -> None:
     heads = ("channel", "fit, %", "rms, SI", "zero", "gain", "lag, s")
     fits: list[tuple[Any, ...]] = []
     for c in found.channels:
-        told = (" ".join(f"{value:.5g}" for value in each.values()) for each in (c.zero, c.gain, c.lag_s))
-        fits.append((c.channel, "-" if is_event(c.channel) else c.fit_percent, c.rms, *told))
+        corrections = (" ".join(f"{value:.5g}" for value in each.values()) for each in (c.zero, c.gain, c.lag_s))
+        fits.append((c.channel, "-" if is_event(c.channel) else c.fit_percent, c.rms, *corrections))
     print_table("channels of the fitted runs", heads, fits)
     still = [c.channel for c in found.channels if math.isnan(c.fit_percent) and not is_event(c.channel)]
     say(*(f"{name}: left out of fit and score in percent, it stands still" for name in still))

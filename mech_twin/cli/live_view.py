@@ -107,14 +107,14 @@ def opened_bench(
     return OpenedView(bench.place, bench.url, stack.enter_context(BenchLink(bench.place)))
 
 
-def told_machine(name: str, namespace: str, orders: Sequence[str], parameters: Parameters | None) -> dict[str, Any]:
+def machine_message(name: str, namespace: str, orders: Sequence[str], parameters: Parameters | None) -> dict[str, Any]:
     """Return what the page has to know to command: where the machine is, which orders it takes, its live parameters."""
     from mech_twin.nodes.exchange.parameter_bridge import live_keys
 
     keys = [] if parameters is None else live_keys(parameters)
     tree = None if parameters is None else configuration_tree(parameters)
-    told = {"name": name, "namespace": namespace, "orders": list(orders), "parameters": keys}
-    return told | {"configuration": tree, "settings": [] if tree is None else changed_settings(name, tree)}
+    description = {"name": name, "namespace": namespace, "orders": list(orders), "parameters": keys}
+    return description | {"configuration": tree, "settings": [] if tree is None else changed_settings(name, tree)}
 
 
 def hold_view(page: str) -> None:

@@ -244,8 +244,8 @@ def analyse_measured(request: ReplayVerb, map_file: Path) -> None:
         rows = [(each.name, each.samples, each.rms, each.share, each.correlation) for each in found.compared]
         heads = ("channel", "samples", "rms off", "share", "correlation")
         print_table("measured, beside the model in the same motion", heads, rows)
-    told = {read.turn.crank, *(each.name for each in found.compared)}
-    if left := [channel.name for channel in read.run.channels if channel.name not in told]:
+    named = {read.turn.crank, *(each.name for each in found.compared)}
+    if left := [channel.name for channel in read.run.channels if channel.name not in named]:
         say(f"{measurement}: not compared: {', '.join(left)}; the motion tells linkage and forces only")
     outside = [each for each in found.compared if tolerance is not None and not each.share <= tolerance]
     for each in outside:

@@ -132,9 +132,9 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
     if explained is None:
         say(f"{path}: not written, there is no alarm to explain")
         return
-    run, told = explained
-    alarm = next(alarm for alarm in told.found.alarms if alarm.change is not None)
-    figure = drawn_explanation(setup, run.vectors, alarm, told.why[0])
+    run, judged = explained
+    alarm = next(alarm for alarm in judged.found.alarms if alarm.change is not None)
+    figure = drawn_explanation(setup, run.vectors, alarm, judged.why[0])
     with house_style(), written_file(path, force=force) as file:
         figure.savefig(file)
 
@@ -179,8 +179,8 @@ class Judged(NamedTuple):
 
     def explained(self, setup: MonitorSetup, units: Mapping[str, str], fault: str) -> Judged:
         """Return the run with what speaks for and against a fault, of each alarm that had the cycles for it."""
-        told = [explanation(setup, units, alarm, fault) for alarm in self.found.alarms]
-        return self._replace(why=tuple(each for each in told if each is not None))
+        explanations = [explanation(setup, units, alarm, fault) for alarm in self.found.alarms]
+        return self._replace(why=tuple(each for each in explanations if each is not None))
 
 
 def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judged], *, as_json: bool) -> None:
@@ -192,9 +192,9 @@ def show_runs(setup: MonitorSetup, units: Mapping[str, str], runs: Sequence[Judg
     for run in runs:
         for value in run.found.operating:
             share, low, high = (f"{100.0 * each:+.4g} %" for each in (value.share, value.low_95, value.high_95))
-            told = f"({low} to {high}) of the baseline's, fair within +-{100.0 * value.range:.3g} %"
+            interval = f"({low} to {high}) of the baseline's, fair within +-{100.0 * value.range:.3g} %"
             place = "beyond its range" if value.is_outside else "operating_point"
-            say(f"{run.run}: {place}: {value.name} {share} {told}")
+            say(f"{run.run}: {place}: {value.name} {share} {interval}")
         if not run.found.alarms:
             faults = ", ".join(dict.fromkeys(event.name for event in run.found.became_active))
             say(f"{run.run}: {run.found.counted}, {f'fault: {faults}' if faults else 'no alarm'}")
@@ -216,9 +216,9 @@ def _show_explanation(run: str, found: Explanation) -> None:
     for each in found.features:
         numbers = map(rounded, (each.healthy, each.change, each.half_95, each.expected))
         rows.append((each.name, each.unit, *numbers, f"{each.moved_sigma:.1f}", f"{each.left_sigma:.1f}"))
-    told = f"{run}: {fault.name} of {rounded(fault.size)} {fault.unit} {verdict} since {found.onset_s:.3f} s"
+    title = f"{run}: {fault.name} of {rounded(fault.size)} {fault.unit} {verdict} since {found.onset_s:.3f} s"
     left = f"({found.finding}), leaves {100.0 * fault.open_share:.1f} % of it open"
-    print_table(f"{told} {left}", heads, rows)
+    print_table(f"{title} {left}", heads, rows)
 
 
 def show_design(setup: MonitorSetup, design: SensorDesign, features: Sequence[CycleFeature], *, as_json: bool) -> None:
@@ -347,10 +347,10 @@ def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
     suspects = sum(sister.is_suspect for sister in fleet.sisters)
     shown = sum(bool(sister.verdict) for sister in fleet.sisters)
     counts = f"{suspects} suspect, {shown - suspects} unconfirmed, {len(refused)} not judged"
-    told = f"{len(rows)} machines, {counts}; {took_s:.0f} s"
+    summary = f"{len(rows)} machines, {counts}; {took_s:.0f} s"
     if request.page is not None:
         parts = [
-            f"<p>{told}; {versions()}</p>",
+            f"<p>{summary}; {versions()}</p>",
             section("Suspect", HEADS, rows[:suspects]),
             section("Unconfirmed: not apart from its sisters", HEADS, rows[suspects:shown]),
             section("Not judged", ("machine", "reason"), refused),
@@ -364,9 +364,9 @@ def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
         print_json({**head, "common": fleet.common, "machines": machines, "refused": dict(refused)})
         return
     if request.everything or shown:
-        print_table(f"{request.machine}: {told}", HEADS, rows if request.everything else rows[:shown])
+        print_table(f"{request.machine}: {summary}", HEADS, rows if request.everything else rows[:shown])
     else:
-        say(f"{request.machine}: {told}")
+        say(f"{request.machine}: {summary}")
     say(*(f"{name}: not judged: {reason}" for name, reason in refused))
     if not isfinite(fleet.limit):
         say("too few sisters to compare them; expected five or more with the same features")

@@ -148,8 +148,8 @@ def setup_of_runs(
         for name, _, allowed in far:
             expected = f"expected runs within +-{100.0 * allowed:.3g} % of their mean"
             raise CommandError(f"{run.path}: {name} is far from that of the other healthy runs; {expected}")
-    told = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
-    return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, told))
+    baseline_runs = [BaselineRun(str(run.path.absolute()), len(run.vectors)) for run in runs]
+    return replace(found, origin=new_origin(datetime.now(UTC), parameters, runs[0].given, baseline_runs))
 
 
 def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> FeaturedRun:

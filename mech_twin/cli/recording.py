@@ -163,8 +163,8 @@ def info_record(info: BagInfo) -> dict[str, Any]:
         place = {"file": split.file.name, "size_bytes": split.size_bytes, "start_s": start_s, "end_s": end_s}
         splits.append({**place, "messages": split.message_count})
     whole = {"finished": info.finished, "duration_s": info.duration_s, "message_count": info.message_count}
-    told = {"configuration": info.configuration, "problems": info.problems}
-    return {"bag": info.path, **head, **whole, "topics": topics, "splits": splits, **told}
+    rest = {"configuration": info.configuration, "problems": info.problems}
+    return {"bag": info.path, **head, **whole, "topics": topics, "splits": splits, **rest}
 
 
 def recover_bag(request: RecoverVerb) -> None:
@@ -333,5 +333,5 @@ def _write(
 
 def _word(name: str) -> str:
     """Return the word of a number whose unit stands beside it: compared, of ``steps_compared``."""
-    told, unit = name.replace("_", " "), UNITS.get(name, "")
-    return told.removeprefix(f"{unit} ").removesuffix(f" {unit}") if unit else told
+    words, unit = name.replace("_", " "), UNITS.get(name, "")
+    return words.removeprefix(f"{unit} ").removesuffix(f" {unit}") if unit else words

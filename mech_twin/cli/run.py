@@ -13,8 +13,8 @@ from pydantic import ValidationError
 
 from mech_twin.cli.console import print_json, say, say_result
 from mech_twin.cli.failure import CommandError, messages_in, report_losses
-from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEW, check_view, hold_view, opened_view, told_machine
-from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers
+from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEW, check_view, hold_view, machine_message, opened_view
+from mech_twin.cli.run_summary import digits_note, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
@@ -62,7 +62,7 @@ def run_machine(request: RunVerb) -> None:
         view = opened_view(request.view, request.view_port, stack, open_to_other_hosts=open_to, kernels=kernels)
         if view.link is not None:
             place = run_namespace(request.machine, request.namespace)
-            view.tell("machine", told_machine(request.machine, place, RUN_ORDERS, parameters))
+            view.tell("machine", machine_message(request.machine, place, RUN_ORDERS, parameters))
             view.tell("status", {"text": "starting the nodes, building the machine"})
         outcome = _run(request, parameters, options, directory, view.destination)
         view.tell("end", {"text": "the run is over" + ("" if directory is None else f"; recorded in {directory}")})
@@ -129,7 +129,7 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
         design = set(numbers) - set(outcome.metrics.running_numbers())
         name = getattr(parameters, "name", request.machine)
         show_numbers(f"{name}: metrics of the run", numbers, design, everything=request.everything)
-        say_result(how_told(configuration_tree(parameters)["coupling"]["step_s"]))
+        say_result(digits_note(configuration_tree(parameters)["coupling"]["step_s"]))
         show_events(tuple(outcome.metrics.events), numbers, everything=request.everything)
         if directory is not None and directory.exists():
             say(f"recorded in {directory}; `mech-twin view {directory}` shows it again")

@@ -41,15 +41,15 @@ def show_numbers(
 ) -> None:
     """Write the numbers of a run in groups: the headlines, or all; in the digits they have in shorter steps too."""
     found = grouped(numbers, design)
-    told = {**in_common_digits(numbers, shorter), **found.get(CHECKS, {})}
+    shown = {**in_common_digits(numbers, shorter), **found.get(CHECKS, {})}
     chosen = {group: values if everything else headlines(values, group) for group, values in found.items()}
-    groups = {group: {name: told[name] for name in values} for group, values in chosen.items()}
+    groups = {group: {name: shown[name] for name in values} for group, values in chosen.items()}
     show_groups(title, groups)
     if left := len(numbers) - sum(map(len, groups.values())):
         say_result(f"{left} more numbers with --all; docs/glossary.md says what each is")
 
 
-def how_told(step_s: float, shorter_s: float | None = None, failure: str = "") -> str:
+def digits_note(step_s: float, shorter_s: float | None = None, failure: str = "") -> str:
     """Return the line that says how far the numbers of a run depend on its coupling step."""
     if shorter_s is not None and failure:
         checked = f"the check in steps of {shorter_s * 1e3:.3g} ms failed ({failure})"
@@ -99,8 +99,8 @@ def _row(event: Event, *, turns: bool) -> tuple[Any, ...]:
     speeds = [f"{speed:.4g}" for speed in (event.pre_velocity_m_per_s, event.post_velocity_m_per_s)]
     impact: tuple[Any, ...] = ("-", "-", "-") if event.impulse_ns == 0.0 else (*speeds, event.impulse_ns)
     if turns and event.impulse_ns != 0.0:
-        told = (*speeds, f"{event.impulse_ns:.6g}")
-        impact = tuple(f"{number} {unit}" for number, unit in zip(told, TURNING, strict=True))
+        numbers = (*speeds, f"{event.impulse_ns:.6g}")
+        impact = tuple(f"{number} {unit}" for number, unit in zip(numbers, TURNING, strict=True))
     return (f"{event.time_s:.5f}", event.kind, event.contact, *impact)
 
 

@@ -18,8 +18,8 @@ from mech_twin.cli.live_view import (
     IDENTIFIER_ORDERS,
     MONITOR_ORDERS,
     check_view,
+    machine_message,
     opened_view,
-    told_machine,
 )
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
@@ -71,7 +71,7 @@ def shadow_machine(request: ShadowVerb) -> None:
         say(f"recording to {request.record}")
     say("starting (the first time compiles the numerical kernels, which takes up to a minute)")
 
-    def told(node: object) -> None:
+    def say_following(node: object) -> None:
         say(f"following {setup.namespace}; estimates below /{own}/twin")
 
     with ExitStack() as stack:
@@ -80,11 +80,11 @@ def shadow_machine(request: ShadowVerb) -> None:
         if view.link is not None:
             offered = ((reference, MONITOR_ORDERS), (wish, ADVISOR_ORDERS), (free, IDENTIFIER_ORDERS))
             orders = [order for thing, each in offered if thing is not None for order in each]
-            view.tell("machine", told_machine(own, f"/{own}", orders, None))
+            view.tell("machine", machine_message(own, f"/{own}", orders, None))
             view.tell("status", {"text": f"listening for {setup.namespace}"})
         outlets = _outlets(request)
         company = Company(request.record, reference, request.black_box, wish, view.destination, outlets, free)
-        outcome = follow(machine, setup, parameters, company, request.duration_s, told, own)
+        outcome = follow(machine, setup, parameters, company, request.duration_s, say_following, own)
     if request.as_json:
         found = {"machine": request.machine, "values": outcome.values, "messages_sent": outcome.sent}
         print_json({**found, "black_boxes": outcome.black_boxes})
@@ -146,7 +146,7 @@ def _wish(path: Path, request: ShadowVerb, sensors: MeasurementMap) -> AdviceWis
     return wish
 
 
-def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, float]:
+def key_deviations(parameters: Parameters, words: Sequence[str]) -> dict[str, float]:
     """Return the standard deviation of each key, in its unit, of ``KEY=2%`` of its value or ``KEY=0.1`` in its unit."""
 
     def sized(size: str) -> tuple[float, bool]:
@@ -154,8 +154,8 @@ def key_deviations(parameters: Parameters, told: Sequence[str]) -> dict[str, flo
 
     expected = "KEY=2% or KEY=NUMBER, not negative"
     demand = (expected, lambda found: math.isfinite(found[0]) and found[0] >= 0.0)
-    values = {word.partition("=")[0].strip(): _number_of(parameters, word) for word in told}
-    sizes = assigned("--uncertain", told, expected, sized, demand)
+    values = {word.partition("=")[0].strip(): _number_of(parameters, word) for word in words}
+    sizes = assigned("--uncertain", words, expected, sized, demand)
     return {key: size / 100.0 * abs(values[key]) if part else size for key, (size, part) in sizes.items()}
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from mech_twin.cli.console import busy, numbered, print_csv, print_json, progress, say, say_result
 from mech_twin.cli.failure import FOUND, CommandError, report_losses
-from mech_twin.cli.run_summary import how_told, say_consequences, show_events, show_numbers, show_residuals
+from mech_twin.cli.run_summary import digits_note, say_consequences, show_events, show_numbers, show_residuals
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.engine.trajectory import broken_lines, frame_numbers
@@ -78,7 +78,7 @@ def simulate_machine(request: SimulateVerb) -> None:
         title, everything = f"{name}: {request.duration_s:g} s", request.everything
         show_numbers(title, document["summary"], machine.report(), confirmed, everything=everything)
         how = () if beside is None else (beside.step_s, beside.failure)
-        say_result(how_told(machine.coupling_step_s, *how))
+        say_result(digits_note(machine.coupling_step_s, *how))
         show_residuals(document["residuals"])
         show_events(simulation.events, document["summary"], everything=request.everything)
     say(*(f"warning: {remark}" for remark in simulation.remarks()))

@@ -127,7 +127,7 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 
 @contextmanager
-def told(title: str) -> Iterator[None]:
+def progress_of(title: str) -> Iterator[None]:
     """Show how far an answer says it is; where no terminal listens, how long it will take, once."""
     with counted(title) as bar, listening(bar or estimating(title)):
         yield

@@ -13,7 +13,7 @@ from mech_twin.capabilities.design import Design
 from mech_twin.cli import study
 from mech_twin.cli.console import counted, print_csv, print_json, print_numbers, print_table, say
 from mech_twin.cli.failure import INTERRUPTED, CommandError
-from mech_twin.cli.run_summary import how_told, shorter_record
+from mech_twin.cli.run_summary import digits_note, shorter_record
 from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import check_output_file
@@ -38,7 +38,7 @@ def answer_size(request: SizeVerb) -> None:
     if study.shows_limits(request.limit, machine, "sizing"):
         return
     out, parameters = request.output, request.parameters
-    with study.told(f"sizing {machine}"):
+    with study.progress_of(f"sizing {machine}"):
         limits = study.limits_of(request.limit)
         answer = size(machine, parameters, limits=limits, objective=request.objective, tolerance=request.tolerance)
         found = {name: getattr(answer, name) for name in ("objective", "tolerance", "binding")}
@@ -47,8 +47,8 @@ def answer_size(request: SizeVerb) -> None:
     shorter = answer.in_shorter_steps
     if request.as_json:
         shown = ("name", "value", "limit", "side", "holds", "binds")
-        told = ("objective", "tolerance", "uncertain", "sizes", "metrics", "binding")
-        document = {name: getattr(answer, name) for name in told}
+        fields = ("objective", "tolerance", "uncertain", "sizes", "metrics", "binding")
+        document = {name: getattr(answer, name) for name in fields}
         document["constraints"] = [{name: getattr(each, name) for name in shown} for each in answer.constraints]
         head = {"machine": answer.machine, "config": configuration_tree(answer.parameters)}
         tail = {"trade_off": answer.trade_off, "configuration": out, **shorter_record(shorter)}
@@ -66,7 +66,7 @@ def answer_size(request: SizeVerb) -> None:
     if answer.tolerance > 0.0 and all(constraint.holds for constraint in answer.constraints):
         say(f"holds with each of these off by up to {100.0 * answer.tolerance:g} %: {', '.join(answer.uncertain)}")
     if shorter is not None:
-        say(how_told(shorter.beside_s, shorter.step_s))
+        say(digits_note(shorter.beside_s, shorter.step_s))
 
 
 def _is_chosen(row: Mapping[str, float | str], numbers: Mapping[str, float | str]) -> bool:
@@ -92,7 +92,7 @@ def answer_search(request: SearchVerb) -> None:
     out, several = request.output, len(request.objective) > 1
     if request.report is not None and several:
         require_extra("plots")
-    with study.told(f"searching {'runs' if by_runs else 'designs'} of {request.machine}"):
+    with study.progress_of(f"searching {'runs' if by_runs else 'designs'} of {request.machine}"):
         found = _searched(request, by_runs=by_runs)
         first, shorter = found[0], found[0].in_shorter_steps
         of_runs = {"limits": request.limit, "duration_s": request.duration_s or 0.0} if by_runs else {}
@@ -130,7 +130,7 @@ def answer_search(request: SearchVerb) -> None:
             f"margins of the {of} (least first; 0 binds)", in_common_digits(near, study.numbers_beside(shorter))
         )
     if shorter is not None:
-        say(how_told(shorter.beside_s, shorter.step_s))
+        say(digits_note(shorter.beside_s, shorter.step_s))
     if len(found) > 1:
         say("the configuration is the first of the front")
 
@@ -194,7 +194,7 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
     """Show the cycles side by side; write the configuration of the chosen one."""
     machine, speed = request.machine, request.impact_speed_m_per_s
     out = request.output
-    with study.told(f"synthesising a cycle of {machine}"):
+    with study.progress_of(f"synthesising a cycle of {machine}"):
         options, periods = study.options_of(request, *ROBUST), request.periods
         found = synthesise(machine, speed, parameters=request.parameters, options=options, periods=periods)
         asked = {"impact_speed_m_per_s": speed, "seed": request.seed, "cycle": found.chosen}

@@ -129,8 +129,8 @@ def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
     view = opened_bench(port, stack, history_bytes=SHOWN_BYTES)
     view.tell("status", {"text": f"reading {bag}"})
     name, settings = shown.described()
-    told = {"namespace": "", "orders": [], "parameters": [], "recording": str(bag), "settings": settings}
-    view.tell("machine", told | {"name": name or shown.machine})
+    description = {"namespace": "", "orders": [], "parameters": [], "recording": str(bag), "settings": settings}
+    view.tell("machine", description | {"name": name or shown.machine})
     return stack.enter_context(BenchScene(BenchLink(view.destination or "", PATIENCE_S), RECORDED))
 
 

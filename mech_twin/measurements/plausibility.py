@@ -177,13 +177,13 @@ def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
     usually = float(np.median(np.diff(crank.values) / np.diff(crank.times_s)))
     if abs(usually) > SPEED_FACTOR * abs(usual):
         speed = usually  # an angle that starts anew at each turn, in another unit, has hardly any mean speed
-    told = f"{crank.name} turns at {speed:.4g} rad/s, the model at {usual:.4g}"
+    turning = f"{crank.name} turns at {speed:.4g} rad/s, the model at {usual:.4g}"
     if (beyond := next((each for each in TIME_FACTORS if 0.5 < each * abs(speed / usual) < 2.0), None)) is not None:
         apart = f"{beyond:g} times too far apart" if beyond > 1.0 else f"{1.0 / beyond:g} times too close"
-        return [f"{told}: the stamps are {apart}, is the unit of the time wrong?"]
+        return [f"{turning}: the stamps are {apart}, is the unit of the time wrong?"]
     if not 1.0 / SPEED_FACTOR < abs(speed / usual) < SPEED_FACTOR:
-        return [f"{told}{_fitting_unit(crank, 'rad', abs(speed), abs(usual), SPEED_FACTOR)}"]
-    return [] if speed * usual > 0.0 else [f"{told}: expected sign {-crank.channel.sign}"]
+        return [f"{turning}{_fitting_unit(crank, 'rad', abs(speed), abs(usual), SPEED_FACTOR)}"]
+    return [] if speed * usual > 0.0 else [f"{turning}: expected sign {-crank.channel.sign}"]
 
 
 def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel, units: Mapping[str, str]) -> str | None:

@@ -118,11 +118,11 @@ class TableReader:
         factor, origin_s = TIME_UNITS[self._clocks.get(clock, time.unit)], None
         for batch in self._batches(list(dict.fromkeys((clock, *names)))):
             times, known = _numbers(batch[clock], self.path, clock)
-            told = known & np.isfinite(times)
-            if not told.all():
-                times, known = np.where(told, times, np.nan), np.ones(len(known), dtype=bool)
-            if origin_s is None and told.any():
-                first_s = float(times[told][0]) * factor
+            stamped = known & np.isfinite(times)
+            if not stamped.all():
+                times, known = np.where(stamped, times, np.nan), np.ones(len(known), dtype=bool)
+            if origin_s is None and stamped.any():
+                first_s = float(times[stamped][0]) * factor
                 origin_s = float(np.floor(first_s)) if abs(first_s) > EPOCH_S else 0.0
             stamps = (times - (origin_s or 0.0) / factor) * factor
             for place, name in enumerate(names):

@@ -154,13 +154,13 @@ class ChangingMachine:
 
     def _named_changes(self, entry: Entry) -> dict[str, MachineFault | OperatingVariable]:
         """Return faults and operating variables by name; a live key takes precedence over a fault."""
-        healthy, told = self.revisions[0][1].parameters, entry.capabilities
-        faults = () if told.faults is None else told.faults(healthy)
+        healthy, able = self.revisions[0][1].parameters, entry.capabilities
+        faults = () if able.faults is None else able.faults(healthy)
         live = live_numbers(healthy)
         found: dict[str, MachineFault | OperatingVariable] = {
             fault.name: fault for fault in faults if fault.name not in live
         }
-        return found | {each.name: each for each in (told.operating(healthy) if told.operating else ())}
+        return found | {each.name: each for each in (able.operating(healthy) if able.operating else ())}
 
     def command(self, step: int) -> float:
         """Return the requested fraction of rated supply frequency at a step."""

@@ -170,8 +170,8 @@ def _sizes(document: Document) -> SizingResult:
 
 
 def _shorter(document: Document, parameters: Any) -> InShorterSteps | None:
-    told = document.get("shorter_steps")
-    return told and InShorterSteps(told["step_s"], parameters.coupling.step_s, dict(_numbers("", told["summary"])))
+    found = document.get("shorter_steps")
+    return found and InShorterSteps(found["step_s"], parameters.coupling.step_s, dict(_numbers("", found["summary"])))
 
 
 def _points(document: Document) -> Columns:

@@ -280,10 +280,10 @@ class Assembly:
             led = next((k for k, rest in enumerate(rests) if not regular(rest)), -1)
             one, *others = [self.coordinates[j] for j in (driven[led], *driven[:led])] if led >= 0 else [""]
             held = f"the loops hold {one}, which has a given speed; take one away; or"
-            told = f"joints: {held if one else f'{error};'}"
+            reason = f"joints: {held if one else f'{error};'}"
             if others:
-                told = f"drives: the loops lead {one} with {', '.join(others)}; give it no speed; or"
-            raise ConfigurationError(f"{told} the start is at a dead point, move it") from error
+                reason = f"drives: the loops lead {one} with {', '.join(others)}; give it no speed; or"
+            raise ConfigurationError(f"{reason} the start is at a dead point, move it") from error
 
     def _redundant(self, rows: Array) -> str:
         """Return the error text for the first loop or coupling that is redundant (rank of the Jacobian)."""

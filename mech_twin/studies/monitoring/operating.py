@@ -324,8 +324,8 @@ class OperatingTrack:
             self._smooth = self._smooth + self._weight * (u - self._smooth)
         if self._is_known:
             drawn = self._told(self._smooth, np.ones_like(u))  # never farther off: a healthy point at an end stays in
-            told = zip(self.values(), self._far, drawn, strict=True)
-            self.outside = tuple(value for value, is_far, kept in told if is_far and kept.is_outside)
+            judged = zip(self.values(), self._far, drawn, strict=True)
+            self.outside = tuple(value for value, is_far, kept in judged if is_far and kept.is_outside)
         far = float(np.linalg.norm(self._smooth))
         return surface.drift + far * surface.doubt + np.where(is_moving, span, 0.0) @ surface.transient
 
