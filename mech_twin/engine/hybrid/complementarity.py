@@ -27,6 +27,7 @@ from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 SOLVED, CONTRADICTION = 0, -1
 DEPENDENT = 1e-11  # relative pivot below which a law counts as linearly dependent on earlier holding ones
+SAME = 1e-14  # relative pivot below which a law moves with the holding ones alone, but for rounding
 NEAR = 1e-11  # relative to the terms summed: a smaller acceleration or force is rounding
 YIELDING = 1e-10  # of its mobility: what a law yields by itself, where pivoting does not end
 STRUCK, CLOSED = 1, 2  # what an impact did to a law
@@ -118,6 +119,29 @@ def factor_holding(at: Equations, force: Array) -> None:
             factor[i, i] = rest**0.5
         else:
             force[i] = nearest_to_zero(at.least[i], at.most[i])
+
+
+@borrowing_kernel
+def is_held_by_others(at: Equations, regimes: Indices, law: int, room: Array) -> bool:
+    """Return whether the holding laws allow no motion of another law; the mass matrix is factorised, ``room`` is (m,).
+
+    So it is with friction under two feet of a body: where one holds, the other one does not move either.
+    """
+    m, factor = len(room), at.hold_factor
+    for i in range(m):
+        at.status[i], at.least[i], at.most[i] = HOLD if regimes[i] == HOLD else OPEN, 0.0, 0.0
+    fill_mobilities(at, True)
+    factor_holding(at, room)
+    rest = at.matrix[law, law]
+    for j in range(m):
+        room[j] = 0.0
+        if holds_by_itself(at, j):
+            total = at.matrix[law, j]
+            for k in range(j):
+                total -= room[k] * factor[j, k]
+            room[j] = total / factor[j, j]
+            rest -= room[j] * room[j]
+    return bool(at.matrix[law, law] > 0.0 and rest <= SAME * at.matrix[law, law])
 
 
 @embedded_kernel

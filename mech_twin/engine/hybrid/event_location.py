@@ -32,6 +32,7 @@ from mech_twin.engine.integration import (
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 
 NOTHING = -1
+AT_ROOT, KEPT = 1.0, 2.0  # a signal that is zero at the start; one that other laws keep at zero
 NEXT = 1e-13  # of a step: a root is no better known
 BEYOND = 1.25  # times the flight at constant acceleration: a step that holds its end
 SOON = 1e-3  # of the step that error control allows: in less a gap may change by less than its rounding
@@ -49,7 +50,7 @@ class Signals(NamedTuple):
     now: Array
     now_rate: Array
     middle: Array
-    at_root: Array  # 1 where the signal is zero at the start
+    at_root: Array  # `AT_ROOT`, `KEPT`, or 0
     state: Array
     rate: Array
     lost: Array  # (2 n,) carry of the compensated sums of coordinates and velocities
@@ -154,7 +155,7 @@ def root_share(
 
     A bracket holds it; a signal without a rate has the slope of the last secant.
     """
-    at_root, shift = search.at_root[which] == 1.0, search.start[which]
+    at_root, shift = search.at_root[which] == AT_ROOT, search.start[which]
     low, before = 0.0, 0.0
     last = search.start_rate[which] if at_root else shift
     value = search.end[which] if high == 1.0 else dense_signal(piece, t, y, h, high, which, work, search)[0]
@@ -194,8 +195,16 @@ def is_beyond(first: float, rate: float, last: float, at_root: bool) -> bool:
 def mark_roots(search: Signals) -> None:
     """Mark signals that are zero and rising at the start; they may return to zero within the step."""
     for which in range(len(search.start)):
-        if search.start[which] == 0.0 and search.start_rate[which] > 0.0:
-            search.at_root[which] = 1.0
+        if search.start[which] == 0.0 and search.start_rate[which] > 0.0 and search.at_root[which] != KEPT:
+            search.at_root[which] = AT_ROOT
+
+
+@embedded_kernel
+def forget_roots(at_root: Array) -> None:
+    """Drop the marks of signals that were zero at the start of a step."""
+    for which in range(len(at_root)):
+        if at_root[which] == AT_ROOT:
+            at_root[which] = 0.0
 
 
 @borrowing_kernel
@@ -206,9 +215,9 @@ def first_signal(piece: PieceAt, t: float, y: Array, h: float, work: Workspace, 
     for which in range(len(search.start)):
         first, last = search.start[which], search.end[which]
         rate = search.start_rate[which]
-        if first == math.inf:
+        if first == math.inf or search.at_root[which] == KEPT:
             continue
-        at_root = search.at_root[which] == 1.0
+        at_root = search.at_root[which] == AT_ROOT
         if is_beyond(first, rate, last, at_root):
             return which, 0.0
         if (first <= 0.0 and not at_root) or (at_root and rate == 0.0 and last == first):
@@ -252,16 +261,21 @@ def land_on(
         a = dense_signal(piece, t, y, h, low, which, work, search)[0]
         b = dense_signal(piece, t, y, h, share, which, work, search)[0]
         slope = (b - a) / ((share - low) * h) if share > low else UNKNOWN
+    kept, least = span, math.inf
     for turn in range(3):
         take_step(piece, t, y, span, work)
         finish_step(piece, t, span, work)
-        if turn == 2:
-            break
         read_signals(piece, t + span, work.end, search.now, search.now_rate)
         value, rate = search.now[which], search.now_rate[which]
+        if abs(value) > least:  # where the signal is flat, Newton's method leads away from its root
+            span = kept
+            take_step(piece, t, y, span, work)
+            finish_step(piece, t, span, work)
+            break
+        kept, least = span, abs(value)
         rate = slope if math.isnan(rate) else rate
         rest = -value / rate if rate < 0.0 else 0.0
-        if not 0.0 < span + rest <= h or rest == 0.0:
+        if turn == 2 or not 0.0 < span + rest <= h or rest == 0.0:
             break
         if abs(rest) <= UNIFORM * h:
             last = work.rates[len(method_of(piece).weights)]
@@ -355,10 +369,9 @@ def advance_piece(
             h, rest = land_on(piece, t + done, y, h, share, which, work, search)
         carry_on(piece, h, rest, y, work, search)
         done += h + rest
+        forget_roots(search.at_root)
         if which != NOTHING:
             return min(done, left), wanted, which, steps
-        for i in range(len(search.at_root)):
-            search.at_root[i] = 0.0
         if ends:
             return left, wanted, NOTHING, steps
     return done, wanted, NOTHING, -2

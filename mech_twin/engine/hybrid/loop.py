@@ -14,8 +14,8 @@ import numpy as np
 
 from mech_twin.engine.addresses import place_of, view_as
 from mech_twin.engine.compiled_steps import LOG_FULL, copy_numbers
-from mech_twin.engine.hybrid.complementarity import CLOSED, SOLVED, STRUCK, halt, strike
-from mech_twin.engine.hybrid.event_location import NOTHING, Signals, advance_piece
+from mech_twin.engine.hybrid.complementarity import CLOSED, SOLVED, STRUCK, halt, is_held_by_others, strike
+from mech_twin.engine.hybrid.event_location import AT_ROOT, KEPT, NOTHING, Signals, advance_piece
 from mech_twin.engine.hybrid.laws import (
     HIGH,
     HOLD,
@@ -45,6 +45,7 @@ MOVES = 1e-11  # relative to the velocity changes of the impulses: below, a law 
 JUMPED = 3  # beside `STRUCK` and `CLOSED`: an impact set the law in motion
 LAST, ROUND, FASTEST = range(3)  # rows of `Room.series`
 LEAP = 1e3  # times the error of a step: a law that stops may change no velocity by more
+INSTANT_S = 1e-12  # so near is a velocity to its root where a step has located it
 ROWS = 16  # stages of the largest tableau
 
 
@@ -282,12 +283,33 @@ def change_law(system: Any, t: float, y: Array, regimes: Indices, law: int, uppe
 
 
 @borrowing_kernel
+def is_still(at: Equations, tolerance: Array, law: int, errors: float) -> bool:
+    """Return whether a law has no velocity but so many times the error of a step."""
+    error = 0.0
+    for k in range(len(at.force)):
+        error += abs(at.directions[law, k]) * tolerance[len(at.force) + k]
+    return bool(abs(at.velocity[law]) <= errors * error)
+
+
+@borrowing_kernel
 def stands(at: Equations, tolerance: Array, regimes: Indices, law: int) -> bool:
     """Return whether a sliding law has no velocity but the error of a step: another one that holds has kept it so."""
-    n, error = len(at.force), 0.0
-    for k in range(n):
-        error += abs(at.directions[law, k]) * tolerance[n + k]
-    return bool((regimes[law] == LOW or regimes[law] == HIGH) and abs(at.velocity[law]) <= error)
+    return bool((regimes[law] == LOW or regimes[law] == HIGH) and is_still(at, tolerance, law, 1.0))
+
+
+@borrowing_kernel
+def begins_at_root(at: Equations, tolerance: Array, regimes: Indices, law: int) -> bool:
+    """Return whether the signal of a law that begins is zero; not so of a sliding one that had the wrong sign."""
+    a = abs(at.law_acceleration[law])
+    return bool(regimes[law] == OPEN or abs(at.velocity[law]) <= INSTANT_S * a or is_still(at, tolerance, law, LEAP))
+
+
+@borrowing_kernel
+def mark_standing(at: Equations, tolerance: Array, regimes: Indices, at_root: Array) -> None:
+    """Mark the signals of sliding laws without velocity as zero, unless other laws keep them so."""
+    for i in range(len(at.gap)):
+        if at_root[2 * i] != KEPT and stands(at, tolerance, regimes, i):
+            at_root[2 * i] = AT_ROOT
 
 
 @borrowing_kernel
@@ -297,6 +319,11 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
     for i in range(m):
         room.past[i] = regimes[i]
     prepare_instant(system, t, y, regimes, at)
+    kept = stands(at, room.tolerance, regimes, law) and is_held_by_others(at, regimes, law, room.cut)
+    if kept or (regimes[law] == OPEN and at.velocity[law] > 0.0):  # nothing changes
+        search.at_root[2 * law] = KEPT if kept else AT_ROOT
+        mark_standing(at, room.tolerance, regimes, search.at_root)
+        return count
     clear(search.at_root)
     if regimes[law] == OPEN and at.velocity[law] < 0.0:
         at.gap[law] = 0.0
@@ -304,21 +331,19 @@ def pass_law(system: Any, t: float, y: Array, regimes: Indices, which: int, room
         begin_impact(system, t, y, regimes, at)
         answer = close_gaps(system, t, y, regimes, room)
         count = note_impact(system, t, room.before, y, at, log, count)
-    elif regimes[law] == OPEN and at.velocity[law] > 0.0:
-        search.at_root[2 * law] = 1.0
     else:
         answer = change_law(system, t, y, regimes, law, which % 2 == 1, room)
+    mark_standing(at, room.tolerance, regimes, search.at_root)
     for i in range(m):
-        begins = room.past[i] != regimes[i] or room.struck[i] == STRUCK or i == law
-        if regimes[i] != HOLD and ((begins and room.struck[i] != JUMPED) or stands(at, room.tolerance, regimes, i)):
-            search.at_root[2 * i] = 1.0
+        begins = (room.past[i] != regimes[i] or room.struck[i] == STRUCK or i == law) and room.struck[i] != JUMPED
+        if begins and regimes[i] != HOLD:
+            search.at_root[2 * i] = AT_ROOT if begins_at_root(at, room.tolerance, regimes, i) else 0.0
     if answer != SOLVED:
         return CONTRADICTS
     count = change_regimes(system, t, y, room.past, regimes, at, log, count)
     for i in range(m):  # a law that the machine closes at zero velocity, or makes hold
-        slides = regimes[i] == LOW or regimes[i] == HIGH
-        if room.past[i] == OPEN and slides and at.restitution[i] < 0.0 and at.velocity[i] == 0.0:
-            search.at_root[2 * i] = 1.0
+        if room.past[i] == OPEN < regimes[i] < HOLD and at.restitution[i] < 0.0 and at.velocity[i] == 0.0:
+            search.at_root[2 * i] = AT_ROOT
         elif regimes[i] == HOLD:
             search.at_root[2 * i] = 0.0
     return count

@@ -7,6 +7,7 @@ import itertools
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from machines.page.pages import run
@@ -72,6 +73,81 @@ contacts:
     {point: plate.rear, line: ground, normal_deg: 90, stiffness_n_per_m: 5.0e+7, damping_s_per_m: 1.5, friction: 0.4}
 coupling: {step_s: 0.0005}
 """
+
+SLED = """
+gravity_m_per_s2: [0, -10]
+bodies:
+  carriage: {}
+  lift: {}
+  plate: {mass_kg: 50, inertia_kg_m2: 3, points_m: {front: [0.3, 0], rear: [-0.3, 0]}}
+joints:
+  along: {kind: slider, between: [ground, carriage], start_m: 0.0}
+  up: {kind: slider, between: [carriage, lift], direction_deg: 90, start_m: 0.0}
+  tilt: {kind: revolute, between: [lift, plate], start_deg: 0.0}
+drives: {push: {kind: table, joint: along, period_s: 0.4}}
+contacts:
+  front_foot: {point: plate.front, line: ground, normal_deg: 90, restitution: 0.0}
+  rear_foot: {point: plate.rear, line: ground, normal_deg: 90, restitution: 0.0}
+"""
+
+
+def slid(front: float, rear: float, centre: tuple[float, float], push: list[list[float]], dt: float = 2e-6) -> float:
+    """Return the travel of the sled in 1 s by time stepping, from the balance of its moments (m)."""
+    mass, g, a, (c, height) = 50.0, 10.0, 0.3, centre
+    most = 0.5 * mass * g * (front + rear + (front - rear) * c / a)
+    forces = np.interp((np.arange(round(1.0 / dt)) + 0.5) * dt % 0.4, *zip(*push, strict=True))
+    x, v = 0.0, 0.0
+    for force in forces.tolist():
+        sense = math.copysign(1.0, v if v != 0.0 else force)
+        if v == 0.0 and abs(force) <= most:
+            continue
+        after = v + dt * (force - sense * most) / (mass * (1.0 - sense * (front - rear) * height / (2.0 * a)))
+        after = 0.0 if after * sense < 0.0 else after
+        x, v = x + 0.5 * dt * (v + after), after
+    return x
+
+
+@pytest.mark.parametrize(
+    ("front", "rear", "centre", "top"),
+    [(0.6, 0.25, (0.05, 0.12), 300.0), (0.2, 0.35, (-0.1, 0.06), 250.0), (0.4, 0.4, (0.0, 0.1), 260.0)],
+)
+def test_a_body_on_two_feet_slides_by_the_friction_of_both(front, rear, centre, top):
+    push = [[0.0, 0.0], [0.1, top], [0.3, -top], [0.4, 0.0]]
+    feet = {"front_foot": {"friction": front}, "rear_foot": {"friction": rear}}
+    given = {"bodies": {"plate": {"centre_m": list(centre)}}, "drives": {"push": {"table_s_n": push}}}
+    expected, off = slid(front, rear, centre, push), []
+    for step_s in (1e-3, 2.5e-4):
+        told, simulation = run(SLED, 1.0, contacts=feet, coupling={"step_s": step_s}, **given)
+        assert all(r.worst <= r.limit for r in simulation.residuals().values())
+        off.append(abs(told[-1].linkage.joint("along").position - expected))
+    assert abs(expected) > 1e-4
+    assert off[0] < 1e-3 * abs(expected)  # the force of a contact is that of a step ago
+    assert off[1] < max(0.5 * off[0], 1e-8 * abs(expected))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_rigid", [True, False])
+def test_plates_on_two_rubbing_feet_go_on_whatever_their_numbers(is_rigid):
+    random = np.random.default_rng(13)
+    for _ in range(12):
+        tree = yaml.safe_load(PLATE)
+        tree["bodies"]["plate"] |= {
+            "mass_kg": random.uniform(20.0, 120.0),
+            "inertia_kg_m2": random.uniform(1.0, 8.0),
+            "centre_m": [random.uniform(-0.1, 0.1), random.uniform(0.02, 0.2)],
+        }
+        tree["drives"]["exciter"] |= {"mass_kg": random.uniform(0.2, 2.0), "speed_rpm": random.uniform(1e3, 4e3)}
+        for name, foot in tree["contacts"].items():
+            law = {"restitution": random.uniform(0.0, 0.5)}
+            if not is_rigid:
+                law = {
+                    "stiffness_n_per_m": 10.0 ** random.uniform(6.0, 8.0),
+                    "damping_s_per_m": random.uniform(0.3, 2.0),
+                }
+            place = {key: foot[key] for key in ("point", "line", "normal_deg")}
+            tree["contacts"][name] = place | law | {"friction": random.uniform(0.1, 0.8)}
+        _, simulation = run(yaml.safe_dump(tree), 1.0)
+        assert all(r.worst <= r.limit for r in simulation.residuals().values())
 
 
 @pytest.mark.slow
