@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array, Block
 
@@ -89,6 +90,11 @@ class _Thinned:
         return np.concatenate(self._parts) if self._parts else np.empty(0)
 
 
+def _length(interval_s: Array | float) -> npt.NDArray[np.int64]:
+    """Return the length of intervals as integers that rise with it, to one part in 16384: the first bits of a float."""
+    return np.asarray(interval_s, dtype=np.float64).view(np.int64) >> 38
+
+
 class QualityGauge:
     """Computes the quality of one channel, block by block."""
 
@@ -96,7 +102,7 @@ class QualityGauge:
         self._stamps, self._shown = np.empty(0), np.empty(0)  # the last stamp, and two values of rising stamps
         self._intervals, self._bends, self._kept = _Thinned(), _Thinned(), _Thinned()
         self._samples = self._repeats = self._back = self._nan = 0
-        self._longest: list[Array] = []
+        self._lengths, self._counts = (np.empty(0, dtype=np.int64) for _ in range(2))  # intervals by their length
         self._low, self._high = np.inf, -np.inf
         self._flat: tuple[float, int] = (np.nan, 0)
         self._extremes: dict[float, int] = {}
@@ -119,9 +125,10 @@ class QualityGauge:
         self._repeats += int(np.count_nonzero(intervals == 0.0))
         self._back += int(np.count_nonzero(intervals < 0.0))
         self._intervals.add(intervals[intervals > 0.0])
-        self._longest.append(np.sort(intervals)[-KEPT // 64 :].copy())
-        if len(self._longest) > 64:
-            self._longest = [np.sort(np.concatenate(self._longest))[-KEPT:]]
+        lengths, counts = np.unique(_length(intervals[intervals > 0.0]), return_counts=True)
+        self._lengths, places = np.unique(np.concatenate([self._lengths, lengths]), return_inverse=True)
+        counts = np.concatenate([self._counts, counts])
+        self._counts = np.bincount(places, counts, len(self._lengths)).astype(np.int64)
         if finite.any():
             self._take_values(values[finite])
         risen = np.append(np.ones(len(times) - len(intervals), dtype=bool), intervals > 0.0)
@@ -156,14 +163,13 @@ class QualityGauge:
         usual = float(np.median(intervals)) if len(intervals) else np.nan
         regular = intervals[intervals <= LONG_INTERVAL * usual]
         jitter = float(np.percentile(np.abs(regular - usual), 95.0)) if len(regular) else np.nan
-        longest = np.concatenate(self._longest) if self._longest else np.empty(0)
         bends = self._bends.values()
         empty = self._nan == self._samples
         return Quality(
             samples=self._samples,
             rate_hz=1.0 / usual if usual > 0.0 else 0.0,
             jitter_s=jitter,
-            gaps=int(np.count_nonzero(longest > LONG_INTERVAL * usual)),
+            gaps=int(self._counts[self._lengths > _length(LONG_INTERVAL * usual)].sum()),
             repeats=self._repeats,
             back=self._back,
             drift=self._drift(),

@@ -69,6 +69,14 @@ def test_a_sample_without_a_stamp_counts_as_nan_and_hides_no_gap() -> None:
     assert gauged(times, values, cuts=(1,)).span_s == pytest.approx((COUNT - 3) / RATE_HZ)
 
 
+@pytest.mark.parametrize("rows", [4096, 65_536, 400_000])
+def test_every_gap_counts_however_many_there_are(rows: int) -> None:
+    kept = np.random.default_rng(5).random(400_000) > 0.2
+    times = np.flatnonzero(kept) / RATE_HZ
+    found = gauged(times, np.sin(times), cuts=tuple(range(rows, len(times), rows)))
+    assert found.gaps == np.count_nonzero(np.diff(times) > 1.5 / RATE_HZ) > 60_000
+
+
 @pytest.mark.parametrize("quantum", [0.05, 0.0439453125, 1e-3])
 def test_the_quantum_is_found(quantum: float) -> None:
     times, values = motion()
