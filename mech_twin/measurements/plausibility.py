@@ -13,7 +13,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING, Following, ModelTurn, following
 from mech_twin.measurements.quality import LONG_INTERVAL
-from mech_twin.measurements.runs import ONE_TURN, MeasuredChannel, MeasuredRun
+from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, range_of_turn
 from mech_twin.measurements.units import TURN, UNITS, joint_column
 
 FOLLOWS = 0.8  # least correlation with the model's motion
@@ -84,7 +84,7 @@ def _clock(run: MeasuredRun) -> list[str]:
 def _gaps_without_motion(crank: MeasuredChannel) -> list[tuple[float, float]]:
     """Return begin and length of each gap across which a turning crank goes on as if no time had passed."""
     quality, times_s, angle = crank.quality, crank.times_s, crank.values
-    wrapped = (quality.high - quality.low) * crank.channel.si_factor <= ONE_TURN
+    wrapped = quality.high - quality.low <= range_of_turn(crank.channel)
     usual_s, intervals = 1.0 / quality.rate_hz, np.diff(times_s)
     fastest = float(np.max(np.abs(np.diff(angle)[intervals <= LONG_INTERVAL * usual_s]), initial=0.0)) / usual_s
     long = (intervals > LONG_INTERVAL * usual_s) & (intervals * fastest > GAP_TURN * TURN)

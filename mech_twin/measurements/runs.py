@@ -12,8 +12,8 @@ import numpy as np
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array, Block, RunReader
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, fixed
-from mech_twin.measurements.quality import FEW_SAMPLES, Quality, QualityGauge
-from mech_twin.measurements.units import TURN, is_angle
+from mech_twin.measurements.quality import FEW_SAMPLES, LONG_INTERVAL, Quality, QualityGauge
+from mech_twin.measurements.units import SCALED_BY_GAIN, TURN, is_angle
 
 MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
 BACK_SHARE = 0.01  # largest share of stamps that go back
@@ -184,26 +184,42 @@ def _measured(path: Path, channel: Channel, blocks: Sequence[Block], quality: Qu
 
 def _believed(channel: Channel, times: Array, values: Array) -> tuple[Array, Array]:
     """Return times and values of finite samples with ascending stamps: SI units, unwrapped, known lag subtracted."""
-    if channel.unit == "turn" or (channel.unit or "rad") in ("rad", "deg"):
-        values = _unwrapped(values, channel) if is_angle(channel.quantity) else values
     finite = np.isfinite(values) & np.isfinite(times)
     times, values = times[finite], values[finite]
-    latest = np.maximum.accumulate(times)
-    rising = np.diff(latest, prepend=-np.inf) > 0.0
-    shown = np.asarray(channel.to_machine(values[rising]), dtype=np.float64)
-    return times[rising] - fixed(channel.lag_s, 0.0), shown
+    rising = np.diff(np.maximum.accumulate(times), prepend=-np.inf) > 0.0
+    times, values = times[rising], values[rising]
+    if is_angle(channel.quantity) and len(values) and np.ptp(values) <= range_of_turn(channel):
+        values = _unwrapped(times, values, TURN / size_of_count(channel))
+    shown = np.asarray(channel.to_machine(values), dtype=np.float64)
+    return times - fixed(channel.lag_s, 0.0), shown
 
 
-def _unwrapped(values: Array, channel: Channel) -> Array:
-    """Return an angle unwrapped.
+def size_of_count(channel: Channel) -> float:
+    """Return the angle that 1 is in the channel's own numbers: of an encoder's counts by its gain, nan without one."""
+    return abs(fixed(channel.gain, np.nan)) if channel.unit in SCALED_BY_GAIN else channel.si_factor
 
-    Only an angle within one turn can be wrapped.  One with a larger range is a continuous counter, whose steps of more
-    than half a turn are motion.
+
+def range_of_turn(channel: Channel) -> float:
+    """Return the largest range of an angle that may start anew at each turn, nan if unknown.
+
+    One with a larger range is a continuous counter, whose steps of more than half a turn are motion.
     """
-    turn = TURN / channel.si_factor
-    known = np.isfinite(values)
-    if not known.any() or np.ptp(values[known]) > ONE_TURN / channel.si_factor:
-        return values
-    unwrapped = values.copy()
-    unwrapped[known] = np.unwrap(values[known], period=turn)
-    return unwrapped
+    return ONE_TURN / size_of_count(channel)
+
+
+def _unwrapped(times: Array, values: Array, turn: float) -> Array:
+    """Return an angle unwrapped: the shortest way, in a gap of one that starts anew as far as the speed around takes.
+
+    An angle that starts anew in no usual interval swings, and has no mean speed.
+    """
+    steps, intervals = np.diff(values), np.diff(times)
+    shortest = steps - turn * np.round(steps / turn)
+    gaps = intervals > LONG_INTERVAL * np.median(intervals) if len(intervals) else intervals > 0.0
+    moved, lasted = (np.cumsum(np.where(gaps, 0.0, each)) for each in (shortest, intervals))
+    around = int(turn * len(steps) / max(np.sum(np.abs(shortest)), turn)) + 1  # intervals in about one turn
+    for gap in np.flatnonzero(gaps & np.any(np.round(steps[~gaps] / turn))).tolist():
+        first, last = max(0, gap - around), min(len(steps) - 1, gap + around)
+        if lasted[last] > lasted[first]:
+            speed = (moved[last] - moved[first]) / (lasted[last] - lasted[first])
+            shortest[gap] += turn * np.round((speed * intervals[gap] - shortest[gap]) / turn)
+    return values + turn * np.concatenate([[0.0], np.cumsum(np.round((shortest - steps) / turn))])

@@ -258,25 +258,51 @@ def test_a_channel_beyond_use_is_refused(times: Array, values: Array, words: tup
     assert all(word in str(refused.value) for word in ("run.csv", "angle", *words))
 
 
-def test_wrapped_angles_are_unwrapped_and_counters_are_left_alone(tmp_path: Path) -> None:
+def read_angles(tmp_path: Path, times: Array, *shown: tuple[Array, dict[str, Any]]) -> list[Array]:
+    """Return the values of angles of the crank, each read from a table with these keys of its channel."""
     pytest.importorskip("pyarrow")
-    times = np.arange(400) * 0.01
-    angle = 9.0 * times
     path = tmp_path / "a.csv"
-    rows = [
-        f"{t},{np.degrees(a) % 360.0},{a / TURN},{3.5 * TURN * i}"
-        for i, (t, a) in enumerate(zip(times, angle, strict=True))
-    ]
-    path.write_text("t,wrapped,turns,fast\n" + "\n".join(rows), encoding="utf-8")
-    channels = [
-        {"source": {"column": name}, "is": "linkage.crank.position", "unit": unit}
-        for name, unit in (("wrapped", "deg"), ("turns", "turn"), ("fast", "rad"))
-    ]
+    rows = zip(times.tolist(), *(values.tolist() for values, _ in shown), strict=True)
+    names = [f"angle_{place}" for place in range(len(shown))]
+    path.write_text("\n".join([",".join(["t", *names]), *(",".join(map(repr, row)) for row in rows)]), encoding="utf-8")
+    keys = [key for _, key in shown]
+    channels = [{"source": {"column": n}, "is": COLUMNS[0], **k} for n, k in zip(names, keys, strict=True)]
     tree = {"machine": MACHINE, "time": {"column": "t"}, "channels": channels}
-    wrapped, turns, fast = read_run(TableReader(path), MeasurementMap.model_validate(tree)).channels
-    assert wrapped.values == pytest.approx(angle, abs=1e-9)
-    assert turns.values == pytest.approx(angle, abs=1e-9)
-    assert np.diff(fast.values) == pytest.approx(np.full(399, 3.5 * TURN))
+    return [each.values for each in read_run(TableReader(path), MeasurementMap.model_validate(tree)).channels]
+
+
+def test_wrapped_angles_are_unwrapped_and_counters_are_left_alone(tmp_path: Path) -> None:
+    times = np.arange(400) * 0.01
+    angle, fast = 9.0 * times, 3.5 * TURN * np.arange(400)
+    counts = np.mod(angle / TURN * 4096.0, 4096.0)
+    wrapped, turns, counter, encoder, unknown = read_angles(
+        tmp_path,
+        times,
+        (np.degrees(angle) % 360.0, {"unit": "deg"}),
+        (angle / TURN, {"unit": "turn"}),
+        (fast, {"unit": "rad"}),
+        (counts, {"unit": "count", "gain": TURN / 4096.0, "sign": -1}),
+        (counts, {"unit": "count", "gain": "free"}),
+    )
+    assert wrapped == pytest.approx(angle, abs=1e-9)
+    assert turns == pytest.approx(angle, abs=1e-9)
+    assert np.diff(counter) == pytest.approx(np.full(399, 3.5 * TURN))
+    assert encoder == pytest.approx(-angle, abs=1e-9)
+    assert unknown == pytest.approx(counts)
+
+
+@pytest.mark.parametrize("gap_s", [0.05, 0.3, 0.7, 1.9])
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_wrapped_angle_turns_on_in_a_gap_as_around_it(gap_s: float, sense: float, tmp_path: Path) -> None:
+    times = np.arange(0.0, 6.0, 0.01)
+    times = times[(times < 3.0) | (times >= 3.0 + gap_s)]
+    angle = sense * (12.0 * times + 0.4 * np.sin(12.0 * times) + 0.5 * times**2)  # uneven, and running up
+    swinging = 1.2 * np.sin(12.0 * times)
+    turning, rocking = read_angles(
+        tmp_path, times, (np.degrees(angle) % 360.0, {"unit": "deg"}), (swinging, {"unit": "rad"})
+    )
+    assert turning - turning[0] == pytest.approx(angle - angle[0], abs=1e-9)
+    assert rocking == pytest.approx(swinging)
 
 
 @pytest.mark.parametrize("stamp", ["nan", "1.0", "inf", "-inf"])
