@@ -184,7 +184,8 @@ class _TextForm:
         rows = every[:50]
         first = next((i for i, row in enumerate(rows) if _most(row, _is_number)), None)
         if first is None:
-            raise MeasurementError(path, "has no line of numbers (most cells; a date is none) in its first 50 lines")
+            expected = "expected numbers (a date is none) with comma, semicolon or tab between them"
+            raise MeasurementError(path, f"has no line of numbers in most cells in its first 50 lines; {expected}")
         self._skipped = first
         cells = len(rows[first])
         data = (cell for row in every[first:] for cell in row)
@@ -260,8 +261,8 @@ def _most(row: list[str], test: Callable[[str], bool]) -> bool:
 
 
 def _names(above: list[list[str]]) -> list[str]:
-    """Return the names in the last row above the numbers; those above a row of units, with the units."""
-    *others, names = [[cell.strip() for cell in row] for row in above] or [[]]
+    """Return the names in the last row with any above the numbers; those above a row of units, with the units."""
+    *others, names = [[cell.strip() for cell in row] for row in above if any(map(str.strip, row))] or [[]]
     if not (others and len(others[-1]) == len(names) and _most(names, is_unit)):
         return names
     return [f"{name} [{unit.strip('()[]')}]" if unit else name for name, unit in zip(others[-1], names, strict=True)]

@@ -105,6 +105,15 @@ def test_a_row_of_units_stands_behind_the_names_above_it(tmp_path: Path) -> None
     assert TableReader(path).columns == ("t", "x_mm")
 
 
+@pytest.mark.parametrize("empty", ["", "  ", ",,"])
+def test_empty_lines_above_the_numbers_hide_no_header(empty: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{empty}\ntime_s,x_mm\n{empty}\n0,1\n\n1,2\n", encoding="utf-8")
+    assert TableReader(path).columns == ("time_s", "x_mm")
+    ((times, values),) = read(path, ("x_mm",), TimeSource(column="time_s"))
+    assert (times.tolist(), values.tolist()) == ([0.0, 1.0], [1.0, 2.0])
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "latin-1"])
 @pytest.mark.parametrize("remark", ["x", "xy"])  # the head ends within a sign for one, after it for the other
 def test_a_header_is_read_in_utf_8_and_in_the_encoding_of_windows(encoding: str, remark: str, tmp_path: Path) -> None:
@@ -163,6 +172,7 @@ def test_epoch_times_keep_their_resolution(tmp_path: Path) -> None:
     [
         ("", ("is empty",)),
         ("a,b\n", ("no line of numbers",)),
+        ("a b\n1.5 2.5\n", ("no line of numbers", "comma, semicolon or tab")),
         ("t,x\n0,1\n1,two\n2,3\n", ("column 'x', row 3, value 'two'", "expected a number", "'.'")),
         ("t,y,x\n0,1,2\n1,2,3\n2,3,1.#QNAN\n", ("column 'x', row 4, value '1.#QNAN'", "expected a number")),
         ("t,y,x\n2026-11-03T08:00:00,1,2\n", ("column 't', row 2, value '2026-11-03T08:00:00'", "dates")),
