@@ -48,7 +48,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     units : mapping
         SI unit of each column of the machine.
     """
-    found = _clock(run) + _speeds(run, units)
+    found = _clock(run) + _apart(run) + _speeds(run, units)
     crank = None if turn is None else run.channel(turn.crank)
     if turn is None or crank is None:
         return found
@@ -78,6 +78,17 @@ def _clock(run: MeasuredRun) -> list[str]:
         "interval: has the clock been set forward? Cut the run there"
         for at_s, gap_s in jumps
         if crank is not None
+    ]
+
+
+def _apart(run: MeasuredRun) -> list[str]:
+    """Name each channel that has no time in common with the crank, else with the first channel."""
+    first = next((channel for channel in run.channels if channel.name in TURNING), run.channels[0])
+    from_s, to_s = float(first.times_s[0]), float(first.times_s[-1])
+    return [
+        f"{each.name}: none of its samples is from {from_s:.6g} to {to_s:.6g} s, the time of {first.name}: two clocks?"
+        for each in run.channels
+        if len(each.times_s) and not (each.times_s[0] <= to_s and each.times_s[-1] >= from_s)
     ]
 
 

@@ -212,6 +212,12 @@ def test_a_gap_during_which_the_crank_turned_is_no_fault_of_the_clock(
     assert implausible(with_clock(run, np.copy, turns=turns), None, UNITS) == []
 
 
+def test_a_channel_that_shares_no_time_with_the_crank_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
+    run = measured(motion, *COLUMNS[:2])
+    late = replace(run.channels[1], times_s=run.channels[1].times_s + 1e6)
+    the_line(implausible(replace(run, channels=(run.channels[0], late)), turn, UNITS), COLUMNS[1], "two clocks?")
+
+
 def test_no_cycle_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     short = {name: values[:40] for name, values in motion.items()}
     the_line(implausible(measured(short, *COLUMNS[:2]), turn, UNITS), "no cycle", "of a turn")
