@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mech_twin.cli.console import print_json, print_numbers, print_table, progress, rounded, say, say_result, write_text
+from mech_twin.cli.console import print_json, print_table, progress, rounded, say, say_result, write_text
 from mech_twin.cli.failure import FOUND, CommandError
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
@@ -21,13 +21,13 @@ from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
-from mech_twin.measurements.units import machine_columns
+from mech_twin.measurements.units import machine_columns, shown_units
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.process.stop_signal import StopSignal
 from mech_twin.results.opened_runs import checked_run, configured_map, given_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing
-from mech_twin.studies.measured_forces import guided_samples, measured_forces
+from mech_twin.studies.measured_forces import Compared, guided_samples, measured_forces
 
 if TYPE_CHECKING:
     from mech_twin.view.bench.scene import BenchScene
@@ -238,20 +238,35 @@ def analyse_measured(request: ReplayVerb, map_file: Path) -> None:
     if request.as_json:
         head = {"measurement": measurement, "machine": read.machine.name, "samples": found.samples}
         compared = [{**asdict(each), "share": each.share} for each in found.compared]
-        print_json({**head, "crank_zero_rad": read.motion.zero_rad, "largest": found.largest, "compared": compared})
+        head |= {"crank_zero_rad": read.motion.zero_rad, "largest": found.largest}
+        print_json({**head, "compared": compared, "left_out": found.left_out})
     else:
-        print_numbers(f"{measurement}: largest forces in {found.samples} samples", found.largest)
-        rows = [(each.name, each.samples, each.rms, each.share, each.correlation) for each in found.compared]
-        heads = ("channel", "samples", "rms off", "share", "correlation")
-        print_table("measured, beside the model in the same motion", heads, rows)
-    named = {read.turn.crank, *(each.name for each in found.compared)}
-    if left := [channel.name for channel in read.run.channels if channel.name not in named]:
-        say(f"{measurement}: not compared: {', '.join(left)}; the motion tells linkage and forces only")
+        units = shown_units(read.machine)
+        largest = [(name, value, units[name]) for name, value in found.largest.items()]
+        print_table(f"{measurement}: largest forces in {found.samples} samples", ("quantity", "value", "unit"), largest)
+        _show_compared(found.compared, units)
+    for why, names in found.left_out.items():
+        say(f"{measurement}: not compared: {', '.join(names)}; {why}")
+    if tolerance is not None and not found.compared:
+        say(f"{measurement}: nothing compared; expected a channel beside the crank")
+        raise SystemExit(FOUND)
     outside = [each for each in found.compared if tolerance is not None and not each.share <= tolerance]
     for each in outside:
         say(f"{measurement}: {each.name} is off by {each.share:.3g} of its size, expected at most {tolerance:g}")
     if outside:
         raise SystemExit(FOUND)
+
+
+def _show_compared(compared: Sequence[Compared], units: Mapping[str, str]) -> None:
+    heads = ("channel", "samples", "rms off", "unit", "share", "correlation", "found")
+    shown = len(heads) if any(each.found for each in compared) else -1
+    rows = [(e.name, e.samples, e.rms, units[e.name], e.share, e.correlation, _listed(e.found)) for e in compared]
+    if rows:
+        print_table("measured, beside the model in the same motion", heads[:shown], [row[:shown] for row in rows])
+
+
+def _listed(numbers: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {rounded(number)}" for name, number in numbers.items())
 
 
 def show_measured(scene: BenchScene | RerunScene, read: Read, stop: StopSignal) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -84,6 +85,7 @@ class MeasuredForcesReport(PrintedDocument, verb="replay"):
     crank_zero_rad: float
     largest: Mapping[str, float]
     compared: tuple[Compared, ...]
+    left_out: Mapping[str, tuple[str, ...]] = MappingProxyType({})
 
 
 class RecordingTopic(PrintedDocument):

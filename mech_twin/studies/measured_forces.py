@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.trajectory import force_numbers, joint_numbers
@@ -14,10 +15,12 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.crank_motion import CrankMotion
 from mech_twin.measurements.measurement_map import fixed
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
+from mech_twin.measurements.units import TURN, is_angle
 from mech_twin.roles import CrankState, GuidedLinkage, Machine
 from mech_twin.samples import ForceSample, LinkageSample
 
 BODY = "linkage.body"
+LAGS, LAG_S = 73, 1e-7  # lags tried first, and how near the best is come to
 
 
 def guided_samples(
@@ -49,13 +52,17 @@ def guided_samples(
 
 @dataclass
 class Compared:
-    """A measured channel compared with the model in the same motion."""
+    """A measured channel compared with the model in the same motion.
+
+    ``found`` are its zero (channel's unit), gain and lag (s) as the comparison found them, where the map knows none.
+    """
 
     name: str
     samples: int
     rms: float
     rms_measured: float
     correlation: float
+    found: dict[str, float] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
@@ -65,22 +72,24 @@ class Compared:
 
 @dataclass
 class MeasuredForces:
-    """Largest forces of a measured run, and its other channels compared with the model."""
+    """Largest forces of a measured run, its other channels compared with the model, and why some are not."""
 
     samples: int = 0
     largest: dict[str, float] = field(default_factory=dict)
     compared: list[Compared] = field(default_factory=list)
+    left_out: dict[str, list[str]] = field(default_factory=dict)
 
 
 def measured_forces(
     samples: Iterator[tuple[LinkageSample, ForceSample]], run: MeasuredRun, crank: str
 ) -> MeasuredForces:
-    """Return the largest forces of the motion, and each channel but the crank compared with the model.
+    """Return the largest forces of the motion, and each channel but that of the crank compared with the model.
 
-    A channel is compared at its own instants; an unknown zero is the mean difference, an unknown gain is fitted.
+    A channel is compared at its own instants.  Its unknown zero, gain and lag are those that bring it nearest to the
+    model, a lag of at most half a turn and an eighth of the run; an angle may be off by whole turns.
     """
-    others = [channel for channel in run.channels if channel.name != crank]
-    columns: dict[str, list[float]] = {channel.name: [] for channel in others}
+    others = [channel for channel in run.channels if channel is not run.channel(crank)]
+    columns: dict[str, list[float]] = {name: [] for name in (crank, *(channel.name for channel in others))}
     times_s: list[float] = []
     found = MeasuredForces()
     for linkage, forces in samples:
@@ -92,29 +101,66 @@ def measured_forces(
         times_s.append(linkage.time_s)
         for name, values in columns.items():
             values.append(row.get(name, float("nan")))
-    model = {name: np.array(values) for name, values in columns.items()}
-    found.compared = _compared(others, model | {"time_s": np.array(times_s)})
+    model = {name: np.unwrap(values) if is_angle(name) else np.array(values) for name, values in columns.items()}
+    at_s = np.array(times_s)
+    turned = float(np.ptp(model[crank]))
+    longest_s = float(at_s[-1] - at_s[0]) * min(0.5 * TURN / turned, 0.125) if turned else 0.0
+    for channel in others:
+        if not np.isfinite(model[channel.name]).all():
+            found.left_out.setdefault("the motion tells linkage and forces only", []).append(channel.name)
+        elif channel.times_s[-1] < at_s[0] or channel.times_s[0] > at_s[-1]:
+            why = f"none of their samples is between {at_s[0]:.6g} and {at_s[-1]:.6g} s, when {crank} is measured"
+            found.left_out.setdefault(why, []).append(channel.name)
+        else:
+            found.compared.append(_beside_model(channel, at_s, model[channel.name], longest_s))
     return found
 
 
-def _compared(channels: Sequence[MeasuredChannel], model: Mapping[str, Array]) -> list[Compared]:
-    found = []
-    for channel in channels:
-        values = model[channel.name]
-        inside = (channel.times_s >= model["time_s"][0]) & (channel.times_s <= model["time_s"][-1])
-        if not inside.any() or not np.isfinite(values).all():
-            continue
-        expected = np.interp(channel.times_s[inside], model["time_s"], values)
-        measured = channel.values[inside]
-        if isinstance(channel.channel.gain, str):
-            measured = measured * float(measured @ expected) / float(measured @ measured)
-        if fixed(channel.channel.zero, np.nan) != channel.channel.zero:
-            measured = measured - float(np.mean(measured - expected))
-        spread = measured.std() * expected.std()
-        correlation = (
-            float(np.mean((measured - measured.mean()) * (expected - expected.mean())) / spread) if spread else 0.0
-        )
-        rms = float(np.sqrt(np.mean((measured - expected) ** 2)))
-        size = float(np.sqrt(np.mean((measured - measured.mean()) ** 2)))
-        found.append(Compared(channel.name, len(measured), rms, size, correlation))
-    return found
+def _beside_model(channel: MeasuredChannel, at_s: Array, values: Array, longest_lag_s: float) -> Compared:
+    """Return a channel compared with the model's values at these times, under the lag of the map or the nearest one."""
+
+    def delayed(lag_s: float, margin_s: float = 0.0) -> Compared:
+        inside = (channel.times_s - lag_s >= at_s[0]) & (channel.times_s - lag_s <= at_s[-1])
+        if margin_s:  # the same samples at every lag
+            inside = (channel.times_s >= at_s[0] + margin_s) & (channel.times_s <= at_s[-1] - margin_s)
+        expected = np.interp(channel.times_s[inside] - lag_s, at_s, values)
+        return _nearest(channel, channel.values[inside], expected)
+
+    if not isinstance(channel.channel.lag_s, str) or not delayed(0.0, longest_lag_s).samples:
+        return delayed(0.0)
+    lags_s, step_s = np.linspace(-longest_lag_s, longest_lag_s, LAGS, retstep=True)
+    coarse_s = min(lags_s.tolist(), key=lambda lag_s: delayed(lag_s, longest_lag_s).rms)
+    ends = (coarse_s - float(step_s), coarse_s + float(step_s))
+    found = minimize_scalar(
+        lambda lag_s: delayed(lag_s, longest_lag_s).rms, bounds=ends, method="bounded", options={"xatol": LAG_S}
+    )
+    nearest = delayed(float(found.x))
+    nearest.found["lag_s"] = float(found.x)
+    return nearest
+
+
+def _nearest(channel: MeasuredChannel, measured: Array, expected: Array) -> Compared:
+    """Return a channel compared with what is expected of it, under the zero and gain of the map or the nearest ones."""
+    if not len(measured):
+        return Compared(channel.name, 0, np.inf, 0.0, 0.0)
+    about, found = channel.channel, dict[str, float]()
+    count = about.sign * about.si_factor * fixed(about.gain, 1.0)
+    if isinstance(about.gain, str):
+        origin = (measured.mean(), expected.mean()) if isinstance(about.zero, str) else (0.0, 0.0)
+        moved = measured - origin[0]
+        power = float(moved @ moved) if np.ptp(measured) > 0.0 else 0.0
+        found["gain"] = float(moved @ (expected - origin[1])) / power if power else 0.0
+        measured, count = found["gain"] * measured, found["gain"] * count
+    offset = float(np.mean(measured - expected))
+    if isinstance(about.zero, str):
+        measured = measured - offset
+        if count:
+            found["zero"] = offset / count
+    elif is_angle(channel.name):
+        measured = measured - TURN * round(offset / TURN)
+    spread = measured.std() * expected.std()
+    together = float(np.mean((measured - measured.mean()) * (expected - expected.mean())))
+    rms = float(np.sqrt(np.mean((measured - expected) ** 2)))
+    return Compared(
+        channel.name, len(measured), rms, float(measured.std()), together / float(spread) if spread else 0.0, found
+    )

@@ -20,12 +20,12 @@ from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import NO_DELAYS, Array, Block
 from mech_twin.measurements.crank_motion import crank_motion, smoothed
 from mech_twin.measurements.measurement_map import Channel
-from mech_twin.measurements.model_turn import ModelTurn, model_turn
+from mech_twin.measurements.model_turn import TURN, ModelTurn, model_turn
 from mech_twin.measurements.quality import QualityGauge
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun
 from mech_twin.roles import CrankState, GuidedLinkage
 from mech_twin.samples import Frame
-from mech_twin.studies.measured_forces import guided_samples, measured_forces
+from mech_twin.studies.measured_forces import Compared, guided_samples, measured_forces
 
 GUIDED = ("mb10_breaker", "compaction_press", "vibration_crank")
 CRANK = "linkage.crank.position"
@@ -139,6 +139,73 @@ def test_two_sensors_of_one_quantity_are_compared_each(turn: ModelTurn) -> None:
     found = measured_forces(guided_samples(built("vibration_crank"), motion, both), both, CRANK)
     rms = [each.rms for each in found.compared if each.name == slider.name]
     assert rms == pytest.approx([0.0, 0.05], abs=0.002)
+
+
+def compared(run: MeasuredRun, *added: MeasuredChannel) -> list[Compared]:
+    """Return the channels beside the model that were added to those of a run."""
+    whole = replace(run, channels=(*run.channels, *added))
+    model = model_turn(built("vibration_crank"))
+    assert model is not None
+    samples = guided_samples(built("vibration_crank"), crank_motion(whole, model), whole)
+    return measured_forces(samples, whole, CRANK).compared[len(run.channels) - 1 :]
+
+
+@settings(max_examples=8)
+@given(
+    st.floats(0.5, 50.0),
+    st.floats(-5.0, 5.0),
+    st.floats(-0.05, 0.15),
+    st.sampled_from([1, -1]),
+    st.sets(st.sampled_from(["zero", "gain", "lag_s"])),
+)
+def test_unknown_zero_gain_and_lag_are_those_nearest_to_the_model(
+    gain: float, zero: float, lag_s: float, sign: int, unknown: set[str]
+) -> None:
+    run = run_of(0.0)
+    slider = run.channels[-1]
+    put_in = {"gain": gain, "zero": zero, "lag_s": lag_s}
+    keys = {name: "free" if name in unknown else number for name, number in put_in.items()}
+    spec = Channel.model_validate({"source": {"column": "amps"}, "is": slider.name, "unit": "A", "sign": sign, **keys})
+    shown = sign * (slider.values - 0.3) / gain + zero
+    times_s = slider.times_s + (lag_s if "lag_s" in unknown else 0.0)
+    (found,) = compared(run, replace(slider, channel=spec, times_s=times_s, values=spec.to_machine(shown)))
+    assert found.share < 1e-3
+    assert set(found.found) == unknown
+    for name, number in found.found.items():
+        assert number == pytest.approx(put_in[name], rel=1e-3, abs=1e-3 if name == "zero" else 1e-5)
+
+
+def test_a_second_encoder_is_compared_but_for_whole_turns() -> None:
+    run = run_of(0.0)
+    crank = run.channels[0]
+    near, far = compared(
+        run, replace(crank, values=crank.values - 2.0 * TURN), replace(crank, values=crank.values + 1.0)
+    )
+    assert near.rms == pytest.approx(0.0, abs=1e-6)
+    assert far.rms == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_sensor_that_stands_still_is_off_by_its_whole_size() -> None:
+    run = run_of(0.0)
+    spec = Channel.model_validate(
+        {"source": {"column": "a"}, "is": "linkage.crank.effort", "unit": "A", "gain": "free"}
+    )
+    for dead in (0.0, 1e-3):
+        (found,) = compared(
+            run, replace(run.channels[1], channel=spec, values=np.full(len(run.channels[1].values), dead))
+        )
+        assert found.share == 1.0
+        assert np.isfinite([found.rms, found.correlation]).all()
+
+
+def test_a_channel_of_another_time_is_left_out_for_that_reason(turn: ModelTurn) -> None:
+    run = run_of(0.0)
+    late = replace(run.channels[-1], times_s=run.channels[-1].times_s + 1e6)
+    whole = replace(run, channels=(run.channels[0], late))
+    found = measured_forces(guided_samples(built("vibration_crank"), crank_motion(whole, turn), whole), whole, CRANK)
+    assert found.compared == []
+    ((why, names),) = found.left_out.items()
+    assert (names, "none of their samples" in why) == ([late.name], True)
 
 
 def test_a_zero_that_nothing_tells_is_asked_for(turn: ModelTurn) -> None:
