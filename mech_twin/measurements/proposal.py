@@ -134,7 +134,7 @@ def _rated_wrench(source: Source, column: str) -> tuple[int, float, str]:
     topic = source.topic.strip("/")
     if topic.endswith(f"forces/{pin}"):
         return EXACT, 1.0, "the twin's own topic"
-    return (NEAR, 1.0, "the topic has the name of the pin") if topic.rpartition("/")[2] == pin else (0, 0.0, "")
+    return (NEAR, 2.0, "the topic has the name of the pin") if topic.rpartition("/")[2] == pin else (0, 0.0, "")
 
 
 def _field(words: Sequence[str], unit: str | None) -> str | None:

@@ -50,6 +50,15 @@ def test_a_proposed_map_fits_a_terminal_and_reads_as_proposed(machine: str) -> N
     assert len(yaml.safe_load(unsure)["channels"]) == len(channels)  # taking the comment away is all it needs
 
 
+@pytest.mark.parametrize("pin", ["follower_pin", "crank_pin", "crank_bearing"])
+def test_a_wrench_below_the_name_of_a_pin_is_the_force_at_that_pin(pin: str) -> None:
+    fields = {"wrench.force.x": "force_x_n", "wrench.force.y": "force_y_n", "wrench.torque.z": "moment_nm"}
+    offered = [SourceColumn(Source(topic=f"/plant/cell/{pin}", field=field), None) for field in fields]
+    found = proposed_channels(offered, machine_columns(built("vibration_crank")))
+    assert [each.column for each in found] == [f"forces.{pin}.{component}" for component in fields.values()]
+    assert min(each.surety for each in found) > UNSURE
+
+
 @pytest.mark.parametrize("strange", [1, MOST_LEFT_OUT, 40])
 def test_a_channel_that_is_offered_stands_in_the_map_or_is_named_as_left_out(strange: int) -> None:
     offered = [*OFFERED, *(SourceColumn(Source(column=f"Druck {place} [bar]"), None) for place in range(strange))]
