@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from mech_twin.cli.machines import check_page
 from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb, ReplayVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.files.input_file import bounded_yaml
+from mech_twin.measurements.blocks import EPOCH_S
 from mech_twin.measurements.tables import is_table
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.description import description_text
@@ -71,9 +73,24 @@ def show_info(request: InfoVerb) -> None:
     name = document["machine"] if described is None else own_name(described.name, described.parameters)
     _print_head(document, name)
     _print_topics(document["topics"], request.wide)
-    rows = [tuple("-" if value is None else value for value in split.values()) for split in document["splits"]]
-    print_table("files", ("file", "bytes", "start, s", "end, s", "messages"), rows)
+    _print_files(document["splits"])
     say(*document["problems"], *shared_topics(info.counters))
+
+
+def _print_files(splits: list[dict[str, Any]]) -> None:
+    """Write a row of each file, its times since the first where they count from an epoch."""
+    first_s = min((split["start_s"] for split in splits if split["start_s"] is not None), default=0.0)
+    of_epoch = first_s > EPOCH_S
+    since = f", times since {datetime.fromtimestamp(first_s, UTC):%Y-%m-%d %H:%M:%S} UTC" if of_epoch else ""
+    known = [
+        {
+            name: at - first_s if of_epoch and name.endswith("_s") and at is not None else at
+            for name, at in split.items()
+        }
+        for split in splits
+    ]
+    rows = [tuple("-" if value is None else value for value in split.values()) for split in known]
+    print_table(f"files{since}", ("file", "bytes", "start, s", "end, s", "messages"), rows)
 
 
 def shared_topics(counters: Mapping[str, Mapping[str, int]]) -> list[str]:

@@ -275,6 +275,14 @@ def test_info_tells_machine_counts_duration_losses_and_files(bag: Path) -> None:
     assert mech_twin("info", bag).code == 0
 
 
+def test_times_of_files_count_from_the_first_where_an_epoch_would_hide_them(bag: Path, tmp_path: Path) -> None:
+    day_ns = 1_700_000_000_000_000_000
+    later = altered_bag(bag, tmp_path / "later", lambda each: (each._replace(log_time_ns=each.log_time_ns + day_ns),))
+    shown = mech_twin("info", later).out
+    assert "times since 2023-11-14 22:13:20 UTC" in shown
+    assert mech_twin("info", bag).out.splitlines()[-1].split()[2:] == shown.splitlines()[-1].split()[2:]
+
+
 def test_what_was_cut_off_is_recovered(bag: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut"
     cut.mkdir()
