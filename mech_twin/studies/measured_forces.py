@@ -11,6 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.trajectory import force_numbers, joint_numbers
+from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.crank_motion import CrankMotion
 from mech_twin.measurements.measurement_map import fixed
@@ -19,7 +20,7 @@ from mech_twin.measurements.units import TURN, is_angle
 from mech_twin.roles import CrankState, GuidedLinkage, Machine
 from mech_twin.samples import ForceSample, LinkageSample
 
-BODY = "linkage.body"
+BODY = ("linkage.body.position", "linkage.body.velocity")
 LAGS, LAG_S = 73, 1e-7  # lags tried first, and how near the best is come to
 
 
@@ -32,14 +33,20 @@ def guided_samples(
     ------
     ConfigurationError
         The machine's state is not a function of its crank motion.
+    MeasurementError
+        Zero or gain of the body's motion is unknown.
     """
     if not isinstance(machine.linkage, GuidedLinkage):
         raise ConfigurationError(
             f"{machine.name}: its state does not follow from a measured crank; expected mb10_breaker, compaction_press "
             "or vibration_crank"
         )
-    body = run.channel(f"{BODY}.position")
-    rate = run.channel(f"{BODY}.velocity")
+    body, rate = (run.channel(name) for name in BODY)
+    for channel in filter(None, (body, rate)):
+        for key in ("zero", "gain"):
+            if isinstance(value := getattr(channel.channel, key), str):
+                words = f"the {key} of {channel.name} is {value}, and the forces follow from it; expected a number"
+                raise MeasurementError(run.path, f"{words}. Without this channel the body rests on its collar")
     bodies = (
         [None] * len(motion.times_s) if body is None else np.interp(motion.times_s, body.times_s, body.values).tolist()
     )
@@ -83,12 +90,13 @@ class MeasuredForces:
 def measured_forces(
     samples: Iterator[tuple[LinkageSample, ForceSample]], run: MeasuredRun, crank: str
 ) -> MeasuredForces:
-    """Return the largest forces of the motion, and each channel but that of the crank compared with the model.
+    """Return the largest forces of the motion, and each channel but those that give it compared with the model.
 
     A channel is compared at its own instants.  Its unknown zero, gain and lag are those that bring it nearest to the
     model, a lag of at most half a turn and an eighth of the run; an angle may be off by whole turns.
     """
-    others = [channel for channel in run.channels if channel is not run.channel(crank)]
+    given = [run.channel(name) for name in (crank, *BODY)]
+    others = [channel for channel in run.channels if all(channel is not each for each in given)]
     columns: dict[str, list[float]] = {name: [] for name in (crank, *(channel.name for channel in others))}
     times_s: list[float] = []
     found = MeasuredForces()

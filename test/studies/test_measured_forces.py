@@ -208,6 +208,25 @@ def test_a_channel_of_another_time_is_left_out_for_that_reason(turn: ModelTurn) 
     assert (names, "none of their samples" in why) == ([late.name], True)
 
 
+@pytest.mark.parametrize("key", ["zero", "gain"])
+def test_a_body_whose_zero_or_gain_is_unknown_gives_no_forces(key: str) -> None:
+    breaker = built("mb10_breaker")
+    rows = list(frames(breaker, 0.3))
+    times_s = np.array([frame.linkage.time_s for frame in rows])
+    columns = {name: np.array([frame.linkage.joint(name).position for frame in rows]) for name in ("crank", "body")}
+    run = MeasuredRun(
+        Path("run"), tuple(measured(times_s, f"linkage.{name}.position", x, {}) for name, x in columns.items())
+    )
+    model = model_turn(breaker)
+    assert model is not None
+    motion = crank_motion(run, model)
+    assert measured_forces(guided_samples(breaker, motion, run), run, CRANK).compared == []  # the body is given
+    spec = run.channels[1].channel.model_copy(update={key: "free"})
+    unknown = replace(run, channels=(run.channels[0], replace(run.channels[1], channel=spec)))
+    with pytest.raises(MeasurementError, match=f"the {key} of linkage.body.position is free.*expected a number"):
+        next(guided_samples(breaker, motion, unknown))
+
+
 def test_a_zero_that_nothing_tells_is_asked_for(turn: ModelTurn) -> None:
     with pytest.raises(MeasurementError, match="expected a number"):
         crank_motion(run_of(1.0, slider=False, **{CRANK: "free"}), turn)
