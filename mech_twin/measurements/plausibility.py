@@ -86,7 +86,8 @@ def _apart(run: MeasuredRun) -> list[str]:
     first = next((channel for channel in run.channels if channel.name in TURNING), run.channels[0])
     from_s, to_s = float(first.times_s[0]), float(first.times_s[-1])
     return [
-        f"{each.name}: none of its samples is from {from_s:.6g} to {to_s:.6g} s, the time of {first.name}: two clocks?"
+        f"{each.name}: none of its samples is from {from_s:.6g} to {to_s:.6g} s, the time of {first.name}: two clocks? "
+        "The log of a bag has one, time: {stamps: log}"
         for each in run.channels
         if len(each.times_s) and not (each.times_s[0] <= to_s and each.times_s[-1] >= from_s)
     ]

@@ -169,7 +169,8 @@ def _require_many(path: Path, channel: Channel, usable: int) -> None:
         raise MeasurementError(
             path,
             f"channel {channel.source.label!r} ({channel.quantity}): {usable} samples with a number and a time later "
-            f"than those before, expected at least {FEW_SAMPLES}",
+            f"than those before, expected at least {FEW_SAMPLES}; a bag without stamps in its headers needs time: "
+            "{stamps: log}",
         )
 
 
