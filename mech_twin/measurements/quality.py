@@ -21,6 +21,7 @@ WHOLE_MULTIPLE = 0.02
 MOST_STEPS = 1000.0  # in quanta: larger differences are not tested for being multiples
 REPEATED_LEVELS = 0.5  # of the samples: with fewer distinct values, values repeat
 LEAST_MULTIPLES = 3  # distinct multiples required if no value repeats
+LEAST_DELAYS, CERTAIN = 3, 4.0  # samples that tell a drift, and standard errors that it must exceed
 BAD_JITTER = 0.25  # of the interval: more is a flaw
 
 
@@ -107,7 +108,7 @@ class QualityGauge:
         self._flat: tuple[float, int] = (np.nan, 0)
         self._extremes: dict[float, int] = {}
         self._first_s = self._last_s = np.nan
-        self._delays: list[tuple[float, float]] = []
+        self._delays = np.zeros(6)  # sums over samples of 1, time, delay, and the products of two of these
 
     def add(self, block: Block) -> None:
         """Add a block; a sample without a stamp is left out and counted as NaN."""
@@ -138,9 +139,9 @@ class QualityGauge:
         self._kept.add(values[finite])
         self._stamps, self._shown = times[-1:], shown[-2:]
         if len(block.delays_s):
-            delays = block.delays_s[stamped]
-            self._delays += [(float(times[0]), float(delays[0])), (float(times[-1]), float(delays[-1]))]
-            self._delays = self._delays[:2] + self._delays[-2:]
+            since, delays = times - self._first_s, block.delays_s[stamped]
+            squares = (since @ since, since @ delays, delays @ delays)
+            self._delays += np.array([len(since), since.sum(), delays.sum(), *squares])
 
     def _take_values(self, values: Array) -> None:
         self._low, self._high = min(self._low, float(values.min())), max(self._high, float(values.max()))
@@ -183,11 +184,16 @@ class QualityGauge:
         )
 
     def _drift(self) -> float:
-        """Return the drift of the log clock relative to the stamps (s per s)."""
-        if len(self._delays) < 2:
+        """Return the drift of the log clock relative to the stamps (s per s); 0 where the delays scatter as much.
+
+        It is the slope of a line through all delays, if that is beyond `CERTAIN` of its standard errors.
+        """
+        count, time, delay, time_2, product, delay_2 = self._delays.tolist()
+        if count < LEAST_DELAYS or (spread := time_2 - time**2 / count) <= 0.0:
             return 0.0
-        (from_s, before), (to_s, after) = self._delays[0], self._delays[-1]
-        return (after - before) / (to_s - from_s) if to_s > from_s else 0.0
+        slope = (product - time * delay / count) / spread
+        scatter = max(delay_2 - delay**2 / count - slope**2 * spread, 0.0) / (count - 2.0)
+        return slope if abs(slope) > CERTAIN * (scatter / spread) ** 0.5 else 0.0
 
     def _quantum(self) -> float:
         """Return the step of which all differences are integer multiples; 0 without one."""

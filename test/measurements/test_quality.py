@@ -97,6 +97,15 @@ def test_drift_of_the_log_clock_is_found() -> None:
     assert "drifts 500 ppm" in found.flaws()[0]
 
 
+def test_delays_that_scatter_are_no_drift() -> None:
+    times, values = (each[:300] for each in motion())
+    delays = np.random.default_rng(2).uniform(-5e-3, 5e-3, 300)
+    delays[[0, -1]] = -5e-3, 5e-3  # 10 ms later at the end, by chance
+    for cuts in ((), (1, 120)):
+        assert gauged(times, values, delays, cuts=cuts).drift == 0.0
+        assert gauged(times, values, delays + 5e-3 * times, cuts=cuts).drift == pytest.approx(5e-3, rel=0.2)
+
+
 def test_few_samples_and_a_constant_are_named() -> None:
     assert "3 samples" in gauged(np.arange(3.0), np.arange(3.0)).flaws()[0]
     assert gauged(np.arange(20.0), np.full(20, 4.5)).flaws() == ["constant at 4.5"]
