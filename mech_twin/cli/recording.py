@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 COUNTERS = ("received", "written", "dropped", "cut", "missed", "late", "publishers")
 LOSSES = ("dropped", "cut", "missed", "late")
+STEPS = "step/linkage"  # a topic that every machine has in its namespace
 GROUPS = {  # by what a topic's path begins with, below the machine's namespace; the last takes the others
     "motion": ("joint_states", "motor/joint_states", "body/joint_states", "scene", "frames"),
     "forces and blows": ("forces/", "body/pressing_force", "impacts"),
@@ -147,6 +148,7 @@ def _print_topics(topics: dict[str, Any], wide: bool) -> None:
     columns = ("topic", "messages", *(LOSSES if counted else ()))
     spaces = Counter(name[: name.index("/", 1) + 1] for name in topics if "/" in name[1:])
     space, count = next(iter(spaces.most_common(1)), ("", 0))
+    space = next((name.removesuffix(STEPS) for name in topics if name.endswith(f"/{STEPS}")), space)
     shared = space if count > len(topics) / 2 else ""  # the namespace of most of them, /machine/
     found: dict[str, list[tuple[Any, ...]]] = {group: [] for group in GROUPS}
     for full, topic in topics.items():

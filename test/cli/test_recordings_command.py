@@ -275,6 +275,17 @@ def test_info_tells_machine_counts_duration_losses_and_files(bag: Path) -> None:
     assert mech_twin("info", bag).code == 0
 
 
+def test_topics_stand_in_their_groups_below_any_namespace(bag: Path, tmp_path: Path) -> None:
+    def moved(each: Entry) -> Iterable[Entry]:
+        return (each._replace(topic=each.topic.replace(f"/{DRUM}/", "/plant/hall_2/")),)
+
+    plain, nested = (mech_twin("info", each).out for each in (bag, altered_bag(bag, tmp_path / "bag", moved)))
+    assert "topics below /plant/hall_2/" in nested
+    groups = [[line.split()[0] for line in shown.splitlines()] for shown in (plain, nested)]
+    assert set(groups[1]) <= set(groups[0])
+    assert "plant" not in nested.replace("topics below /plant/hall_2/", "")
+
+
 def test_times_of_files_count_from_the_first_where_an_epoch_would_hide_them(bag: Path, tmp_path: Path) -> None:
     day_ns = 1_700_000_000_000_000_000
     later = altered_bag(bag, tmp_path / "later", lambda each: (each._replace(log_time_ns=each.log_time_ns + day_ns),))
