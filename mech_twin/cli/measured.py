@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 TRUSTED = 0.9  # correlation from which the sign is believed
 MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
+NOT_COMPARED = f"more than {MOST_SAMPLES} samples, not compared with the model"
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
             none = f"none of its channels has a name of {built.name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
     qualities = {path: _qualities(path, proposed) for path in measurements}
-    run, problems = None, [f"{measurements[0]}: more than {MOST_SAMPLES} samples, not compared with the model"]
+    run, problems = None, [f"{measurements[0]}: {NOT_COMPARED}"]
     if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
         try:
             with opened_run(measurements[0]) as reader:
@@ -188,7 +189,9 @@ def examine_by_file(request: InfoVerb, map_file: Path) -> None:
     with opened_run(path) as reader:
         qualities = channel_qualities(reader, given)
     problems: list[str] = []
-    if sum(quality.samples for quality in qualities) <= MOST_SAMPLES:
+    if sum(quality.samples for quality in qualities) > MOST_SAMPLES:
+        say(f"{path}: {NOT_COMPARED}")
+    else:
         machine = built_machine(given.machine, request.config)
         try:
             _, problems = checked_run(path, given, machine, model_turn(machine))

@@ -12,6 +12,8 @@ import pytest
 import yaml
 from command_line import mech_twin
 
+from mech_twin.cli import measured
+
 pytest.importorskip("pyarrow")
 pytestmark = [pytest.mark.usefixtures("ros_domain"), pytest.mark.slow]
 SENSORS: dict[str, Any] = {
@@ -185,6 +187,17 @@ def test_a_wrong_map_is_contradicted_by_the_run(plant: Plant, tmp_path: Path) ->
     found = mech_twin("info", plant.table, "--map", written(tmp_path / "map.yaml", {**SENSORS, "channels": wrong}))
     assert found.code == 1
     assert "is its unit mm?" in found.err
+
+
+@pytest.mark.parametrize("verb", ["info", "map"])
+def test_a_run_too_long_to_be_compared_with_the_model_says_so(
+    verb: str, plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(measured, "MOST_SAMPLES", 100)
+    words = ("info", plant.table, "--map", plant.map) if verb == "info" else ("map", plant.table, SENSORS["machine"])
+    found = mech_twin(*words)
+    assert found.code == 0
+    assert "not compared with the model" in found.err
 
 
 def test_a_measured_run_is_analysed_and_shown(plant: Plant, tmp_path: Path) -> None:
