@@ -12,7 +12,7 @@ from textwrap import wrap
 
 from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source, TimeSource
-from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column
+from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column, unread_unit
 
 EXACT, NEAR, UNSURE = 3, 2, 1
 ALIKE = 0.8  # least similarity of two words
@@ -211,11 +211,8 @@ def map_text(
         lead = "  # " if each.surety == UNSURE else "  "
         remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)
         lines += [*_source(lead, each.source), *_comment(f"{lead}  ", remark), f"{lead}  is: {each.column}"]
-        lines.append(
-            f"{lead}  unit: {each.unit}"
-            if each.unit
-            else f"{lead}  # unit: the name tells none; {columns[each.column]} is assumed"
-        )
+        assumed = f"unit: {untold_unit(each) or 'the name tells none'}; {columns[each.column]} is assumed"
+        lines += [f"{lead}  unit: {each.unit}"] if each.unit else _comment(f"{lead}  ", assumed)
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
         lines += [line for remark in _remarks(each) for line in _comment(f"{lead}  ", remark)]
@@ -223,6 +220,12 @@ def map_text(
     if runs:
         lines.append(f"runs: [{', '.join(_quoted(str(run)) for run in runs)}]")
     return "\n".join(lines) + "\n"
+
+
+def untold_unit(each: ProposedChannel) -> str | None:
+    """Return what is said of a unit in the channel's name that is none of a map's; None without one."""
+    word = None if each.unit else unread_unit(each.source.column or "")
+    return word and f"{word!r} is none of a map's"
 
 
 def _left_out(machine: str, channels: Sequence[ProposedChannel], offered: Sequence[Source]) -> list[str]:

@@ -45,10 +45,12 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
     {
         "rad": Unit("rad", 1.0),
         "deg": Unit("rad", pi / 180.0),
+        "mrad": Unit("rad", 1e-3),
         "turn": Unit("rad", TURN),
         "rad/s": Unit("rad/s", 1.0),
         "deg/s": Unit("rad/s", pi / 180.0),
         "rpm": Unit("rad/s", TURN / 60.0),
+        "turn/s": Unit("rad/s", TURN),
         "rad/s2": Unit("rad/s2", 1.0),
         "m": Unit("m", 1.0),
         "cm": Unit("m", 1e-2),
@@ -61,8 +63,11 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
         "N": Unit("N", 1.0),
         "kN": Unit("N", 1e3),
         "N.m": Unit("N.m", 1.0),
+        "N.mm": Unit("N.m", 1e-3),
+        "kN.m": Unit("N.m", 1e3),
         "N.s": Unit("N.s", 1.0),
         "W": Unit("W", 1.0),
+        "kW": Unit("W", 1e3),
         "J": Unit("J", 1.0),
         "um/m": Unit("1", 1e-6),
         "s": Unit("s", 1.0),
@@ -83,6 +88,7 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
         "deg_per_s": "deg/s", "rev": "turn", "turns": "turn", "revolutions": "turn", "1/min": "rpm", "u/min": "rpm",
         "r/min": "rpm", "rev/min": "rpm", "min-1": "rpm", "millimeter": "mm", "millimetre": "mm", "meter": "m",
         "metre": "m", "m_per_s": "m/s", "mm_per_s": "mm/s", "nm": "N.m", "n*m": "N.m", "n·m": "N.m", "n_m": "N.m",
+        "nmm": "N.mm", "n·mm": "N.mm", "knm": "kN.m", "kn·m": "kN.m", "hz": "turn/s", "rev/s": "turn/s",
         "newton": "N", "µm": "um", "amp": "A", "amps": "A", "ampere": "A", "counts": "count", "ticks": "count",
         "m/s^2": "m/s2", "m/s²": "m/s2", "sec": "s", "second": "s", "seconds": "s", "w": "W",
     }
@@ -96,6 +102,9 @@ _TIME_SPELLINGS = {
     "µs": "us",
     "usec": "us",
 }
+
+
+BRACKETED = r"[(\[{<]\s*([^)\]}>]+?)\s*[)\]}>]"  # what stands in brackets of a header
 
 
 def shown_unit(si: str) -> str:
@@ -113,6 +122,12 @@ def time_unit_in(text: str) -> str | None:
     return _found_in(text, {**{name: name for name in TIME_UNITS}, **_TIME_SPELLINGS})
 
 
+def unread_unit(text: str) -> str | None:
+    """Return what is in the last brackets of a header, if it names no unit that is known here."""
+    words = re.findall(BRACKETED, text)
+    return words[-1] if words and unit_in(text) is None else None
+
+
 def is_unit(text: str) -> bool:
     """Return whether a cell is a unit alone, such as ``mm`` or ``[deg]``."""
     word = "".join(text.lower().split()).strip("()[]")
@@ -121,7 +136,7 @@ def is_unit(text: str) -> bool:
 
 def _found_in(text: str, spellings: Mapping[str, str]) -> str | None:
     words = text.strip().lower()
-    bracketed = re.findall(r"[(\[{<]\s*([^)\]}>]+?)\s*[)\]}>]", words)
+    bracketed = re.findall(BRACKETED, words)
     endings = [words.split("_", i)[-1] for i in range(words.count("_"), 0, -1)][::-1]
     for word in (*bracketed[::-1], *endings, words.rpartition(",")[2], words.rpartition(" ")[2]):
         unit = spellings.get("".join(word.split()))

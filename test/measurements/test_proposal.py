@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import yaml
 from catalogue import built
 
 from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.measurement_map import Source, TimeSource
-from mech_twin.measurements.proposal import MOST_LEFT_OUT, UNSURE, WIDTH, map_text, proposed_channels
-from mech_twin.measurements.units import machine_columns, unit_in
+from mech_twin.measurements.proposal import MOST_LEFT_OUT, UNSURE, WIDTH, map_text, proposed_channels, untold_unit
+from mech_twin.measurements.units import UNITS, machine_columns, unit_in
 
 FOREIGN = {  # headers of other people's tables, and what they are
     "mb10_breaker": {"Motor speed [rpm]": "motor.rotor.velocity", "Hammer angle (deg)": "linkage.rocker.position"},
@@ -48,6 +49,30 @@ def test_a_proposed_map_fits_a_terminal_and_reads_as_proposed(machine: str) -> N
     assert [channel["is"] for channel in read] == [each.column for each in sure]
     unsure = "\n".join(f"  {line[4:]}" if line.startswith("  # ") else line for line in text.splitlines())
     assert len(yaml.safe_load(unsure)["channels"]) == len(channels)  # taking the comment away is all it needs
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "factor"),
+    [
+        ("Crank torque [kNm]", "kN.m", 1e3),
+        ("Crank torque (N·mm)", "N.mm", 1e-3),
+        ("Crank speed [Hz]", "turn/s", 2.0 * np.pi),
+        ("Crank angle [mrad]", "mrad", 1e-3),
+        ("Drive power [kW]", "kW", 1e3),
+    ],
+)
+def test_a_unit_in_a_header_is_read_with_its_size(header: str, unit: str, factor: float) -> None:
+    assert unit_in(header) == unit
+    assert UNITS[unit].factor == pytest.approx(factor)
+
+
+def test_a_unit_that_no_map_knows_is_named_beside_the_one_assumed() -> None:
+    offered = [SourceColumn(Source(column=name), None) for name in ("Slider position [inch]", "Crank angle")]
+    columns = machine_columns(built("vibration_crank"))
+    foreign, plain = proposed_channels(offered, columns)
+    text = map_text("vibration_crank", TimeSource(), [foreign, plain], {}, columns)
+    assert "# unit: 'inch' is none of a map's; m is assumed" in text
+    assert (untold_unit(foreign) is not None, untold_unit(plain)) == (True, None)
 
 
 @pytest.mark.parametrize("pin", ["follower_pin", "crank_pin", "crank_bearing"])
