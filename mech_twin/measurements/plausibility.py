@@ -24,6 +24,7 @@ SPEED_FACTOR = 12.0  # largest ratio of the crank speed to the model's
 RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the position
 MOST_COMPARED = 4000
 LATE_SAMPLES = 10  # left out for each stamp that goes back: so many are no samples that arrived late
+ABOUT_TURN = 1.05  # largest ratio of the range of an angle to one turn, where it starts anew at each
 GOING_ON = 0.02  # of a turn: a crank this near to where it was going has not turned during a gap
 GAP_TURN = 0.25  # of a turn: least motion in a gap that tells whether time has passed
 SPEED_TURN = 0.125  # of a turn: before and after a gap, from which the speed is taken
@@ -56,7 +57,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     if turned < TURN:
         swapped = _swinging_crank(run, crank, units)
         if swapped is None:
-            return [*found, f"no cycle: {crank.name} moves through {turned / TURN:.3g} of a turn, expected a whole one"]
+            return [*found, _no_cycle(crank, turned, turn)]
         return [*found, swapped]
     return found + _standing_still(run, turn, units) + _turning_speed(crank, turn) + _following(run, crank, turn, units)
 
@@ -79,6 +80,17 @@ def _clock(run: MeasuredRun) -> list[str]:
         for at_s, gap_s in jumps
         if crank is not None
     ]
+
+
+def _no_cycle(crank: MeasuredChannel, turned_rad: float, turn: ModelTurn) -> str:
+    """Say how far the crank has turned; with the unit in which that is one turn, or about as far as the model's."""
+    told = f"no cycle: {crank.name} moves through {turned_rad / TURN:.3g} of a turn, expected a whole one"
+    usual_rad = abs(turn.speed_rad_per_s) * float(crank.times_s[-1] - crank.times_s[0])
+    if turned_rad > usual_rad / SPEED_FACTOR:
+        return told
+    name = _nearest_unit(crank, "rad", turned_rad, TURN, ABOUT_TURN)  # an angle that starts anew at each turn
+    name = name or _nearest_unit(crank, "rad", turned_rad, usual_rad, SPEED_FACTOR)
+    return f"{told}: is its unit {name}?" if name else told
 
 
 def _apart(run: MeasuredRun) -> list[str]:
@@ -156,12 +168,18 @@ def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:
 
 def _fitting_unit(channel: MeasuredChannel, si: str, found: float, expected: float, factor: float = RATE_FACTOR) -> str:
     """Return the unit for which the number would fit, as the end of a line."""
-    for name, unit in UNITS.items():
-        if unit.si == si and name != channel.channel.unit and found > 0.0:
-            ratio = found * unit.factor / channel.channel.si_factor / expected if expected else 0.0
-            if 1.0 / factor < ratio < factor:
-                return f": expected unit {name}?"
-    return ": expected the same, is a unit or gain wrong?"
+    name = _nearest_unit(channel, si, found, expected, factor)
+    return f": expected unit {name}?" if name else ": expected the same, is a unit or gain wrong?"
+
+
+def _nearest_unit(channel: MeasuredChannel, si: str, found: float, expected: float, factor: float) -> str | None:
+    """Return the other unit that brings a number nearest to the one expected, if it is within a factor of it."""
+    others = {name: unit.factor for name, unit in UNITS.items() if unit.si == si and name != channel.channel.unit}
+    if not (found > 0.0 and expected > 0.0 and others):
+        return None
+    off = {name: abs(np.log(found * size / channel.channel.si_factor / expected)) for name, size in others.items()}
+    nearest = min(off, key=lambda name: float(off[name]))
+    return nearest if off[nearest] < np.log(factor) else None
 
 
 def _standing_still(run: MeasuredRun, turn: ModelTurn, units: Mapping[str, str]) -> list[str]:

@@ -24,6 +24,7 @@ from mech_twin.measurements.plausibility import implausible
 from mech_twin.measurements.quality import QualityGauge
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, read_run, require_usable
 from mech_twin.measurements.tables import TableReader
+from mech_twin.measurements.units import UNITS as UNITS_OF_MAPS
 from mech_twin.measurements.units import machine_columns
 
 MACHINE = "roller_former"  # its two carts can be swapped
@@ -210,6 +211,18 @@ def test_a_gap_during_which_the_crank_turned_is_no_fault_of_the_clock(
     kept = (motion["time_s"] < 2.0) | (motion["time_s"] > 2.0 + gap_s)
     run = measured({name: values[kept] for name, values in motion.items()}, *COLUMNS[:3])
     assert implausible(with_clock(run, np.copy, turns=turns), None, UNITS) == []
+
+
+@pytest.mark.parametrize("anew", [True, False])
+@pytest.mark.parametrize(("shown", "told"), [("rad", "deg"), ("turn", "deg"), ("rad", "mrad")])
+def test_a_crank_that_hardly_turns_in_its_unit_is_named_with_the_unit_shown(
+    shown: str, told: str, anew: bool, motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    angle = np.mod(motion[COLUMNS[0]], TURN) if anew else motion[COLUMNS[0]]
+    numbers = {**motion, COLUMNS[0]: angle / UNITS_OF_MAPS[shown].factor}
+    run = measured(numbers, COLUMNS[0], unit=told)
+    read = with_values(run, COLUMNS[0], lambda values: values * UNITS_OF_MAPS[told].factor)
+    the_line(implausible(read, turn, UNITS), "no cycle", f"is its unit {shown}?")
 
 
 def test_a_channel_that_shares_no_time_with_the_crank_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
