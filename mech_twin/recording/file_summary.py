@@ -42,6 +42,7 @@ def summary_index(file: RecordFile) -> FileIndex:
         if head != MAGIC:
             table = path.suffix.lower() in TABLE_SUFFIXES
             found = "is a table, no MCAP recording" if table else "is not an MCAP recording (wrong magic bytes)"
+            found += "" if table or path.suffix == ".mcap" else ", nor a table of text or Parquet"
             raise ForeignFileError(path, found if head else "is empty")
         footer_at = file.size - FOOTER_BYTES - len(MAGIC)
         if footer_at < len(MAGIC) or file.bytes_at(file.size - len(MAGIC), len(MAGIC)) != MAGIC:

@@ -189,6 +189,15 @@ def test_a_wrong_map_is_contradicted_by_the_run(plant: Plant, tmp_path: Path) ->
     assert "is its unit mm?" in found.err
 
 
+def test_a_file_that_is_no_measurement_is_told_what_one_is(plant: Plant, tmp_path: Path) -> None:
+    workbook = tmp_path / "plant.xlsx"
+    workbook.write_bytes(b"PK\x03\x04" + bytes(100))
+    for words in (("map", workbook, SENSORS["machine"]), ("info", workbook, "--map", plant.map)):
+        refused = mech_twin(*words)
+        assert refused.code == 2
+        assert "nor a table of text or Parquet" in refused.err
+
+
 @pytest.mark.parametrize("verb", ["info", "map"])
 def test_a_run_too_long_to_be_compared_with_the_model_says_so(
     verb: str, plant: Plant, monkeypatch: pytest.MonkeyPatch
