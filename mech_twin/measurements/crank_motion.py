@@ -90,8 +90,8 @@ def smoothed(times_s: Array, values: Array) -> tuple[Array, Array, Array]:
 
 
 def _interval(times_s: Array) -> float:
-    """Return the mean interval (s); with times in this unit, a penalty has the same effect in every piece."""
-    return float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
+    """Return the median interval (s); with times in this unit, a penalty has the same effect in every piece."""
+    return float(np.median(np.diff(times_s)))
 
 
 def _penalty(times_s: Array, values: Array) -> float:

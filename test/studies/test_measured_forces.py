@@ -93,6 +93,17 @@ def test_smoothing_gives_the_derivatives_of_a_noisy_motion(speed: float, noise: 
     assert np.sqrt(np.mean((accelerations - wanted)[inner] ** 2)) < 0.02 * speed**2 + 2e4 * noise
 
 
+@pytest.mark.parametrize("gap_s", [0.5, 60.0, 1e4])
+def test_a_gap_smooths_the_motion_around_it_no_more(gap_s: float) -> None:
+    times = np.arange(2000) * 1e-3
+    times[700:] += gap_s
+    noise = 3e-4 * np.random.default_rng(0).standard_normal(len(times))
+    exact = 12.0 * times + 0.2 * np.sin(12.0 * times)
+    _, _, found = smoothed(times, exact + noise)
+    off = found + 0.2 * 12.0**2 * np.sin(12.0 * times)
+    assert np.sqrt(np.mean(off[50:-50] ** 2)) < 0.1 * 0.2 * 12.0**2
+
+
 @pytest.fixture(scope="module")
 def turn() -> ModelTurn:
     found = model_turn(built("vibration_crank"))
