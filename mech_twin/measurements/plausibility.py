@@ -14,7 +14,7 @@ from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING, Following, ModelTurn, following
 from mech_twin.measurements.quality import LONG_INTERVAL
 from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, range_of_turn
-from mech_twin.measurements.units import TURN, UNITS, joint_column
+from mech_twin.measurements.units import TURN, UNITS, is_event, joint_column
 
 FOLLOWS = 0.8  # least correlation with the model's motion
 CLEARLY = 0.15  # increase of the correlation that indicates swapped channels
@@ -24,6 +24,7 @@ SPEED_FACTOR = 12.0  # largest ratio of the crank speed to the model's
 RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the position
 MOST_COMPARED = 4000
 LATE_SAMPLES = 10  # left out for each stamp that goes back: so many are no samples that arrived late
+BURSTS = 0.005  # gaps for each sample: with more, and most of the time in them, samples come in packets
 ABOUT_TURN = 1.05  # largest ratio of the range of an angle to one turn, where it starts anew at each
 GOING_ON = 0.02  # of a turn: a crank this near to where it was going has not turned during a gap
 GAP_TURN = 0.25  # of a turn: least motion in a gap that tells whether time has passed
@@ -49,6 +50,8 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     units : mapping
         SI unit of each column of the machine.
     """
+    if packets := _packets(run):
+        return packets
     found = _clock(run) + _apart(run) + _speeds(run, units)
     crank = None if turn is None else run.channel(turn.crank)
     if turn is None or crank is None:
@@ -80,6 +83,18 @@ def _clock(run: MeasuredRun) -> list[str]:
         for at_s, gap_s in jumps
         if crank is not None
     ]
+
+
+def _packets(run: MeasuredRun) -> list[str]:
+    """Name the first channel whose stamps stand in bursts: no speed follows from them."""
+    for channel in run.channels:
+        quality = channel.quality
+        usual = quality.rate_hz * quality.span_s  # samples in all of the time
+        filled = quality.samples / usual if usual > 0.0 and not is_event(channel.name) else 1.0
+        if filled < 1.0 / FACTOR and quality.gaps > BURSTS * quality.samples:
+            told = f"{quality.samples} samples at {quality.rate_hz:.4g} Hz fill {100.0 * filled:.3g} % of the time"
+            return [f"{channel.name}: {told}: are its stamps those of packets? Expected one of each sample"]
+    return []
 
 
 def _no_cycle(crank: MeasuredChannel, turned_rad: float, turn: ModelTurn) -> str:

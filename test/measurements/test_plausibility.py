@@ -225,6 +225,14 @@ def test_a_crank_that_hardly_turns_in_its_unit_is_named_with_the_unit_shown(
     the_line(implausible(read, turn, UNITS), "no cycle", f"is its unit {shown}?")
 
 
+@pytest.mark.parametrize("packet", [5, 40])
+def test_stamps_of_packets_are_named(packet: int, motion: dict[str, Array], turn: ModelTurn) -> None:
+    whole = np.arange(len(motion["time_s"])) // packet * packet
+    begun_s = motion["time_s"][whole]
+    in_packets = {**motion, "time_s": begun_s + 0.05 * (motion["time_s"] - begun_s)}
+    the_line(implausible(measured(in_packets, COLUMNS[0]), turn, UNITS), COLUMNS[0], "those of packets?")
+
+
 def test_a_channel_that_shares_no_time_with_the_crank_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     run = measured(motion, *COLUMNS[:2])
     late = replace(run.channels[1], times_s=run.channels[1].times_s + 1e6)
