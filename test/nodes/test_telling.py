@@ -10,7 +10,10 @@ import time
 
 import pytest
 
+from mech_twin.nodes.run.bench_process import Orders
+
 RUN = [sys.executable, "-m", "mech_twin"]
+LIMIT_S = 30.0
 
 
 def told(*words: str) -> subprocess.CompletedProcess[str]:
@@ -70,3 +73,15 @@ def test_a_page_is_told_by_its_path_and_no_other_text_is_a_namespace(ros_domain,
     wrong = told("my hammer", "start")
     assert wrong.returncode == 2
     assert wrong.stderr.startswith("mech-twin: my hammer: expected a machine, a page, or a namespace")
+
+
+def test_orders_to_a_run_that_has_ended_are_refused_and_reach_no_later_run_of_that_name(ros_domain):
+    """The bench gives its place to the next run: what the machine before had not answered was told to the next one."""
+    orders = Orders("vibration_crank", lambda name, value: None, lambda is_paused: None)
+    orders.start()
+    asked = [{"name": "change", "values": {"drive.speed_rpm": 290.0}}, {"name": "pause"}, {"name": "stop"}]
+    answers = [orders.ask(each) for each in asked]
+    orders.close()
+    assert [each.result(LIMIT_S) for each in answers] == 3 * [("the run that was told has ended", False)]
+    orders.join(LIMIT_S)
+    assert not orders.is_alive()

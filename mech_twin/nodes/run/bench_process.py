@@ -147,7 +147,6 @@ def answer_trials() -> None:
 
 
 SERVICE_S = 2.0  # time limit for a service to be discovered
-END_S = 2.0  # time limit for the thread of orders to end
 HALL_ORDERS = (OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST)
 Answer = Future[tuple[str, bool]]  # of a machine to an order, and whether it succeeded
 SPEED, CHANGE, PAUSE, GO_ON, IDENTIFY = "speed", "change", "pause", "go-on", "identify"
@@ -180,17 +179,17 @@ class Orders(threading.Thread):
         return answer
 
     def close(self) -> None:
-        """Accept no further order, and end."""
+        """Refuse the orders that are not carried out yet, and end."""
         self._is_over = True
 
     def run(self) -> None:
         """Execute orders until closed."""
         from mech_twin.nodes.run.telling import Teller
 
-        with Teller(self._namespace, SERVICE_S) as teller:
+        with Teller(self._namespace, SERVICE_S, lambda: self._is_over) as teller:
             teller.watch_parameters(self._changed)
             teller.watch_pause(self._paused)
-            while not self._is_over:
+            while not self._is_over or not self._asked.empty():
                 teller.serve_until(lambda: self._is_over or not self._asked.empty())
                 while not self._asked.empty():
                     message, answer = self._asked.get()
@@ -272,7 +271,7 @@ class BenchProcess:
             await trials.close()
         if orders is not None:
             orders.close()
-            await asyncio.to_thread(orders.join, END_S)
+            await asyncio.to_thread(orders.join)  # a process has one context of ROS: the next thread needs it
 
     async def _clear(self) -> None:
         """Clear the machine that ran, after its last message."""

@@ -76,13 +76,15 @@ class Teller:
         Of the machine, such as its name.
     wait_s : float
         How long a service may take to be found (s).
+    is_over : callable
+        Tells whether the machine's run has ended: then a command is refused, and waits no longer.
     """
 
-    def __init__(self, namespace: str, wait_s: float = 5.0) -> None:
+    def __init__(self, namespace: str, wait_s: float = 5.0, is_over: Callable[[], bool] = lambda: False) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.node = _TellingNode("teller", namespace="mech_twin")
         self._spinner = Spinner([self.node])
-        self._namespace, self._wait_s = "/" + namespace.strip("/"), wait_s
+        self._namespace, self._wait_s, self._is_over = "/" + namespace.strip("/"), wait_s, is_over
         self._clients: dict[str, Client] = {}
         command = f"{self._namespace}/{SPEED_COMMAND.name}"
         self._speed = self.node.create_publisher(Float64, command, SPEED_COMMAND.qos)
@@ -204,9 +206,17 @@ class Teller:
         return self._clients[name]
 
     def _wait(self, holds: Callable[[], bool], limit_s: float | None = None) -> bool:
-        """Wait for a condition, as long as for a service if no limit (s) is given; return whether it holds."""
+        """Wait for a condition, as long as for a service if no limit (s) is given; return whether it holds.
+
+        Raises
+        ------
+        UnansweredError
+            If the run has ended: another one of this name may be there by now.
+        """
         end = time.monotonic() + (self._wait_s if limit_s is None else limit_s)
-        self._spinner.until(lambda: holds() or time.monotonic() > end)
+        self._spinner.until(lambda: holds() or self._is_over() or time.monotonic() > end)
+        if self._is_over():
+            raise UnansweredError("the run that was told has ended")
         return holds()
 
     def __enter__(self) -> Teller:
