@@ -34,7 +34,7 @@ RECENT_S = 2.0  # time window of blow rate, energy and power
 SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
 AGAIN_S = 1.0  # a step so much before the last begins a new run
 TURN = 2.0 * math.pi
-WEAK_SHARE = 0.25  # least energy relative to the hardest recent blow, half its impulse: weaker ones are bounces
+WEAK_SHARE = 0.25  # least energy relative to that of recent blows, half their impulse: weaker ones are bounces
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
@@ -298,7 +298,7 @@ class Banner:
         if energy_j > 0.0:
             self._blows.append((event.time_s, energy_j))
             _forget(self._blows, event.time_s)
-            if energy_j > WEAK_SHARE * max(energy for _, energy in self._blows):
+            if energy_j > self._bounce_j():
                 self._last_blow = (event.time_s, energy_j)
 
     def text(self) -> str:
@@ -362,20 +362,24 @@ class Banner:
             found.append(Card("pressing force", with_prefix(mean_n, "N"), "pressing force", mean_n, "N"))
             found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
-            mean_w = self._mean_power_w()
-            name, rated_w = "mean drive power", self.rated_power_w
-            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", rated_w))
+            name, mean_w = "mean drive power", self._mean_power_w()
+            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", self.rated_power_w))
         return found
 
     def _blow_rate(self, now_s: float) -> float:
         """Return the blows per second of the recent time: from first to last blow where that is most of it."""
         span_s = min(RECENT_S, now_s - (now_s if self._begin_s is None else self._begin_s))
-        hardest = max((energy for _, energy in self._blows), default=0.0)
-        struck_s = [time_s for time_s, energy in self._blows if energy > WEAK_SHARE * hardest]
+        most_j = self._bounce_j()
+        struck_s = [time_s for time_s, energy_j in self._blows if energy_j > most_j]
         if not struck_s or span_s <= 0.0:
             return 0.0
         apart_s = struck_s[-1] - struck_s[0]
         return (len(struck_s) - 1) / apart_s if apart_s > 0.5 * span_s else len(struck_s) / span_s
+
+    def _bounce_j(self) -> float:
+        """Return the most energy (J) of a bounce, by a mean that bounces hardly lower and a hard blow hardly lifts."""
+        total_j = sum(energy_j for _, energy_j in self._blows)
+        return WEAK_SHARE * sum(energy_j**2 for _, energy_j in self._blows) / total_j if total_j > 0.0 else 0.0
 
     def _note_broken(self, linkage: LinkageSample) -> None:
         values = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)

@@ -64,6 +64,20 @@ def test_headline_numbers_of_a_run_that_begins_anew_know_nothing_of_the_one_befo
     assert first.cards() == again.cards()
 
 
+def test_one_blow_far_harder_than_the_others_does_not_make_bounces_of_them():
+    """The mass first strikes with six times the energy it then has: for two seconds its blow rate was an eighth."""
+    machine = built("impact_mass")
+    banner = Banner(machine.mechanism)
+    for frame in frames(machine, 1.9):
+        banner.add(frame.motor, frame.linkage, frame.forces)
+        for event in frame_events(frame):
+            banner.strike(event)
+    cards = {card.key: card for card in banner.cards()}
+    period_s = machine.parameters.period_s
+    assert cards["blow rate"].value == pytest.approx(1.0 / period_s, rel=0.02)
+    assert float(cards["last blow"].name.split()[3]) > 1.9 - period_s
+
+
 def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
     assert rated_power_w(built("vibration_crank")) is None
 
