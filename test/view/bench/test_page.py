@@ -93,7 +93,7 @@ def try_preload(page):
 
 def change_restitution(page):
     """Send a value, and type or send a refused one meanwhile: the first stays, and undo takes it back."""
-    number, first = page.locator("[data-name='tool.restitution'] input[type=number]"), page.locator("#answers li").first
+    number, first = page.locator("[data-name='tool.restitution'] input.number"), page.locator("#answers li").first
     for is_typed_only in (True, False):
         number.fill("0.5")
         number.press("Enter")
@@ -158,7 +158,7 @@ def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_p
         slow_down(page)
 
         # a live parameter, its undo, and a value the machine refuses
-        number = page.locator("[data-name='tool.wall_force_n'] input[type=number]")
+        number = page.locator("[data-name='tool.wall_force_n'] input.number")
         number.fill("700")
         number.press("Enter")
         expect(answers.first).to_have_text("tool.wall_force_n = 700.0")
@@ -202,7 +202,7 @@ def test_a_run_is_watched_and_commanded_from_its_page(browser, ros_domain, tmp_p
 
 def change_and_look_anew(page):
     """Change a value here, and pause at the terminal: a page opened anew knows both."""
-    number = page.locator("[data-name='tool.wall_force_n'] input[type=number]")
+    number = page.locator("[data-name='tool.wall_force_n'] input.number")
     number.fill("700")
     number.press("Enter")
     expect(page.locator("#changed tr")).to_have_text(re.compile("^tool.wall_force_n500.0700.0$"))

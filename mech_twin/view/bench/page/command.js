@@ -4,7 +4,7 @@
 import { order, send } from "./connection.js";
 import { attempt, warm } from "./ghost.js";
 import { listPanels } from "./instant.js";
-import { find, rounded, rowsOf, run } from "./state.js";
+import { find, rounded, rowsOf, run, typed } from "./state.js";
 
 const undone = [];
 const MOST_READ = 1e6; // larger bounds are not shown
@@ -137,12 +137,11 @@ function words(parameter) {
 // the slider covers the range of the key, or up to 3 times the value if that is narrower; the number box has no limit
 function numbers(parameter) {
   const slider = document.createElement("input"), number = document.createElement("input");
-  slider.type = "range"; number.type = "number";
+  slider.type = "range"; number.className = "number";
   const size = Math.abs(parameter.value) || 1;
   const low = Math.max(parameter.low ?? -Infinity, parameter.value >= 0 ? 0 : -3 * size);
   const high = Math.min(parameter.high ?? Infinity, 3 * size);
   slider.min = low; slider.max = high; slider.step = "any";
-  number.step = "any";
   slider.value = parameter.value;
   number.value = rounded(parameter.value);
   slider.setAttribute("aria-label", `${parameter.name}, slider`);
@@ -152,7 +151,7 @@ function numbers(parameter) {
     attempt(parameter.name, Number(number.value));
   };
   slider.onchange = () => change(parameter.name, Number(number.value));
-  number.onchange = () => change(parameter.name, number.value === "" ? parameter.value : Number(number.value));
+  number.onchange = () => change(parameter.name, typed(number, parameter.name) ?? parameter.value);
   return [slider, number];
 }
 
@@ -165,7 +164,7 @@ export function changed(name, value) {
   if (wanted.has(name) || row.dataset.edited !== undefined) return; // what is wanted next stands there
   for (const input of row.querySelectorAll("input, select")) {
     if (input.type === "checkbox") input.checked = value;
-    else input.value = input.type === "number" ? rounded(value) : value;
+    else input.value = input.type === "range" ? value : rounded(value);
   }
 }
 

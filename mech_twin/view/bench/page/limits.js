@@ -3,7 +3,7 @@
 
 import { note } from "./pictures.js";
 import { made } from "./plots.js";
-import { find, run } from "./state.js";
+import { find, run, shown, typed } from "./state.js";
 
 const kept = () => `limits of ${run.machine?.name ?? ""}`;
 const asked = () => JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
@@ -37,13 +37,14 @@ function row(card) {
   const [, , key, , unit] = card, line = made("tr"), name = made("th", { textContent: `${key}, ${unit}` });
   line.dataset.key = key;
   const boxes = ["least", "most"].map((end) => {
-    const cell = made("td"), box = made("input", { type: "number", step: "any", value: of(card)[end] ?? "" });
+    const cell = made("td"), box = made("input", { className: "number", value: of(card)[end] ?? "" });
     box.setAttribute("aria-label", `${key}, at ${end}`);
     box.onchange = () => {
-      const all = asked();
-      all[key] = { ...all[key], [end]: box.value === "" ? undefined : Number(box.value) };
+      const all = asked(), isEmpty = box.value.trim() === "", value = typed(box, `${key}, at ${end}`);
+      if (isEmpty || value !== null) all[key] = { ...all[key], [end]: value ?? undefined };
       sessionStorage.setItem(kept(), JSON.stringify(all));
-      if (box.value === "") box.value = of(card)[end] ?? "";
+      box.value = of(card)[end] ?? "";
+      shown.drawn = null; // judged anew, also where no picture comes
     };
     cell.append(box);
     return cell;

@@ -26,6 +26,15 @@ export function answer(text, kind) {
   while (find("answers").childElementCount > 50) find("answers").lastChild.remove();
 }
 
+// number of a box, which is text: of a comma that its language does not write, a number box keeps the digits alone, and so
+// ten times the value; null if the box is empty, or if its text, which is then named as refused, is no number
+export function typed(box, name) {
+  const text = box.value.trim(), isUnclear = /^[-+]?[1-9]\d{0,2},\d{3}$/.test(text);
+  if (!isUnclear && /^[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?$/i.test(text)) return Number(text.replace(",", "."));
+  if (text) answer(`${name}: ${text}: expected a number such as 0.5 or 1200`, "refused");
+  return null;
+}
+
 export function rowsOf(rows) {
   return rows.map((row) => {
     const line = document.createElement("tr");
