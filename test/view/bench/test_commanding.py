@@ -107,3 +107,124 @@ def test_what_is_no_number_is_refused_by_its_text_and_what_stood_there_stays(tol
         expect(box).to_have_value(stays)
     expect(page.locator("#cards .outside")).to_contain_text("above 2.5 1/s")
     assert told.asked == []
+
+
+def test_the_speed_control_shows_the_present_beside_an_earlier_picture(told):
+    """A key moved it from the speed of the time shown, which the machine had left."""
+    page = told.page
+    page.locator("#cursor").evaluate("(it) => { it.value = 1; it.dispatchEvent(new Event('input')); }")
+    page.wait_for_function("() => window.bench.shown === 1")
+    expect(page.locator("#speed-now")).to_have_text("50 % now")
+    page.locator("#speed").press("ArrowRight")
+    assert told.await_asked(1)["values"] == {"share": 0.51}
+
+
+def test_after_a_lost_connection_the_page_knows_the_run_that_is_there_now_alone(told):
+    page = told.page
+    told.tell("pause", is_paused=True)
+    told.tell("metrics", rows=[["blows", "3", ""]])
+    box = page.get_by_label(f"{KEY}, number")
+    box.fill("0.5")
+    box.press("Enter")
+    told.tell("answer", id=told.await_asked(1)["id"], is_done=True, text="done")
+    expect(page.locator("#undo")).to_be_enabled()
+    expect(page.locator("#state")).to_have_text("paused")
+    told.socket.close()
+    expect(page.locator("#state")).to_have_text("no connection")
+    page.set_viewport_size({"width": 900, "height": 700})  # drawn anew
+    page.wait_for_timeout(300)
+    expect(page.locator("#state")).to_have_text("no connection")
+    expect(page.locator("#state")).to_have_text("running")
+    expect(page.locator("#order-pause")).to_have_text("Pause")
+    expect(page.locator("#undo")).to_be_disabled()
+    expect(page.locator("#numbers")).to_be_hidden()
+    expect(box).to_have_value("0.35")
+
+
+def test_what_the_run_before_did_not_answer_holds_back_no_command_of_the_next(told):
+    page = told.page
+    box, speed = page.get_by_label(f"{KEY}, number"), page.locator("#speed")
+    for number in (1, 3):
+        box.fill("0.5")
+        box.press("Enter")
+        assert told.await_asked(number)["values"] == {KEY: 0.5}
+        speed.press("ArrowRight")
+        assert told.await_asked(number + 1)["values"] == {"share": 0.51}
+        if number == 1:
+            late = [each["id"] for each in told.asked]
+            told.tell("anew", all=True)
+            told.begin()
+            expect(box).to_have_value("0.35")
+            for each in late:
+                told.tell("answer", id=each, is_done=True, text="late")
+            expect(page.locator("#answers li").first).to_have_text("late")
+            expect(box).to_have_value("0.35")
+            expect(page.locator("#undo")).to_be_disabled()
+
+
+def drag(slider, to: float) -> None:
+    """Move a slider without letting it go."""
+    slider.evaluate("(it, to) => { it.value = to; it.dispatchEvent(new Event('input', { bubbles: true })); }", to)
+
+
+def test_a_trial_that_is_answered_after_its_value_was_sent_tells_nothing(told):
+    slider, was = told.page.get_by_label(f"{KEY}, slider"), told.page.locator(".was")
+    drag(slider, 0.5)
+    assert told.await_asked(1)["kind"] == "try"
+    slider.dispatch_event("change")
+    told.tell("answer", id=told.await_asked(2)["id"], is_done=True, text="done")
+    expect(was).to_have_text("was 0.35")
+    told.tell("ghost", from_s=2.0, to_s=2.3, curves={}, cards=[["blow rate", "1/s"]])
+    drag(slider, 0.6)
+    assert told.await_asked(3)["values"] == {KEY: 0.6}
+    expect(was).to_have_text("was 0.35")
+
+
+def test_a_trial_that_is_never_answered_as_another_page_commands_holds_back_none_later(told):
+    slider = told.page.get_by_label(f"{KEY}, slider")
+    drag(slider, 0.5)
+    told.await_asked(1)
+    for commands in (False, True):
+        told.tell("role", **(ROLE | {"commands": commands}))
+        expect(slider).to_be_enabled(enabled=commands)
+    drag(slider, 0.6)
+    assert told.await_asked(2)["values"] == {KEY: 0.6}
+
+
+def test_keys_of_time_work_also_where_a_button_or_the_time_was_just_used(told):
+    page = told.page
+    page.locator("#play").click()
+    expect(page.locator("#play")).to_have_text("Halt")
+    page.keyboard.press("k")
+    expect(page.locator("#play")).to_have_text("Play")
+    page.locator("#cursor").focus()
+    page.keyboard.press("f")
+    expect(page.locator("#follow")).to_have_attribute("aria-pressed", "true")
+    page.keyboard.press(",")
+    page.wait_for_function("() => window.bench.shown === 1")
+
+
+def test_two_runs_that_have_no_common_angle_are_compared_at_equal_time(told):
+    page = told.page
+    times = ["AAAAAAAAAAAAAAAAAADwPw=="] * 2  # 0 and 1 s
+    told.tell("comparison", settings=[], numbers=[], angle=times)
+    page.locator("#align").select_option("angle")
+    told.tell("comparison", settings=[], numbers=[], angle=None)
+    expect(page.locator("#align")).to_be_disabled()
+    expect(page.locator("#align")).to_have_value("time")
+
+
+def test_a_fault_that_changes_keeps_its_buttons(told):
+    page = told.page
+    told.tell("machine", **(MACHINE | {"orders": ["acknowledge", "shelve"]}), parameters=[], settings=[])
+    told.tell("alarms", faults=[FAULT | {"size": "wear 1 mm"}])
+    button = page.get_by_role("button", name="Acknowledge")
+    button.focus()
+    told.tell("alarms", faults=[FAULT | {"size": "wear 2 mm"}])
+    expect(page.locator(".fault")).to_contain_text("wear 2 mm")
+    expect(button).to_be_focused()
+    told.tell("alarms", faults=[FAULT | {"name": "loose"}, FAULT | {"size": "wear 3 mm", "is_acknowledged": True}])
+    expect(page.locator(".fault").nth(1).get_by_role("button", name="Acknowledge")).to_be_disabled()
+    expect(page.locator(".fault").first.get_by_role("button", name="Acknowledge")).to_be_enabled()
+    told.tell("alarms", faults=[])
+    expect(page.locator("#faults")).to_have_text("no fault")

@@ -30,7 +30,7 @@ function hear(message) {
     fit: () => showFit(message),
     end: () => { run.over = message.text; commands(run.commands); shown.drawn = null; answer(message.text, message.has_failed ? "refused" : "done"); },
     ghost: () => showGhost(message),
-    anew: () => { forget(); if (message.all) beginAnew(); },
+    anew: () => { if (message.all) beginAnew(); else forget(); },
     hall: () => showHall(message),
     versions: () => { run.versions = message.text; },
     offer: () => { if (run.commands) message.files.forEach(fetchFile); },
@@ -38,7 +38,9 @@ function hear(message) {
   if (does) does();
 }
 
+// nothing is known of the run: another begins, or the bench is reached again, where another may have begun meanwhile
 function beginAnew() {
+  forget();
   layOut([]);
   Object.assign(run, { machine: null, orders: [], paused: false, over: "" });
   forgetCommands();
@@ -74,4 +76,4 @@ function drawn(place) {
 // interface for tests: the time shown (s), the time range of the plots (s), number of pictures drawn
 window.bench = { apart, drawn, window: () => [plots.from, plots.now], lanes: () => lanes.at(shown.at), shown: 0, frames: 0, ghosts: [], cut };
 requestAnimationFrame(frame);
-connect(() => { forget(); ghost.asked = null; }, hear, () => commands(false));
+connect(beginAnew, hear, () => commands(false));

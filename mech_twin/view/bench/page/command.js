@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Commands: buttons, speed, a row per live parameter with undo, and which page may send them.
 
-import { order, send } from "./connection.js";
-import { attempt, warm } from "./ghost.js";
+import { forgetOrders, order, send } from "./connection.js";
+import { attempt, forgetTrial, warm } from "./ghost.js";
 import { listPanels } from "./instant.js";
 import { find, rounded, rowsOf, run, typed } from "./state.js";
 
@@ -150,7 +150,7 @@ function numbers(parameter) {
     number.value = Number(Number(slider.value).toPrecision(4));
     attempt(parameter.name, Number(number.value));
   };
-  slider.onchange = () => change(parameter.name, Number(number.value));
+  slider.onchange = () => { forgetTrial(); change(parameter.name, Number(number.value)); };
   number.onchange = () => change(parameter.name, typed(number, parameter.name) ?? parameter.value);
   return [slider, number];
 }
@@ -173,6 +173,7 @@ export function showRole(message) {
   find("role").textContent = run.machine && !run.orders.length && find("hall").hidden ? ""
     : (message.commands ? "this page commands" : message.free ? "nobody commands" : "another page commands") + others;
   find("take").hidden = message.commands;
+  if (!message.commands) forgetTrial(true);
   commands(message.commands);
 }
 
@@ -194,7 +195,16 @@ function sendSpeed() {
   order("speed", { values: { share } }, () => { speeds.isAsked = false; sendSpeed(); });
 }
 
-export function forgetCommands() { undone.length = 0; wanted.clear(); }
+// a run has ended: what was asked of it, and not answered, concerns no other
+export function forgetCommands() {
+  forgetOrders();
+  forgetTrial(true);
+  undone.length = 0;
+  wanted.clear();
+  isAsked = false;
+  Object.assign(speeds, { wanted: null, isAsked: false });
+  run.sped = -Infinity;
+}
 
 for (const event of ["pointerenter", "focusin"]) find("keys").addEventListener(event, warm, { once: true });
 find("take").onclick = () => send({ kind: "take" });

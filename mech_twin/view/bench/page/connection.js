@@ -27,8 +27,8 @@ export function connect(opened, heard, lost) {
       find("role").textContent = "";
       return say("The address is of another run: its token is not right here. Open the one that the terminal printed last.");
     }
-    find("role").textContent = "trying to reach the bench again";
-    if (!run.pictures.length) say("The bench does not answer; trying again.");
+    find("role").textContent = event.reason === "pages" ? "open in too many pages; trying again" : "trying to reach the bench again";
+    if (!run.pictures.length) say(event.reason === "pages" ? "The bench is open in too many pages: close one of them." : "The bench does not answer; trying again.");
     setTimeout(() => connect(opened, heard, lost), RETRY_MS);
   };
 }
@@ -49,6 +49,9 @@ export function answered(message) {
   waiting.delete(message.id);
   answer(message.text, message.is_done ? "done" : "refused");
 }
+
+// the orders of a run that has ended: their answers are shown, and change nothing
+export function forgetOrders() { waiting.clear(); }
 
 export const isOpen = () => socket?.readyState === WebSocket.OPEN;
 export const cut = () => socket.close();

@@ -28,6 +28,12 @@ export function warm() {
 // a trial is requested; drawing pictures meanwhile would delay its answer
 export const isAwaited = () => ghost.asked !== null && !ghost.begun;
 
+// the value tried is sent, or nobody tries any more: no answer on its way is shown, and none waited for that does not come
+export function forgetTrial(isUnanswered = false) {
+  ghost.next = null;
+  if (ghost.asked) ghost.asked = isUnanswered ? null : { begun: 0 };
+}
+
 // the plots contain the trial: it is visible with the next animation frame
 export function ghostDrawn() {
   if (!ghost.begun) return;
@@ -37,6 +43,7 @@ export function ghostDrawn() {
 }
 
 export function showGhost(message) {
+  if (!ghost.asked) return;
   const { name, value, begun } = ghost.asked;
   const row = name && find("keys").querySelector(`[data-name="${CSS.escape(name)}"] .was`);
   ghost.asked = null;

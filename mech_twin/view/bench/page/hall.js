@@ -14,7 +14,7 @@ export function showHall({ folder, recordings, machines }) {
     find("state").textContent = "ready";
   }
   const chosen = find("machines").value;
-  find("machines").replaceChildren(...machines.map((name) => new Option(name.split("/").at(-1).replaceAll("_", " "), name)));
+  find("machines").replaceChildren(...machines.map((name) => new Option(`${name.split("/").at(-1).replaceAll("_", " ")}${name.includes("/") ? ", installed" : ""}`, name)));
   if (machines.includes(chosen)) find("machines").value = chosen;
   find("recordings").replaceChildren(...(recordings.length ? recordings.map(recordingRow) : ["no recording here"]));
   commands(run.commands);

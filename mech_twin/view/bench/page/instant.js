@@ -67,14 +67,15 @@ export function show(picture, at) {
   Object.assign(shown, { drawn: picture, newest, showed: performance.now() });
   const header = `t = ${picture.time_s.toFixed(run.paused || !shown.following ? 4 : 2)} s`;
   if (find("time").textContent !== header) find("time").textContent = header;
-  find("state").textContent = !shown.following ? picture.state : run.over ? "over" : run.paused ? "paused" : picture.state;
+  find("state").textContent = !isOpen() ? "no connection" : !shown.following ? picture.state : run.over ? "over" : run.paused ? "paused" : picture.state;
   find("alarm").hidden = !picture.alarm;
   find("alarm").textContent = picture.alarm;
   cards(picture.cards, shown.following ? picture.time_s : null);
   if (picture.shapes) draw(find("drawing"), picture.shapes, picture.bounds, other.isThere ? other.picture(at).shapes : null);
   const isMoved = find("speed").matches(":active") || performance.now() - run.sped < MOVED_MS;
-  if (picture.command !== null && !isMoved) find("speed").value = picture.command;
-  if (picture.command !== null) find("speed-now").textContent = `${Math.round(100 * picture.command)} % now`;
+  const command = newest.command; // a control shows the present, also beside an earlier picture
+  if (command !== null && !isMoved) find("speed").value = command;
+  if (command !== null) find("speed-now").textContent = `${Math.round(100 * command)} % now`;
   const wanted = Math.max(at, picture.time_s), now = isWhole() ? newest.time_s : wanted;
   const from = isWhole() ? run.pictures[0].time_s : wanted - (shown.span ?? Number(find("span").value));
   const until = Math.max(now, isTried(wanted) ? ghost.until : now);
@@ -191,7 +192,7 @@ find("cursor").oninput = () => seek(Number(find("cursor").value));
 find("span").onchange = () => { shown.span = null; keep(); };
 
 addEventListener("keydown", (event) => {
-  if (event.target.matches("input, select, button") || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.matches("select, input:not([type=range], [type=checkbox])") || event.ctrlKey || event.metaKey || event.altKey) return;
   const does = {
     f: () => follow(true),
     k: () => play(!shown.playing),

@@ -12,7 +12,10 @@ const FIRST_NUMBERS = 6; // shown without opening the list
 
 export function showFaults(faults) {
   find("alarms").hidden = !run.orders.includes("acknowledge");
-  find("faults").replaceChildren(...(faults.length ? faults.map((fault) => faultRow(fault, order)) : ["no fault"]));
+  const box = find("faults"), before = (name) => box.querySelector(`[data-name="${CSS.escape(name)}"]`);
+  const rows = faults.map((fault) => faultRow(fault, order, before(fault.name)));
+  if (!rows.length) box.replaceChildren("no fault");
+  else if (rows.some((row, place) => row !== box.children[place]) || rows.length < box.children.length) box.replaceChildren(...rows);
   commands(run.commands);
 }
 
@@ -63,6 +66,8 @@ export function showComparison({ settings, numbers, angle }) {
   other.know(angle);
   find("comparison").hidden = false;
   find("align").disabled = !angle;
+  if (!angle) find("align").value = "time";
+  other.byAngle = find("align").value === "angle";
   find("align").title = angle ? "" : "the leading joint does not turn a whole cycle in both runs";
   const [first, second] = run.machine?.sides ?? ["A", "B"];
   find("sides").replaceChildren(`A, solid: ${first}`, document.createElement("br"), `B, dashed: ${second}`);

@@ -6,22 +6,27 @@ import { made } from "./plots.js";
 const ORDERS = [["acknowledge", "Acknowledge"], ["shelve", "Shelve"]];
 const seconds = (time) => `t = ${time.toFixed(1)} s`;
 
-export function faultRow(fault, order) {
-  const row = made("div", { className: fault.is_acknowledged || fault.shelved_until_s !== null ? "fault known" : "fault" });
+// the row of a fault, made or, so that no button vanishes under the mouse, brought up to date
+export function faultRow(fault, order, before) {
+  const row = before ?? emptyRow(fault.name, order);
+  row.className = fault.is_acknowledged || fault.shelved_until_s !== null ? "fault known" : "fault";
   row.dataset.state = fault.state;
   const words = [`${fault.state} since ${seconds(fault.since_s)}`];
   if (fault.is_acknowledged) words.push("acknowledged");
   if (fault.shelved_until_s !== null) words.push(`shelved until ${seconds(fault.shelved_until_s)}`);
-  const buttons = made("div", { className: "row" });
+  row.querySelector(".told").textContent = [words.join(", "), fault.size.replaceAll("_", " ")].filter(Boolean).join("\n");
   const idle = { acknowledge: fault.is_acknowledged || fault.state === "pending", shelve: fault.shelved_until_s !== null };
-  for (const [name, word] of ORDERS) {
-    const button = made("button", { type: "button", textContent: word, onclick: () => order(name, { fault: fault.name }) });
-    if (idle[name]) button.dataset.idle = "";
-    buttons.append(button);
+  for (const button of row.querySelectorAll("button")) {
+    if (idle[button.name]) button.dataset.idle = ""; else delete button.dataset.idle;
   }
-  row.append(made("b", { textContent: fault.name.replaceAll("_", " ") }), made("div", { textContent: words.join(", ") }));
-  if (fault.size) row.append(made("div", { textContent: fault.size.replaceAll("_", " ") }));
-  row.append(buttons);
+  return row;
+}
+
+function emptyRow(fault, order) {
+  const row = made("div"), buttons = made("div", { className: "row" });
+  row.dataset.name = fault;
+  buttons.append(...ORDERS.map(([name, textContent]) => made("button", { type: "button", name, textContent, onclick: () => order(name, { fault }) })));
+  row.append(made("b", { textContent: fault.replaceAll("_", " ") }), made("div", { className: "told" }), buttons);
   return row;
 }
 
