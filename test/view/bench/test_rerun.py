@@ -11,6 +11,7 @@ import aiohttp
 import numpy as np
 import pytest
 from browser import UP_MS, opened, running
+from playwright.sync_api import expect
 from served_bench import LIMIT_S, in_loop, served, status
 
 from mech_twin.errors import ViewerError
@@ -110,6 +111,19 @@ def cursor_ns(state: bytes) -> int:
     return sum((byte & 127) << 7 * place for place, byte in enumerate(found[1]))
 
 
+SEEK = "(it, time) => { it.value = time; it.dispatchEvent(new Event('input')); }"
+
+
+def await_cursor(page, time_s: float) -> None:
+    page.wait_for_function("() => document.getElementById('viewer').contentWindow.received > 1", timeout=UP_MS)
+    viewer = page.frame(url=re.compile("rerun.html"))
+    for _ in range(200):
+        page.wait_for_timeout(200)
+        if cursor_ns(bytes(viewer.evaluate("() => [...window.state()]"))) == 1e9 * time_s:
+            return
+    pytest.fail(f"the viewer did not go to {time_s} s")
+
+
 @pytest.mark.browser
 @pytest.mark.slow
 def test_reruns_viewer_shows_the_run_at_the_time_of_the_bench(browser, ros_domain, tmp_path):
@@ -117,16 +131,22 @@ def test_reruns_viewer_shows_the_run_at_the_time_of_the_bench(browser, ros_domai
         page.wait_for_function("() => window.bench.shown > 1.2", timeout=UP_MS)
         page.locator("#rerun").click()
         page.wait_for_function("() => document.getElementById('viewer').contentWindow.received > 1", timeout=UP_MS)
-        page.locator("#cursor").evaluate("(it) => { it.value = 0.5; it.dispatchEvent(new Event('input')); }")
-        viewer = page.frame(url=re.compile("rerun.html"))
-        for _ in range(100):
-            page.wait_for_timeout(200)
-            if cursor_ns(bytes(viewer.evaluate("() => [...window.state()]"))) == 500_000_000:
-                break
-        else:
-            pytest.fail("the viewer did not go to 0.5 s")
+        page.locator("#cursor").evaluate(SEEK, 0.5)
+        await_cursor(page, 0.5)
         page.locator("#rerun").click()
         page.wait_for_selector("#drawing")
+
+        # opened anew, beside a time that it has not taken in yet
+        page.locator("#cursor").evaluate(SEEK, 0.75)
+        page.locator("#rerun").click()
+        await_cursor(page, 0.75)
+
+        # a lost connection comes back
+        viewer = page.frame(url=re.compile("rerun.html"))
+        viewer.evaluate("() => { window.received = 0; window.cut(); }")
+        viewer.wait_for_selector("#status:text('no connection')")
+        viewer.wait_for_function("() => window.received > 1", timeout=UP_MS)
+        expect(viewer.locator("#status")).to_be_hidden()
 
 
 @pytest.mark.parametrize("content", [b"fetch('/feed')", b""])

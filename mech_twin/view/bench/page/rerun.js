@@ -2,7 +2,7 @@
 // rerun's web viewer of the run, controlled by its JavaScript interface: a data channel, and the time shown.
 
 const status = document.getElementById("status");
-const CHANNEL = "run";
+const CHANNEL = "run", RETRY_MS = 1000;
 const say = (text) => { status.textContent = text; status.hidden = !text; };
 
 // a number as varint of Protocol Buffers, seven bits per byte
@@ -14,11 +14,31 @@ function varint(value) {
   }
 }
 
+const text = (bytes) => new TextDecoder("latin1").decode(Uint8Array.from(bytes));
+
+// time = 3: { time = 1: ns }
+function timeField(seconds) {
+  const time = [0x08, ...varint(Math.max(0, Math.round(1e9 * seconds)))];
+  return [0x1a, time.length, ...time];
+}
+
 // ViewerControlRequest { set_time_cursor = 6: { time = 3: { time = 1: ns }, play_state = 5: 1 paused, 3 following } }
 function timeCursor(seconds) {
-  const time = seconds === null ? [] : [0x08, ...varint(Math.max(0, Math.round(1e9 * seconds)))];
-  const cursor = seconds === null ? [0x28, 3] : [0x1a, time.length, ...time, 0x28, 1];
+  const cursor = seconds === null ? [0x28, 3] : [...timeField(seconds), 0x28, 1];
   return Uint8Array.from([0x32, cursor.length, ...cursor]);
+}
+
+// receive the run, from its beginning, and after a loss of the connection again
+function connect(take) {
+  const socket = new WebSocket(`ws://${location.host}/rerun`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => socket.send(sessionStorage.getItem("token") ?? "");
+  socket.onmessage = ({ data }) => { say(""); take(new Uint8Array(data)); window.received = (window.received ?? 0) + 1; };
+  socket.onclose = ({ reason }) => {
+    say(reason === "viewers" ? "rerun is open in too many pages" : "no connection");
+    if (!reason) setTimeout(() => connect(take), RETRY_MS);
+  };
+  window.cut = () => socket.close();
 }
 
 async function show() {
@@ -28,15 +48,12 @@ async function show() {
   await viewer.start(document.getElementById("viewer"));
   for (const panel of ["top", "blueprint", "selection"]) viewer.override_panel_state(panel, "hidden");
   viewer.open_channel(CHANNEL, "mech_twin");
-  const socket = new WebSocket(`ws://${location.host}/rerun`);
-  socket.binaryType = "arraybuffer";
-  socket.onopen = () => socket.send(sessionStorage.getItem("token") ?? "");
-  socket.onmessage = ({ data }) => { say(""); viewer.send_rrd_to_channel(CHANNEL, new Uint8Array(data)); window.received = (window.received ?? 0) + 1; };
-  socket.onclose = ({ reason }) => say(reason === "viewers" ? "rerun is open in too many pages" : "no connection");
+  connect((piece) => viewer.send_rrd_to_channel(CHANNEL, piece));
   say("waiting for the run");
-  // called by the enclosing page with a time, or null for the newest; no effect before the first picture
+  // called by the enclosing page with a time, or null for the newest; no effect until the viewer has taken in that time
   window.seek = (seconds) => viewer.viewer_control(timeCursor(seconds)).catch(() => {});
   window.state = () => viewer.viewer_state();
+  window.isAt = (seconds) => text(window.state()).includes(text(timeField(seconds)));
 }
 
 show().catch((reason) => say(`rerun's viewer does not start here: ${reason}`));

@@ -4,23 +4,26 @@
 import { find } from "./state.js";
 
 const APART_MS = 50; // least time between two updates of the viewer's time
-let told, last = 0;
+const AGAIN_MS = 500, MOST_AGAIN = 240; // a time that it has not taken in yet is told again
+let told, listener, last = 0, again = 0; // the listener is of one viewer: closed and opened, it is another
 
 function open(wanted) {
   document.querySelector("main").classList.toggle("in-rerun", wanted);
   find("rerun").setAttribute("aria-pressed", wanted);
   find("viewer").hidden = !wanted;
   if (wanted) find("viewer").src = "rerun.html"; else find("viewer").removeAttribute("src");
-  told = null; // the viewer begins at the newest time
 }
 
 // set the viewer's time; null: follow the newest
 export function tellTime(at) {
-  const seek = find("viewer").hidden ? null : find("viewer").contentWindow?.seek, now = performance.now();
-  if (!seek || at === told || now - last < APART_MS) return;
+  const viewer = find("viewer").hidden ? null : find("viewer").contentWindow, now = performance.now();
+  const isNew = at !== told || viewer?.seek !== listener;
+  if (!viewer?.seek || !(isNew || again) || now - last < (isNew ? APART_MS : AGAIN_MS)) return;
+  again = at === null ? 0 : isNew ? MOST_AGAIN : viewer.isAt(at) ? 0 : again - 1;
   told = at;
+  listener = viewer.seek;
   last = now;
-  seek(at);
+  if (isNew || again) viewer.seek(at);
 }
 
 find("rerun").onclick = () => open(find("viewer").hidden);
