@@ -39,6 +39,7 @@ AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
 POWER = "drive_power_w"
+RESET = "reset"  # kind of the event with which a run returns to its initial state; its time goes on
 REST = "rest"  # regime of a body in contact with the surface it is pressed on
 
 
@@ -253,7 +254,8 @@ class Banner:
     def _follow(self, linkage: LinkageSample) -> None:
         """Note a step of the linkage, and what its leading joint has turned; it may wrap at one turn."""
         before, self._linkage = self._linkage, linkage
-        if before is not None and linkage.time_s < before.time_s - AGAIN_S:
+        kinds = [event.kind for event in linkage.events]
+        if before is not None and (RESET in kinds or linkage.time_s < before.time_s - AGAIN_S):
             self._begin()
         elif before is not None:
             moved = self._leader(linkage).position - self._leader(before).position
@@ -382,8 +384,7 @@ class Banner:
         return WEAK_SHARE * sum(energy_j**2 for _, energy_j in self._blows) / total_j if total_j > 0.0 else 0.0
 
     def _note_broken(self, linkage: LinkageSample) -> None:
-        values = zip(linkage.joints, linkage.position, linkage.velocity, strict=True)
-        for joint, position, speed in values:
+        for joint, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):
             if not self._broken and not (math.isfinite(position) and math.isfinite(speed)):
                 self._broken = f"{joint} is not finite at {linkage.time_s:.3f} s"
 

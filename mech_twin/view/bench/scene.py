@@ -20,7 +20,7 @@ from mech_twin.engine.trajectory import RunInvariants
 from mech_twin.process.closing import Closing
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
-from mech_twin.view.annotations import Annotations, Banner, lost_energy
+from mech_twin.view.annotations import RESET, Annotations, Banner, lost_energy
 from mech_twin.view.bench.lanes import Lanes
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import (
@@ -155,9 +155,6 @@ class RoleCurves:
     def taken(self, sending: Sending) -> list[Curves]:
         """Remove the samples, and return their curves, decimated with their extremes."""
         return [curve for role in self._roles for curve in role.taken(sending)]
-
-
-RESET = "reset"
 
 
 class BenchScene(Closing):

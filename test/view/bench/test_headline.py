@@ -13,7 +13,7 @@ from catalogue import built
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.parameters.load import machine as machine_of
-from mech_twin.samples import Drawing, Event
+from mech_twin.samples import Drawing, Event, Frame
 from mech_twin.view.annotations import RECENT_S, Banner
 from mech_twin.view.bench.link import encoded
 from mech_twin.view.bench.scene import BenchScene, body_regimes, rated_power_w
@@ -76,6 +76,43 @@ def test_one_blow_far_harder_than_the_others_does_not_make_bounces_of_them():
     period_s = machine.parameters.period_s
     assert cards["blow rate"].value == pytest.approx(1.0 / period_s, rel=0.02)
     assert float(cards["last blow"].name.split()[3]) > 1.9 - period_s
+
+
+def later(frame, by_s):
+    """Return a frame as it is at a later time."""
+    moved = Frame(*(None if each is None else each._replace(time_s=each.time_s + by_s) for each in frame))
+    events = tuple(event._replace(time_s=event.time_s + by_s) for event in frame.linkage.events)
+    return moved._replace(linkage=moved.linkage._replace(events=events))
+
+
+@pytest.mark.parametrize("name", ["mb10_breaker", "roller_former"])
+def test_headline_numbers_after_a_reset_know_nothing_of_the_time_before_it(name):
+    """A reset returns to the initial state, and time goes on."""
+    machine = built(name)
+    shown = []
+    for reset_s in (0.0, 2.0):
+        banner = Banner(machine.mechanism, *filter(None, [machine.blow_energy]))
+        banner.body_regimes = body_regimes(machine)
+        again = [later(frame, reset_s) for frame in frames(machine, 1.0)]
+        reset = again[0].linkage._replace(events=(Event(reset_s, "reset", "linkage"),))
+        run = [*frames(machine, reset_s - machine.coupling_step_s), again[0]._replace(linkage=reset), *again[1:]]
+        for frame in run if reset_s else again:
+            banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+            for event in frame_events(frame):
+                banner.strike(event)
+        shown.append({card.key: card.value for card in banner.cards()})
+    assert len(shown[0]) > 1
+    assert shown[1] == pytest.approx(shown[0], rel=1e-9)
+
+
+def test_a_value_that_is_not_finite_is_no_alarm_after_a_reset():
+    machine, banner = built("vibration_crank"), Banner(None)
+    begin = next(frames(machine, 0.1)).linkage
+    for linkage in (begin, begin._replace(position=(np.nan,) * len(begin.joints)), begin):
+        banner.add(None, linkage, None)
+    assert banner.alarm()
+    banner.add(None, begin._replace(events=(Event(0.0, "reset", "linkage"),)), None)
+    assert banner.alarm() == ""
 
 
 def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
