@@ -214,6 +214,16 @@ def test_two_runs_that_have_no_common_angle_are_compared_at_equal_time(told):
     expect(page.locator("#align")).to_have_value("time")
 
 
+def test_a_page_that_drops_the_beginning_of_a_run_says_so_once(told):
+    drawn = {"kinds": "", "colours": [], "widths": [], "texts": [], "counts": [0] * 500_000, "points": ""}
+    for number in range(9):
+        told.tell("pictures", list=[picture(3.0 + number) | {"shapes": drawn}])
+    told.page.wait_for_function("() => window.bench.shown === 11", timeout=60_000)
+    cut = "This page keeps 200 MB of pictures: the oldest are no longer here."
+    expect(told.page.locator("#answers li")).to_have_text([cut])
+    assert float(told.page.locator("#cursor").get_attribute("min")) > 3.0
+
+
 def test_a_fault_that_changes_keeps_its_buttons(told):
     page = told.page
     told.tell("machine", **(MACHINE | {"orders": ["acknowledge", "shelve"]}), parameters=[], settings=[])

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pictures of a run stored in this page; the oldest are dropped.
 
-import { curves, find, lanes, other, run, shown } from "./state.js";
+import { answer, curves, find, lanes, other, run, shown } from "./state.js";
 
 const KEPT_BYTES = 200e6; // largest total size of the pictures in this page
+let isCut = false; // whether the beginning of the run is no longer here
 
 export function take(list) {
   for (const picture of list) {
@@ -19,10 +20,15 @@ export function take(list) {
     run.bytes += picture.size;
     for (const [time, text] of picture.events) note(time, text);
   }
-  while (run.bytes > KEPT_BYTES) { run.bytes -= run.pictures.shift().size; shown.place -= 1; }
+  while (run.bytes > KEPT_BYTES) { run.bytes -= run.pictures.shift().size; shown.place -= 1; isCut ||= tellCut(); }
   shown.heard = performance.now();
   shown.owed = true;
   if (run.pictures.length) find("cover").hidden = true;
+}
+
+function tellCut() {
+  answer(`This page keeps ${KEPT_BYTES / 1e6} MB of pictures: the oldest are no longer here.`, "refused");
+  return true;
 }
 
 export function note(time, text) {
@@ -46,7 +52,7 @@ export function placeOf(time) {
 }
 
 export function forget() {
-  run.pictures = []; run.bytes = 0;
+  run.pictures = []; run.bytes = 0; isCut = false;
   for (const curve of curves.values()) curve.clear();
   lanes.clear();
   other.clear();
