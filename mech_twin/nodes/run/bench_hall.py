@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import sys
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
@@ -140,6 +141,8 @@ class Hall:
         code = await process.wait()
         failed = code not in (0, 1) if verb == "compare" else code != 0
         reasons = [line for line in last_lines if line.startswith("mech-twin: ")] or last_lines
+        if code < 0:
+            reasons = [f"ended by signal {-code} ({signal.strsignal(-code)})", *reasons]
         text = f"{verb}: {'; '.join(reasons)}" if failed else f"{verb} is over"
         if failed:
             self._tell("status", {"text": text})

@@ -89,16 +89,22 @@ def test_of_two_orders_at_once_the_second_ends_what_the_first_began(tmp_path, mo
     assert [code is None for code in asyncio.run(order_twice())] == [False, True]
 
 
+KILLED = "killed"
+
+
 @pytest.mark.parametrize(
     ("lines", "shown"),
     [
         (["starting", "[INFO] frames", "mech-twin: mine: no pose"], "run: mech-twin: mine: no pose"),
         (["Traceback", "  here", "KeyError: 'x'"], "run: Traceback; here; KeyError: 'x'"),
+        (["[INFO] frames", KILLED], "run: ended by signal 9 (Killed); [INFO] frames"),
     ],
 )
 def test_of_a_run_that_fails_its_reason_is_told_alone(tmp_path, monkeypatch, lines, shown):
     program = tmp_path / "program"
-    program.write_text("#!/bin/sh\ncat >&2 <<'END'\n" + "\n".join(lines) + "\nEND\nexit 2\n", encoding="utf-8")
+    said = "\n".join(line for line in lines if line != KILLED)
+    end = "kill -9 $$" if KILLED in lines else "exit 2"
+    program.write_text(f"#!/bin/sh\ncat >&2 <<'END'\n{said}\nEND\n{end}\n", encoding="utf-8")
     program.chmod(0o755)
     monkeypatch.setattr(bench_hall.sys, "executable", str(program))
     told = []

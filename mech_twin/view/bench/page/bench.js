@@ -28,7 +28,7 @@ function hear(message) {
     alarms: () => showFaults(message.faults),
     advice: () => showAdvice(message.rows),
     fit: () => showFit(message),
-    end: () => { run.over = message.text; commands(run.commands); shown.drawn = null; answer(message.text, message.has_failed ? "refused" : "done"); },
+    end: () => { run.over = message.text; commands(run.commands); shown.drawn = null; if (!run.pictures.length) find("state").textContent = "over"; answer(message.text, message.has_failed ? "refused" : "done"); },
     ghost: () => showGhost(message),
     anew: () => { if (message.all) beginAnew(); else forget(); },
     hall: () => showHall(message),
