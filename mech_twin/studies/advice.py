@@ -105,8 +105,8 @@ class AdviceState(NamedTuple):
         Advice that is offered or on trial.
     miss_before : float
         Distance of the figure from its target at acceptance.
-    misses : tuple of float
-        The same distance in each cycle since.
+    offs : tuple of float
+        The figure less its target in each cycle since.
     newest_s : float
         Stamp of the newest cycle.
     changed_s : float
@@ -118,7 +118,7 @@ class AdviceState(NamedTuple):
     phase: Phase = "idle"
     advice: Recommendation | None = None
     miss_before: float = 0.0
-    misses: tuple[float, ...] = ()
+    offs: tuple[float, ...] = ()
     newest_s: float = float("-inf")
     changed_s: float = float("-inf")
     in_force: bool = False
@@ -153,14 +153,14 @@ def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules)
     if state.phase != "offered" or advice is None:
         return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
     if time_s > advice.expires_s:
-        return AdviceStep(_idle(state), Decision(time_s, "expired", f"it held until {advice.expires_s:.3f} s"))
+        return AdviceStep(_idle(state), Decision(time_s, "expired", "nobody has answered in time"))
     if time_s - state.changed_s < rules.interval_s:
         left_s = rules.interval_s - (time_s - state.changed_s)
         return AdviceStep(state, Decision(time_s, "refused", f"the last change was too lately; {left_s:.1f} s to wait"))
     if rules.is_dry_run:
         return AdviceStep(_idle(state), Decision(time_s, "accepted", "dry run: nothing was sent"))
     sent = Setting(advice.key, advice.proposed)
-    trial = state._replace(phase="trial", miss_before=miss, misses=(), newest_s=time_s, changed_s=time_s, in_force=True)
+    trial = state._replace(phase="trial", miss_before=miss, offs=(), newest_s=time_s, changed_s=time_s, in_force=True)
     return AdviceStep(trial, Decision(time_s, "accepted", f"on trial for {rules.trial_cycles} cycles", sent))
 
 
@@ -174,27 +174,27 @@ def rejected(state: AdviceState, time_s: float) -> AdviceStep:
 
 
 def after_machine_cycle(
-    state: AdviceState, miss: float, time_s: float, has_fault: bool, rules: AdviceRules
+    state: AdviceState, off: float, time_s: float, has_fault: bool, rules: AdviceRules
 ) -> AdviceStep:
-    """Return the state after a cycle; ``miss`` is the distance of its figure from the target."""
+    """Return the state after a cycle; ``off`` is its figure less the target."""
     state = state._replace(newest_s=time_s)
     if has_fault and state.phase != "idle":
         if state.phase == "trial":
             return _reverted(state, time_s, "a fault became active")
         return AdviceStep(_idle(state), Decision(time_s, "withdrawn", "a fault became active"))
     if state.phase == "offered" and state.advice is not None and time_s > state.advice.expires_s:
-        return AdviceStep(_idle(state), Decision(time_s, "expired", f"it held until {state.advice.expires_s:.3f} s"))
+        return AdviceStep(_idle(state), Decision(time_s, "expired", "nobody has answered in time"))
     if state.phase != "trial" or state.advice is None:
         return AdviceStep(state)
-    return _after_trial_cycle(state, state.advice, miss, rules)
+    return _after_trial_cycle(state, state.advice, off, rules)
 
 
-def _after_trial_cycle(state: AdviceState, advice: Recommendation, miss: float, rules: AdviceRules) -> AdviceStep:
-    state = state._replace(misses=(*state.misses, miss))
-    if len(state.misses) < rules.settling_cycles + rules.trial_cycles:
+def _after_trial_cycle(state: AdviceState, advice: Recommendation, off: float, rules: AdviceRules) -> AdviceStep:
+    state = state._replace(offs=(*state.offs, off))
+    if len(state.offs) < rules.settling_cycles + rules.trial_cycles:
         return AdviceStep(state)
-    judged = state.misses[rules.settling_cycles :]
-    gain = state.miss_before - sum(judged) / len(judged)
+    judged = state.offs[rules.settling_cycles :]
+    gain = state.miss_before - abs(sum(judged) / len(judged))  # of the mean, as promised: scatter is no distance
     outcome = f"gain {gain:.4g} of {advice.gain:.4g} promised, over {len(judged)} cycles"
     if gain < rules.promised_share * advice.gain:
         return _reverted(state, state.newest_s, outcome)
@@ -214,7 +214,7 @@ def ended(state: AdviceState, time_s: float, reason: str = "the advisor ends") -
 
 
 def _idle(state: AdviceState) -> AdviceState:
-    return state._replace(phase="idle", advice=None, misses=())
+    return state._replace(phase="idle", advice=None, offs=())
 
 
 def _reverted(state: AdviceState, time_s: float, reason: str) -> AdviceStep:

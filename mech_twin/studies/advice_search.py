@@ -14,6 +14,7 @@ from math import isfinite, sqrt
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from mech_twin.capabilities.cycle import CycleFeatures
 from mech_twin.capabilities.variation import varied
@@ -21,6 +22,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
+from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.live_change import live_numbers
 from mech_twin.studies.advice import AdviceRules, Recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_features, feed_channels
@@ -54,11 +56,11 @@ class AdviceWish(Parameters):
     step_share: float = quantity("1", "largest change at once, as a share of the range", gt=0.0, le=1.0, default=0.1)
     expiry_s: float = quantity("s", "time for which a recommendation holds", gt=0.0, default=600.0)
     least_gain_share: float = quantity("1", "gain worth an advice, as a share of what is wanted", gt=0.0, default=0.01)
-    cycles: int = choice("cycles that the measured mean is of", default=10)
+    cycles: int = choice("cycles that the measured mean is of", default=10, ge=1)
     dry_run: bool = choice("nothing goes out, even when accepted", default=True)
     interval_s: float = quantity("s", "least time between two changes", ge=0.0, default=60.0)
-    settling_cycles: int = choice("cycles after a change that are not judged", default=5)
-    trial_cycles: int = choice("cycles after those that are", default=10)
+    settling_cycles: int = choice("cycles after a change that are not judged", default=5, ge=0)
+    trial_cycles: int = choice("cycles after those that are", default=10, ge=1)
     promised_share: float = quantity("1", "share of the promised gain that must come", ge=0.0, le=1.0, default=0.5)
     silence_s: float = quantity("s", "time without a cycle that ends a trial", gt=0.0, default=5.0)
 
@@ -144,11 +146,24 @@ def advice_model(entry: Entry, parameters: Parameters, wish: AdviceWish, columns
         raise ConfigurationError(f"key 'output.low', value {output.low}: expected less than output.high, {output.high}")
     if not output.low <= output.value <= output.high:
         raise ConfigurationError(f"key 'output.value', value {output.value}: expected {output.low} to {output.high}")
-    if output.key != COMMAND:
-        live = [key for key, value in live_numbers(parameters).items() if isinstance(value, float)]
-        if output.key not in live or changed_parameters(parameters, output.key, 0.0) is None:
-            raise ConfigurationError(f"key 'output.key', value {output.key!r}: expected {COMMAND} or a live parameter")
+    live = [key for key, value in live_numbers(parameters).items() if isinstance(value, float)]
+    if output.key not in (COMMAND, *live):
+        raise ConfigurationError(f"key 'output.key', value {output.key!r}: expected {COMMAND} or a live parameter")
+    for end, value in (("low", output.low), ("high", output.high)):
+        if (reason := _refused(parameters, output.key, value)) is not None:
+            raise ConfigurationError(f"key 'output.{end}', value {value}: {reason}")
     return model
+
+
+def _refused(parameters: Parameters, key: str, value: float) -> str | None:
+    """Return why the machine would refuse a value of a setting; None if it takes it."""
+    if key == COMMAND:
+        return None if 0.0 <= value <= 1.0 else "expected 0 to 1, a fraction of rated supply frequency"
+    try:
+        varied(parameters, {key: value})
+    except ValidationError as error:
+        return str(refusal(f"expected what {key} may be", error, type(parameters)))
+    return None
 
 
 def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_s: float) -> Recommendation | None:
@@ -168,7 +183,7 @@ def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_
     found = {new: now * model.figure(new) / here for new in np.linspace(low, high, VALUES).tolist()}
     best = min(found, key=lambda new: abs(found[new] - wish.wanted) if isfinite(found[new]) else float("inf"))
     gain = abs(now - wish.wanted) - abs(found[best] - wish.wanted)
-    if not gain >= wish.least_gain_share * abs(wish.wanted):
+    if not (gain > 0.0 and gain >= wish.least_gain_share * abs(wish.wanted)):
         return None
     sigma = _gain_deviation(model, value, best, measured)
     low_gain, high_gain = gain - TWO_SIDED * sigma, gain + TWO_SIDED * sigma

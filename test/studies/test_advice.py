@@ -13,6 +13,7 @@ import yaml
 from catalogue import built
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -69,6 +70,12 @@ def test_a_gain_that_comes_is_kept_and_one_that_does_not_is_taken_back() -> None
     assert reverted.decision is not None
     assert (reverted.decision.what, reverted.decision.sent) == ("reverted", Setting(COMMAND, 1.0))
     assert not reverted.state.in_force
+
+
+def test_the_scatter_about_a_target_that_is_met_takes_no_advice_back() -> None:
+    kept = cycles(ON_TRIAL, [60.0, 60.0, 50.0, -50.0, 0.0])[-1]
+    assert kept.decision is not None
+    assert (kept.decision.what, kept.decision.reason.startswith("gain 60 of 40 promised")) == ("kept", True)
 
 
 @pytest.mark.parametrize(
@@ -171,6 +178,20 @@ def test_a_machine_that_is_where_it_should_be_gets_no_advice() -> None:
     )
 
 
+def test_a_change_without_a_gain_is_no_advice_where_the_target_is_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = advice_model(catalogue_entry(NAME), built(NAME).parameters, wish(wanted=0.0), COLUMNS)
+    monkeypatch.setattr(type(model), "figure", lambda self, value, parameters=None: 2.0)
+    assert recommendation(model, 1.0, np.full(5, 2.0), 0.0) is None
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"cycles": 0}, {"cycles": -1}, {"trial_cycles": 0}, {"settling_cycles": -1}], ids=str
+)
+def test_a_wish_counts_whole_cycles_one_or_more(wrong: dict[str, int]) -> None:
+    with pytest.raises(ValidationError, match="greater than or equal to"):
+        wish(**wrong)
+
+
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
@@ -179,6 +200,11 @@ def test_a_machine_that_is_where_it_should_be_gets_no_advice() -> None:
         ({"output": {"key": COMMAND, "low": 0.5, "high": 0.9, "value": 1.0}}, "expected 0.5 to 0.9"),
         ({"output": {"key": COMMAND, "low": 1.0, "high": 0.5, "value": 1.0}}, "less than output.high, 0.5"),
         ({"output": {"key": COMMAND, "low": 1.0, "high": 1.0, "value": 1.0}}, "less than output.high, 1.0"),
+        ({"output": {"key": COMMAND, "low": 0.5, "high": 1.2, "value": 1.0}}, "value 1.2: expected 0 to 1"),
+        (
+            {"output": {"key": "friction.coulomb_nm", "low": -1.0, "high": 5.0, "value": 0.0}},
+            "'output.low', value -1.0: expected what friction.coulomb_nm may be",
+        ),
     ],
 )
 def test_a_wish_that_cannot_be_had_is_told_in_one_line(changes: dict[str, object], line: str) -> None:
