@@ -42,8 +42,13 @@ class LiveMonitor:
         return found
 
     def begin_anew(self) -> None:
-        """Start a new feed at the next sample, after the machine was restarted and its time has jumped."""
+        """Start a new feed at the next sample, after the machine was restarted and its time has jumped.
+
+        No fault stays shelved, since its stamp is of the time before.
+        """
         self._feed = self._feed.begun_anew()
+        for name in self.monitor.lives:
+            self.monitor.shelve(name, float("-inf"))
 
 
 def has_news(lives: Iterable[FaultLife]) -> bool:
@@ -72,16 +77,19 @@ def changes_by_faults(
     }
 
 
-def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings) -> dict[str, str]:
-    """Return the values of a fault for a panel: state, statistics and thresholds, ARL0, delay, candidates."""
+def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings, origin_s: float = 0.0) -> dict[str, str]:
+    """Return the values of a fault for a panel: state, statistics and thresholds, ARL0, delay, candidates.
+
+    Times are of the machine's clock, which is at ``origin_s`` at stamp 0.
+    """
     values = {
         "state": life.state,
-        "since s": f"{life.since_s:.3f}",
+        "since s": f"{origin_s + life.since_s:.3f}",
         "acknowledged": str(life.is_acknowledged),
-        "shelved until s": f"{life.shelved_until_s:.3f}",
+        "shelved until s": f"{origin_s + life.shelved_until_s:.3f}",
         "arl0 h": f"{setup.arl0_h:.4g}",
         "delay cycles": str(found.delay_cycles),
-        "began s": f"{found.onset_s:.3f}",
+        "began s": f"{origin_s + found.onset_s:.3f}",
         "candidates": "; ".join(
             f"{c.name} {c.size:.4g} ({c.low_95:.4g} to {c.high_95:.4g}) {shown_unit(c.unit)}".rstrip()
             for c in found.candidates

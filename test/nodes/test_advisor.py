@@ -25,8 +25,10 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
 from mech_twin.nodes.exchange.spinner import destroy_nodes
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
+from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.nodes.shadow.session import Company, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.studies.advice import Recommendation, offered
 from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -158,3 +160,43 @@ def test_a_node_that_refuses_to_start_beside_a_shadow_leaves_no_recording(ros: N
         assert not (tmp_path / "bag").exists()
     finally:
         destroy_nodes([shadow])
+
+
+@pytest.fixture
+def advisor(ros: None) -> Iterator[AdvisorNode]:
+    """Return the advisor of a machine whose clock was at 1 800 000 000 s when its times began."""
+    origin = StampOrigin()
+    origin.second = 1_800_000_000
+    wish = AdviceWish.model_validate({**WISH, "dry_run": False})
+    node = AdvisorNode(NAME, wish, "/plant", ("linkage.crank.position", "linkage.crank.effort"), origin)
+    try:
+        yield node
+    finally:
+        destroy_nodes([node])
+
+
+ADVICE = Recommendation(COMMAND, 1.0, 0.9, 0.5, 1.0, "torque_peak_nm", 40.0, 30.0, 50.0, "evidence", 700.0)
+
+
+def test_an_advice_tells_the_time_of_the_machines_clock(advisor: AdvisorNode, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[DiagnosticStatus] = []
+    for outlet in (advisor._decisions, advisor._recommendation):
+        monkeypatch.setattr(outlet, "send", told.append)
+    advisor._take(offered(advisor.state, ADVICE, 100.0))
+    times = {value.key: value.value for status in told for value in status.values}
+    assert (float(times["time s"]), float(times["expires s"])) == (1_800_000_100.0, 1_800_000_700.0)
+
+
+def test_an_advice_after_a_restart_of_the_machine_needs_not_wait_for_a_change_before_it(advisor: AdvisorNode) -> None:
+    advisor._now_s = 900.0
+    advisor._take(offered(advisor.state, ADVICE._replace(expires_s=1500.0), 900.0))
+    yes = SetBool.Request(data=True)
+    assert advisor._accept(yes, SetBool.Response()).success
+    advisor.begin_anew()
+    advisor._now_s = 5.0
+    advisor._take(offered(advisor.state, ADVICE, 5.0))
+    answer = advisor._accept(yes, SetBool.Response())
+    assert (answer.success, answer.message) == (True, "accepted: on trial for 2 cycles")
+    advisor._now_s = 6.0
+    assert advisor._reject(yes, SetBool.Response()).success
+    assert advisor._accept(yes, SetBool.Response()).message == "nothing is offered"

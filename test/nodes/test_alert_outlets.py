@@ -19,13 +19,19 @@ import pytest
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet, host_and_port
+from mech_twin.studies.live_monitor import fault_values
+from mech_twin.studies.monitoring.baseline import Baseline
+from mech_twin.studies.monitoring.charts import ChartLimits, Thresholds
 from mech_twin.studies.monitoring.findings import Alert, FaultLife, Findings, acknowledged, alerts_of, shelved
+from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.naming import Candidate
 
 LIMIT_S = 30.0
 SOFT = Candidate("spring_soft", -0.2, -0.23, -0.17, "1", 0.01)
 FOUND = Findings(9, 12.0, ("a",), np.zeros(1), None, verdict="named", candidates=(SOFT,))
 ACTIVE = FaultLife("spring_soft", "active", 10.0)
+QUIET = Thresholds(1.0, 1.0, 1.0)
+BASELINE = Baseline(("a",), np.zeros(1), np.zeros((0, 1)), np.eye(1), 100, 0.1)
 
 
 def alerts(life: FaultLife) -> tuple[Alert, ...]:
@@ -45,6 +51,13 @@ def test_an_acknowledged_or_shelved_fault_is_no_alarm() -> None:
     assert not alerts(acknowledged(ACTIVE, 11.0))[0].alarm
     assert not alerts(shelved(ACTIVE, 100.0))[0].alarm
     assert not alerts(FaultLife("spring_soft", "pending", 10.0))[0].alarm
+
+
+def test_the_values_of_a_fault_have_the_times_of_the_machines_clock() -> None:
+    setup = MonitorSetup("mb10_breaker", BASELINE, ChartLimits(Thresholds(5.0, 9.0, 9.0), QUIET, 100.0, False))
+    told = fault_values(setup, shelved(ACTIVE, 100.0), FOUND._replace(onset_s=8.0), origin_s=1.8e9)
+    times = [told[name] for name in ("began s", "since s", "shelved until s")]
+    assert times == ["1800000008.000", "1800000010.000", "1800000100.000"]
 
 
 @pytest.mark.parametrize("text", ["broker:abc", "broker:70000", "broker:-1"])

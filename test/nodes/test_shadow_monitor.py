@@ -31,7 +31,7 @@ from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector, feed_channels
-from mech_twin.studies.monitoring.findings import Findings
+from mech_twin.studies.monitoring.findings import FaultLife, Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.observer.estimate import SeenSample
 
@@ -201,6 +201,29 @@ def test_a_monitor_whose_encoder_is_stuck_says_since_when_there_is_no_cycle(
             monitor.observe(SeenSample(float(at_s), (0, 1), (float(position), 0.0)))
         last_s = monitor.live.newest.time_s
         assert monitor.diagnostics.state == f"no cycle since {last_s:.3f} s" and 7.0 < last_s < 8.1
+
+
+def test_a_fault_is_acknowledged_by_its_name_alone_or_in_a_group_once_it_is_active(
+    setup: MonitorSetup, tmp_path: Path
+) -> None:
+    with MonitoredPlant(setup, tmp_path) as bench:
+        monitor = bench.of(MonitorNode)
+        states = {"a": "cleared", "b": "pending", "c or d": "active", "e": "latched"}
+        monitor.live.monitor.lives = {name: FaultLife(name, state) for name, state in states.items()}
+        told = []
+        for fault in ("a", "b", "d", ""):
+            monitor.set_parameters([Parameter(FAULT, value=fault)])
+            told.append(bench.answer("acknowledge"))
+        there = "b is pending; c or d is active; e is latched"
+        assert [(answer.success, answer.message) for answer in told] == [
+            (False, f"no fault 'a' that can be acknowledged: {there}"),
+            (False, f"no fault 'b' that can be acknowledged: {there}"),
+            (True, "acknowledged: c or d"),
+            (True, "acknowledged: c or d, e"),
+        ]
+        assert bench.answer("shelve").message == "shelved: b, c or d"
+        monitor.live.begin_anew()
+        assert not any(math.isfinite(life.shelved_until_s) for life in monitor.live.monitor.lives.values())
 
 
 @pytest.mark.parametrize("shelve_s", [math.nan, math.inf, 0.0, -60.0, 1e300])

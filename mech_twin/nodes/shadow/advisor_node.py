@@ -24,6 +24,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DECISIONS, RECOMMENDATION, SPEED_COMMAND
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import status_message
+from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
     AdviceState,
@@ -95,6 +96,8 @@ class AdvisorNode(TwinNode):
         The machine's.
     columns : sequence of str
         Column of each channel of the samples.
+    origin : StampOrigin
+        Origin of the times.
 
     Raises
     ------
@@ -108,12 +111,13 @@ class AdvisorNode(TwinNode):
         wish: AdviceWish,
         namespace: str,
         columns: Sequence[str],
+        origin: StampOrigin,
         parameters: Parameters | None = None,
     ) -> None:
         super().__init__("advisor", machine_name, parameters)
         self.model = advice_model(catalogue_entry(machine_name), self.initial_parameters, wish, columns)
         self.wish, self.state, self.number = wish, AdviceState(), 0
-        self._now_s = 0.0  # end of the newest cycle, on the time base of the samples
+        self._origin, self._now_s = origin, 0.0  # end of the newest cycle, on the time base of the samples
         self.has_fault: Callable[[], bool] = lambda: False
         self.known_changes: Callable[[], Mapping[str, Any]] = dict
         self._columns = tuple(columns)
@@ -140,6 +144,7 @@ class AdvisorNode(TwinNode):
     def begin_anew(self) -> None:
         """Undo a trial and drop the measurements: the machine was restarted, and its time is another."""
         self._take(ended(self.state, self._now_s, "the machine's time has become another"))
+        self.state = self.state._replace(changed_s=float("-inf"))  # a stamp of the time before
         self._feed = self._feed.begun_anew()
         self._figures.clear()
         self._decided_s = float("-inf")
@@ -181,8 +186,8 @@ class AdvisorNode(TwinNode):
         if not np.isfinite(figure):
             return
         self._figures.append(figure)
-        miss = abs(figure - self.wish.wanted)
-        self._take(after_machine_cycle(self.state, miss, self._now_s, self.has_fault(), self.wish.rules))
+        off = figure - self.wish.wanted
+        self._take(after_machine_cycle(self.state, off, self._now_s, self.has_fault(), self.wish.rules))
         is_free = self.state.phase == "idle" and self._thinking is None and not self.has_fault()
         is_due = self._now_s - self._decided_s >= self.wish.interval_s
         if is_free and is_due and len(self._figures) == self.wish.cycles:
@@ -224,7 +229,8 @@ class AdvisorNode(TwinNode):
         self._take(found)
         decision = found.decision
         response.success = decision is not None and decision.what not in ("refused", "expired")
-        response.message = "" if decision is None else f"{decision.what}: {decision.reason}"
+        if decision is not None:
+            response.message = f"{decision.what}: {decision.reason}" if response.success else decision.reason
         return response
 
     def _take(self, step: AdviceStep) -> None:
@@ -244,8 +250,10 @@ class AdvisorNode(TwinNode):
         self.set_parameters([Parameter(PENDING, value=pending)])
         name, advice = f"{self.get_fully_qualified_name()}: advice {self.number}", self.state.advice or before.advice
         sent = "" if decision.sent is None else f"{decision.sent.key} = {decision.sent.value:.6g}"
-        decided = {"time s": f"{decision.time_s:.3f}", "decision": decision.what, "sent": sent}
+        decided_s = self._origin.clock_s(decision.time_s)
+        decided = {"time s": f"{decided_s:.3f}", "decision": decision.what, "sent": sent}
         self._decisions.send(status_message(name, f"{decision.what}: {decision.reason}", decided))
-        parts = {} if advice is None else {key.replace("_", " "): f"{value}" for key, value in advice._asdict().items()}
+        told = {} if advice is None else advice._replace(expires_s=self._origin.clock_s(advice.expires_s))._asdict()
+        parts = {key.replace("_", " "): f"{value}" for key, value in told.items()}
         own = self.diagnostics.hardware
         self._recommendation.send(status_message(name, decision.what, parts, hardware_id=own))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -179,14 +179,15 @@ class PrometheusOutlet:
 
 FAULT, SHELVE_S = "fault", "shelve_s"
 USUAL_SHELVE_S, LONGEST_SHELVE_S = 3600.0, 30.0 * 86400.0
+SEEN = ("active", "latched")  # seen in enough cycles to be acknowledged
 LEVELS = {"active": DiagnosticStatus.WARN, "latched": DiagnosticStatus.WARN, "pending": DiagnosticStatus.OK}
 
 
 class MonitorNode(TwinNode):
     """Monitors cycles; see `TwinNode` for the other arguments.
 
-    Its services act on the fault named by the parameter ``fault``, or on all faults if it is empty; ``shelve_s`` is the
-    time for which a fault is shelved (s).
+    Its services act on the faults that the parameter ``fault`` names, alone or in a group, or on all if it is empty;
+    ``shelve_s`` is the time for which a fault is shelved (s).
 
     Parameters
     ----------
@@ -235,7 +236,7 @@ class MonitorNode(TwinNode):
             self.diagnostics.state = found.finding or found.verdict
             self._send_standard(found)
             for event in found.events:
-                self.get_logger().info(event.text)
+                self.get_logger().info(event._replace(time_s=self._origin.clock_s(event.time_s)).text)
             self._tell_changes(found)
         newest = self.live.newest
         if (
@@ -290,17 +291,17 @@ class MonitorNode(TwinNode):
         self._states = states
 
     def _send_faults(self, found: Findings) -> None:
-        message, setup = DiagnosticArray(), self.live.monitor.setup
+        message, setup, origin_s = DiagnosticArray(), self.live.monitor.setup, self._origin.clock_s(0.0)
         message.header.stamp.sec, message.header.stamp.nanosec = self._origin.stamp(found.time_s)
         for life in self.live.monitor.lives.values():
-            name, values = f"{self.get_fully_qualified_name()}: {life.name}", fault_values(setup, life, found)
+            name = f"{self.get_fully_qualified_name()}: {life.name}"
+            values = fault_values(setup, life, found, origin_s)
             seen = life.is_announced(self._now_s)
             level = LEVELS.get(life.state, DiagnosticStatus.OK) if seen else DiagnosticStatus.OK
             own = self.diagnostics.hardware
             message.status.append(status_message(name, life.state, values, level=level, hardware_id=own))
         if message.status:
             self._faults.send(message)
-        origin_s = self._origin.clock_s(0.0)
         own = self.get_namespace().removeprefix("/")
         alerts = alerts_of(own, self.live.monitor.lives.values(), found, self._now_s, origin_s)
         for outlet in self.outlets:
@@ -314,32 +315,30 @@ class MonitorNode(TwinNode):
 
     # -- services ---------------------------------------------------------------------------------------------------
 
-    def _named(self) -> list[str]:
-        """Return the faults on which a service acts."""
-        fault: Parameter = self.get_parameter(FAULT)
-        lives = self.live.monitor.lives
-        return [name for name in lives if fault.value in ("", name)]
-
     def _acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        for name in self._named():
-            self.live.monitor.acknowledge(name, self._now_s)
-        return self._answered(response, "acknowledged")
+        acknowledge = self.live.monitor.acknowledge
+        return self._done(response, "acknowledged", SEEN, lambda name: acknowledge(name, self._now_s))
 
     def _shelve(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         until_s = self._now_s + float(self.get_parameter(SHELVE_S).value)
-        for name in self._named():
-            self.live.monitor.shelve(name, until_s)
-        return self._answered(response, "shelved")
+        return self._done(response, "shelved", LEVELS, lambda name: self.live.monitor.shelve(name, until_s))
 
-    def _answered(self, response: Trigger.Response, done: str) -> Trigger.Response:
-        names = self._named()
+    def _done(
+        self, response: Trigger.Response, done: str, states: Collection[str], act: Callable[[str], None]
+    ) -> Trigger.Response:
+        """Act on the faults in these states that the parameter names, alone or in a group; answer on which."""
+        fault, lives = self.get_parameter(FAULT).value, self.live.monitor.lives
+        living = [name for name, life in lives.items() if life.state in LEVELS]
+        asked = [name for name in living if fault in ("", name, *name.split(" or "))]
+        names = [name for name in asked if lives[name].state in states]
+        for name in names:
+            act(name)
         if names and self.live.newest is not None:
             self._send_faults(self.live.newest)
         response.success = bool(names)
-        fault = self.get_parameter(FAULT).value
-        response.message = (
-            f"{done}: {', '.join(names)}" if names else f"no fault{f' {fault!r}' if fault else ''} to act on"
-        )
+        there = "; ".join(f"{name} is {lives[name].state}" for name in living) or "there is none"
+        none = f"no fault{f' {fault!r}' if fault else ''} that can be {done}: {there}"
+        response.message = f"{done}: {', '.join(names)}" if names else none
         return response
 
 

@@ -108,7 +108,7 @@ class ShadowListener(TwinNode):
         for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
             self._keep(found)
             if found.item.led_ns is not None and not found.believed:
-                reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:g} s, at which it is recorded"
+                reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:.3f} s, at which it is recorded"
                 self.statistics.count(found.item.topic, "unknown_source", reason)
 
     def _led_ns(self, full: str, kind: str, raw: bytes, now_s: float) -> int | None:

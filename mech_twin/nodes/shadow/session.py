@@ -199,7 +199,7 @@ def advisor_beside(
     machine_name: str, node: ShadowNode, parameters: Parameters, wish: AdviceWish, monitor: MonitorNode | None
 ) -> AdvisorNode:
     """Return the advisor of a shadow, fed with its samples and with the faults of the monitor, if there is one."""
-    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, parameters)
+    advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, node.origin, parameters)
     feed(node, advisor)
     node.at_other_time.append(advisor.begin_anew)
     node.is_obeyed = lambda: advisor.state.in_force

@@ -288,7 +288,7 @@ class ShadowNode(TwinNode):
 
     def _count_stamp(self, message: ReceivedMessage) -> None:
         shown_s = (message.contents.led_ns or 0) / SECOND_NS
-        reason = f"stamp {shown_s:g} s does not go on from {(self.admission.clock.now_ns or 0) / SECOND_NS:g} s"
+        reason = f"stamp {shown_s:.3f} s does not go on from {(self.admission.clock.now_ns or 0) / SECOND_NS:.3f} s"
         self.statistics.count(message.followed.topic.name, "unknown_source", reason)
 
     def _take(self, message: ReceivedMessage) -> None:
