@@ -4,8 +4,9 @@ r"""State machine of an advice: offered, accepted, on trial, then kept or revert
 ::
 
     idle --offer--> offered --accept--> trial --gain came--> idle (kept)
-                       |                  \--gain did not come, fault, silence, stop--> idle (reverted)
-                       \--reject, expiry, fault--> idle
+                       |                  |\--gain did not come, fault, silence, stop--> idle (reverted)
+                       |                  \--another changes the output--> idle
+                       \--reject, expiry, fault, another changes the output--> idle
 
 Nothing is sent without acceptance.  A value that is sent lies in the declared range and at most a share of the range
 from the present value, and follows the previous change after a minimum time.  Every transition is a decision with its
@@ -206,6 +207,13 @@ def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep
     if state.phase == "trial" and time_s - state.newest_s > rules.silence_s:
         return _reverted(state, time_s, f"no cycle for {rules.silence_s:g} s")
     return AdviceStep(state)
+
+
+def overruled(state: AdviceState, time_s: float) -> AdviceStep:
+    """Return the state after another has changed the output: nothing is offered or in force, and nothing is sent."""
+    after = _idle(state)._replace(changed_s=time_s, in_force=False)
+    reason = "another has changed the output"
+    return AdviceStep(after, None if state.phase == "idle" else Decision(time_s, "withdrawn", reason))
 
 
 def ended(state: AdviceState, time_s: float, reason: str = "the advisor ends") -> AdviceStep:

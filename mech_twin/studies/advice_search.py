@@ -178,7 +178,7 @@ def recommendation(model: AdviceModel, value: float, measured: np.ndarray, time_
     now, here = float(np.mean(measured)), model.figure(value)
     reach = wish.step_share * (output.high - output.low)
     low, high = max(output.low, value - reach), min(output.high, value + reach)
-    if not isfinite(here) or here == 0.0:
+    if low > high or not isfinite(here) or here == 0.0:
         return None
     found = {new: now * model.figure(new) / here for new in np.linspace(low, high, VALUES).tolist()}
     best = min(found, key=lambda new: abs(found[new] - wish.wanted) if isfinite(found[new]) else float("inf"))

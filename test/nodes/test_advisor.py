@@ -187,6 +187,15 @@ def test_an_advice_tells_the_time_of_the_machines_clock(advisor: AdvisorNode, mo
     assert (float(times["time s"]), float(times["expires s"])) == (1_800_000_100.0, 1_800_000_700.0)
 
 
+def test_a_speed_that_another_commands_ends_a_trial_and_is_where_the_next_advice_begins(advisor: AdvisorNode) -> None:
+    advisor._take(offered(advisor.state, ADVICE, 1.0))
+    assert advisor._accept(SetBool.Request(data=True), SetBool.Response()).success
+    advisor.on_command(0.9)  # its own
+    assert advisor.state.phase == "trial"
+    advisor.on_command(0.7)
+    assert (advisor.state.phase, advisor.state.in_force, advisor._value) == ("idle", False, 0.7)
+
+
 def test_an_advice_after_a_restart_of_the_machine_needs_not_wait_for_a_change_before_it(advisor: AdvisorNode) -> None:
     advisor._now_s = 900.0
     advisor._take(offered(advisor.state, ADVICE._replace(expires_s=1500.0), 900.0))

@@ -28,6 +28,7 @@ from mech_twin.studies.advice import (
     after_machine_cycle,
     ended,
     offered,
+    overruled,
     rejected,
     watched,
 )
@@ -100,6 +101,15 @@ def test_an_advice_ends_with_its_time_a_fault_or_a_no() -> None:
     assert cycles(OFFERED, [60.0], fault=True)[-1].state.phase == "idle"
     assert cycles(OFFERED, [60.0], 101.0)[-1].state.phase == "idle"
     assert watched(OFFERED, 1e6, RULES).state is OFFERED
+
+
+@pytest.mark.parametrize("state", [OFFERED, ON_TRIAL], ids=["offered", "trial"])
+def test_an_output_that_another_has_changed_is_left_to_him(state: AdviceState) -> None:
+    after = overruled(state, 2.0)
+    assert after.decision is not None
+    assert (after.decision.what, after.decision.sent) == ("withdrawn", None)
+    assert (after.state.phase, after.state.in_force, after.state.changed_s) == ("idle", False, 2.0)
+    assert overruled(AdviceState(), 2.0).decision is None
 
 
 def test_two_changes_keep_their_distance_in_time() -> None:
@@ -182,6 +192,11 @@ def test_a_change_without_a_gain_is_no_advice_where_the_target_is_zero(monkeypat
     model = advice_model(catalogue_entry(NAME), built(NAME).parameters, wish(wanted=0.0), COLUMNS)
     monkeypatch.setattr(type(model), "figure", lambda self, value, parameters=None: 2.0)
     assert recommendation(model, 1.0, np.full(5, 2.0), 0.0) is None
+
+
+def test_an_output_that_is_out_of_reach_of_its_range_gets_no_advice() -> None:
+    model = advice_model(catalogue_entry(NAME), built(NAME).parameters, wish(), COLUMNS)
+    assert recommendation(model, 0.3, np.full(5, 400.0), 0.0) is None
 
 
 @pytest.mark.parametrize(

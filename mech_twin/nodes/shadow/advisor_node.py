@@ -35,6 +35,7 @@ from mech_twin.studies.advice import (
     after_machine_cycle,
     ended,
     offered,
+    overruled,
     rejected,
     watched,
 )
@@ -148,6 +149,13 @@ class AdvisorNode(TwinNode):
         self._feed = self._feed.begun_anew()
         self._figures.clear()
         self._decided_s = float("-inf")
+
+    def on_command(self, share: float) -> None:
+        """Take a speed command: one that is not its own is the value in force, and ends what was offered or tried."""
+        if self.wish.output.key == COMMAND and share != self._value:
+            self._value = share
+            self._figures.clear()
+            self._take(overruled(self.state, self._now_s))
 
     def adopt(self, parameters: Parameters) -> None:
         """Use a model with other parameters from now on."""

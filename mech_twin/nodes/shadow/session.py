@@ -163,7 +163,7 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         free = company.free
         identifier = IdentifierNode(machine_name, node.channels, free.keys, free.bounds, parameters)
         feed(node, identifier)
-        node.on_command = identifier.recent.command
+        node.at_command.append(identifier.recent.command)
         node.at_other_time.append(identifier.recent.forget)
         found.append(identifier)
     if company.view is not None:
@@ -202,6 +202,7 @@ def advisor_beside(
     advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, node.origin, parameters)
     feed(node, advisor)
     node.at_other_time.append(advisor.begin_anew)
+    node.at_command.append(advisor.on_command)
     node.is_obeyed = lambda: advisor.state.in_force
     if monitor is not None:
         advisor.has_fault = lambda: monitor.has_news

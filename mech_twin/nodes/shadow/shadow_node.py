@@ -235,7 +235,7 @@ class ShadowNode(TwinNode):
         self.at_sample: list[Callable[[SeenSample], None]] = []
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.at_other_time: list[Callable[[], None]] = []
-        self.on_command: Callable[[float], None] = lambda share: None
+        self.at_command: list[Callable[[float], None]] = []
         self.observer = PhaseLockedObserver(machine, entry.build, self._sensed, setup.options, setup.deviations)
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
@@ -317,7 +317,8 @@ class ShadowNode(TwinNode):
     def _on_command(self, message: Float64) -> None:
         if 0.0 <= message.data <= 1.0:
             self.observer.command(message.data)
-            self.on_command(message.data)
+            for call in self.at_command:
+                call(message.data)
         else:
             self.statistics.count(SPEED_COMMAND.name, "malformed", f"{message.data} is not between 0 and 1")
 
