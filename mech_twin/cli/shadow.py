@@ -82,7 +82,7 @@ def shadow_machine(request: ShadowVerb) -> None:
             orders = [order for thing, each in offered if thing is not None for order in each]
             view.tell("machine", machine_message(own, f"/{own}", orders, None))
             view.tell("status", {"text": f"listening for {setup.namespace}"})
-        outlets = _outlets(request)
+        outlets = _outlets(request, own)
         company = Company(request.record, reference, request.black_box, wish, view.destination, outlets, free)
         outcome = follow(machine, setup, parameters, company, request.duration_s, say_following, own)
     if request.as_json:
@@ -124,13 +124,13 @@ def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, 
     return keys, bounds
 
 
-def _outlets(request: ShadowVerb) -> list[AlertOutlet]:
+def _outlets(request: ShadowVerb, own: str) -> list[AlertOutlet]:
     """Return where alerts go beside the diagnostics."""
     from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet
 
     pages = [] if request.prometheus is None else [PrometheusOutlet(request.prometheus)]
     say(*(f"metrics for Prometheus on port {page.port}" for page in pages))
-    return [*pages, *([] if request.mqtt is None else [MqttOutlet(request.mqtt)])]
+    return [*pages, *([] if request.mqtt is None else [MqttOutlet(request.mqtt, own)])]
 
 
 def _wish(path: Path, request: ShadowVerb, sensors: MeasurementMap) -> AdviceWish:

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -138,52 +139,98 @@ def test_grafana_loads_the_dashboard_whole_and_what_it_asks_for_is_scraped() -> 
     assert {target.datasource.uid for target in targets} == {f"${{{asked_at_import['name']}}}"}
 
 
-@pytest.fixture
-def broker(tmp_path: Path) -> Iterator[int]:
-    """Run a mosquitto on a free port of 127.0.0.1."""
+@contextmanager
+def mosquitto(folder: Path, port: int) -> Iterator[None]:
+    """Run a broker that keeps nothing on the disk."""
     program = shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin:/usr/bin")
     if program is None:
         pytest.skip("no MQTT broker here: apt-get install mosquitto; CI has one")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = int(free.getsockname()[1])
-    config = tmp_path / "mosquitto.conf"
+    config = folder / "mosquitto.conf"
     config.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\n", encoding="utf-8")
     with subprocess.Popen([program, "-c", str(config)], stderr=subprocess.DEVNULL) as process:
-        yield port
+        yield
         process.terminate()
 
 
-def test_a_broker_keeps_the_newest_of_each_fault_and_loses_it_when_the_fault_is_cleared(broker: int) -> None:
+@pytest.fixture
+def port() -> int:
+    """Return a free port of 127.0.0.1."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+@pytest.fixture
+def broker(tmp_path: Path, port: int) -> Iterator[int]:
+    """Run a mosquitto on a free port of 127.0.0.1."""
+    with mosquitto(tmp_path, port):
+        yield port
+
+
+@contextmanager
+def listening(port: int) -> Iterator[dict[str, bytes]]:
+    """Give what a client hears, the newest of each topic."""
     mqtt = pytest.importorskip("paho.mqtt.client")
-    outlet = MqttOutlet(f"127.0.0.1:{broker}")
     heard: dict[str, bytes] = {}
     client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2)
     client.on_connect = lambda *_: client.subscribe("mech_twin/#", qos=1)
     client.on_message = lambda _, __, message: heard.__setitem__(message.topic, message.payload)
-    client.connect_async("127.0.0.1", broker)
-    topic = "mech_twin/mb10_breaker/faults/spring_soft"
-    try:
-        outlet.send(alerts(ACTIVE))
-        client.loop_start()  # subscribes after the alert was sent: a retained one is told all the same
-        until(lambda: topic in heard)
-        told = json.loads(heard[topic])
+    client.connect_async("127.0.0.1", port)
+    client.loop_start()
+    yield heard
+    client.disconnect()
+    client.loop_stop()
+
+
+TOPIC = "mech_twin/mb10_breaker/faults/spring_soft"
+
+
+def test_a_broker_keeps_the_newest_of_each_fault_and_loses_it_when_the_fault_is_cleared(broker: int) -> None:
+    outlet = MqttOutlet(f"127.0.0.1:{broker}", "mb10_breaker")
+    outlet.send(alerts(ACTIVE))
+    until(lambda: outlet.state == "connected")
+    with listening(broker) as heard:  # subscribes after the alert was sent: a retained one is told all the same
+        until(lambda: TOPIC in heard)
+        told = json.loads(heard[TOPIC])
         assert (told["state"], told["size"], told["since_s"], told["alarm"]) == ("active", -0.2, 1010.0, True)
         outlet.send(alerts(acknowledged(ACTIVE, 11.0)))
-        until(lambda: not json.loads(heard[topic])["alarm"])
-        assert json.loads(heard[topic])["acknowledged"]
+        until(lambda: not json.loads(heard[TOPIC])["alarm"])
+        assert json.loads(heard[TOPIC])["acknowledged"]
         outlet.send(alerts(FaultLife("spring_soft", "cleared", 20.0)))
-        until(lambda: heard[topic] == b"")
-    finally:
-        client.disconnect()
-        client.loop_stop()
+        until(lambda: heard[TOPIC] == b"")
+        outlet.close()
+
+
+def test_a_fault_that_an_earlier_shadow_left_at_the_broker_goes_with_the_first_word_of_the_next(broker: int) -> None:
+    first, other = (MqttOutlet(f"127.0.0.1:{broker}", name) for name in ("mb10_breaker", "another"))
+    first.send(alerts(ACTIVE))
+    other.send(tuple(alert._replace(machine="another") for alert in alerts(ACTIVE)))
+    with listening(broker) as heard:
+        until(lambda: len(heard) == 2)
+        first.close()
+        second = MqttOutlet(f"127.0.0.1:{broker}", "mb10_breaker")
+        until(lambda: (second.send(()), heard[TOPIC] == b"")[1])
+        assert heard[TOPIC.replace("mb10_breaker", "another")] != b""
+        second.close()
+        other.close()
+
+
+def test_a_broker_that_comes_back_empty_is_told_again(tmp_path: Path, port: int) -> None:
+    with mosquitto(tmp_path, port):
+        outlet = MqttOutlet(f"127.0.0.1:{port}", "mb10_breaker")
+        outlet.send(alerts(ACTIVE))
+        until(lambda: outlet.state == "connected")
+    until(lambda: outlet.state == "not connected")
+    with mosquitto(tmp_path, port), listening(port) as heard:
+        until(lambda: TOPIC in heard)
         outlet.close()
 
 
 def test_a_broker_that_is_not_there_stops_nothing() -> None:
     pytest.importorskip("paho.mqtt.client")
     begun_s = time.monotonic()
-    outlet = MqttOutlet("127.0.0.1:1")
+    outlet = MqttOutlet("127.0.0.1:1", "mb10_breaker")
     outlet.send(alerts(ACTIVE))
+    assert outlet.state == "not connected"
     outlet.close()
     assert time.monotonic() - begun_s < LIMIT_S

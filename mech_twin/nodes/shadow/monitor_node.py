@@ -38,7 +38,16 @@ LONGEST_RETRY_S = 60
 
 
 class AlertOutlet(Protocol):
-    """Receiver of alerts."""
+    """Receiver of alerts.
+
+    Attributes
+    ----------
+    name, state : str
+        What it is, and whether it reaches anybody.
+    """
+
+    name: str
+    state: str
 
     def send(self, alerts: Sequence[Alert]) -> None:
         """Send the newest state of every fault."""
@@ -70,10 +79,15 @@ def host_and_port(text: str, option: str, usual: int) -> tuple[str, int]:
 class MqttOutlet:
     """Publishes each fault as a retained JSON message, and removes it when the fault is cleared.
 
+    What an earlier shadow has left there of this machine is removed as well, once there is something to say.  To a
+    broker that comes back everything is told again.
+
     Parameters
     ----------
     address : str
         ``HOST:PORT`` of the broker.
+    machine : str
+        Name of the machine in the alerts.
 
     Raises
     ------
@@ -81,27 +95,44 @@ class MqttOutlet:
         The extra is not installed, or the address is none.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, machine: str) -> None:
         try:
             from paho.mqtt.client import Client
             from paho.mqtt.enums import CallbackAPIVersion
         except ImportError as error:
             raise ConfigurationError(f"--mqtt {extra_needed('alerts')}") from error
         self._host, self._port = host_and_port(address, "--mqtt", MQTT_PORT)
-        self._sent: dict[str, bytes] = {}
+        self.name, self.state = "mqtt", "not connected"
+        self._every, self._sent = f"{ROOT}/{machine}/faults/+", dict[str, bytes]()
         self._client: Any = Client(CallbackAPIVersion.VERSION2)
+        self._client.on_connect, self._client.on_message = self._on_connect, self._on_retained
+        self._client.on_disconnect = self._on_disconnect
         self._client.reconnect_delay_set(1, LONGEST_RETRY_S)
         self._client.connect_async(self._host, self._port)
         self._client.loop_start()
 
     def send(self, alerts: Sequence[Alert]) -> None:
         """Publish the changed alerts."""
-        for alert in alerts:
-            topic = mqtt_topic(alert)
-            payload = b"" if alert.state == "cleared" else json.dumps(alert._asdict()).encode()
+        told = {mqtt_topic(each): json.dumps(each._asdict()).encode() for each in alerts if each.state != "cleared"}
+        for topic in (*told, *(known for known in tuple(self._sent) if known not in told)):
+            payload = told.get(topic, b"")
             if self._sent.get(topic, b"") != payload:
                 self._sent[topic] = payload
                 self._client.publish(topic, payload, qos=1, retain=True)
+
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        self.state = f"refused: {reason}" if reason.is_failure else "connected"
+        if not reason.is_failure:
+            client.subscribe(self._every, qos=1)
+            for topic, payload in tuple(self._sent.items()):
+                client.publish(topic, payload, qos=1, retain=True)
+
+    def _on_disconnect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        self.state = self.state if self.state.startswith("refused") else "not connected"
+
+    def _on_retained(self, client: Any, data: Any, message: Any) -> None:
+        if message.retain:
+            self._sent.setdefault(message.topic, message.payload)
 
     def close(self) -> None:
         """Disconnect from the broker; the retained messages stay as the machine's newest state."""
@@ -128,6 +159,7 @@ class PrometheusOutlet:
             from prometheus_client import CollectorRegistry, start_http_server
         except ImportError as error:
             raise ConfigurationError(f"--prometheus {extra_needed('alerts')}") from error
+        self.name, self.state = "prometheus", f"served at {address}"
         host, port = host_and_port(address, "--prometheus", 0)
         self._alerts: tuple[Alert, ...] = ()
         registry = CollectorRegistry()
@@ -264,8 +296,8 @@ class MonitorNode(TwinNode):
 
     def diagnostic_values(self) -> dict[str, str]:
         """Return the newest cycle and its evaluation."""
-        found = self.live.newest
-        return {} if found is None else {"cycle": str(found.number), "verdict": found.verdict}
+        found, reached = self.live.newest, {outlet.name: outlet.state for outlet in self.outlets}
+        return reached if found is None else {"cycle": str(found.number), "verdict": found.verdict, **reached}
 
     def report(self) -> None:
         """Publish the diagnostics of the node, and one status per fault."""
