@@ -350,7 +350,7 @@ def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
     summary = f"{len(rows)} machines, {counts}; {took_s:.0f} s"
     if request.page is not None:
         parts = [
-            f"<p>{summary}; {versions()}</p>",
+            f"<p>{summary}; {_limits(fleet)}; {versions()}</p>",
             section("Suspect", HEADS, rows[:suspects]),
             section("Unconfirmed: not apart from its sisters", HEADS, rows[suspects:shown]),
             section("Not judged", ("machine", "reason"), refused),
@@ -368,8 +368,15 @@ def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
     else:
         say(f"{request.machine}: {summary}")
     say(*(f"{name}: not judged: {reason}" for name, reason in refused))
+    say(_limits(fleet))
+
+
+def _limits(fleet: Fleet) -> str:
+    """Return how far apart a machine must be, which the fewer sisters tell the farther."""
     if not isfinite(fleet.limit):
-        say("too few sisters to compare them; expected five or more with the same features")
+        return "too few sisters to compare them; expected five or more with the same features"
+    known = f"with {len(fleet.sisters)} machines a finding is confirmed beyond {fleet.confirming:.3g}"
+    return f"apart by: {known}, a machine without one is apart beyond {fleet.limit:.3g}"
 
 
 def _row(rank: int, sister: Sister) -> tuple[Any, ...]:

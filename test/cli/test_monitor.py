@@ -121,7 +121,9 @@ def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(plan
     assert not any(each["verdict"] for each in told["machines"][1:])
     assert "0 recordings; expected baseline.json and a recording" in told["refused"]["m6"]
     assert "has no topic '/plant/generator'" in told["refused"]["m7"] and {"m8", "m9"} < set(told["refused"])
-    assert "first_level" in page.read_text(encoding="utf-8") and "Not judged" in page.read_text(encoding="utf-8")
+    drawn = page.read_text(encoding="utf-8")
+    assert "first_level" in drawn and "Not judged" in drawn
+    assert f"with 6 machines a finding is confirmed beyond {told['confirming']:.3g}, a machine without one" in drawn
     other = mech_twin(*words[:5], "--set", "restitution=0.4", "--json")
     assert other[0] == 2 and "made with another configuration" in json.loads(other[1])["refused"]["m1"]
 
