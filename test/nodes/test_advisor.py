@@ -28,7 +28,7 @@ from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.nodes.shadow.session import Company, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.studies.advice import Recommendation, offered
+from mech_twin.studies.advice import Recommendation, Setting, offered
 from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -185,6 +185,31 @@ def test_an_advice_tells_the_time_of_the_machines_clock(advisor: AdvisorNode, mo
     advisor._take(offered(advisor.state, ADVICE, 100.0))
     times = {value.key: value.value for status in told for value in status.values}
     assert (float(times["time s"]), float(times["expires s"])) == (1_800_000_100.0, 1_800_000_700.0)
+
+
+@pytest.mark.parametrize("end", ["silence", "no", "restart", "close"])
+def test_a_machine_that_was_stopped_in_a_trial_is_not_started_by_its_end(
+    end: str, advisor: AdvisorNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[Setting] = []
+    assert advisor._outlet is not None
+    monkeypatch.setattr(advisor._outlet, "send", sent.append)
+    yes = SetBool.Request(data=True)
+    advisor._take(offered(advisor.state, ADVICE, 1.0))
+    assert advisor._accept(yes, SetBool.Response()).success
+    assert sent == [Setting(COMMAND, 0.9)]
+    advisor._received_s -= 10.0
+    ends = {
+        "silence": lambda: advisor.check_peers(advisor._received_s + 10.0),
+        "no": lambda: advisor._reject(yes, SetBool.Response()),
+        "restart": advisor.begin_anew,
+        "close": advisor.close,
+    }
+    ends[end]()
+    assert (advisor.state.phase, advisor.state.in_force) == ("idle", True)
+    advisor._take(offered(advisor.state, ADVICE, 40.0))
+    assert advisor._accept(yes, SetBool.Response()).message == "the machine stands, and a speed would start it"
+    assert len(sent) == 1
 
 
 def test_a_speed_that_another_commands_ends_a_trial_and_is_where_the_next_advice_begins(advisor: AdvisorNode) -> None:

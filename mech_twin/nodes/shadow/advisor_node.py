@@ -84,6 +84,7 @@ class AdviceOutlet:
 
 
 PENDING = "pending"
+STANDS_S, STANDS_CYCLES = 1.0, 3.0  # without a cycle for both, a machine stands, and a speed would start it
 
 
 class AdvisorNode(TwinNode):
@@ -125,7 +126,7 @@ class AdvisorNode(TwinNode):
         self._feed = FeatureFeed(self.model.declared, list(dict.fromkeys(columns)))
         self._value = wish.output.value
         self._figures: deque[float] = deque(maxlen=wish.cycles)
-        self._received_s = time.monotonic()
+        self._received_s, self._period_s = time.monotonic(), 0.0  # of the newest cycle, by the steady clock and its own
         self._decided_s = float("-inf")
         self._thinking: Future[Recommendation | None] | None = None
         self._beside = BesideProcess()  # a computation in this process would hold back the observer
@@ -190,6 +191,7 @@ class AdvisorNode(TwinNode):
 
     def _on_cycle(self, vector: FeatureVector) -> None:
         self._now_s, self._received_s = vector.end_s, time.monotonic()
+        self._period_s = vector.end_s - vector.begin_s
         figure = float(vector.values[vector.names.index(self.wish.figure)])
         if not np.isfinite(figure):
             return
@@ -219,7 +221,15 @@ class AdvisorNode(TwinNode):
 
     # -- decisions --------------------------------------------------------------------------------------------------
 
+    def _would_start(self) -> bool:
+        """Return whether to send the output would start a machine that stands, such as one that was just stopped."""
+        silent_s = time.monotonic() - self._received_s
+        return self.wish.output.key == COMMAND and silent_s > max(STANDS_S, STANDS_CYCLES * self._period_s)
+
     def _accept(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if self._would_start():
+            response.success, response.message = False, "the machine stands, and a speed would start it"
+            return response
         return self._answered(
             request, response, lambda: accepted(self.state, self._miss(), self._now_s, self.wish.rules)
         )
@@ -247,6 +257,9 @@ class AdvisorNode(TwinNode):
         decision = step.decision
         if decision is None:
             return
+        if decision.sent is not None and self._would_start():
+            reason = f"{decision.reason}; not sent, since the machine stands and a speed would start it"
+            decision, self.state = decision._replace(reason=reason, sent=None), step.state._replace(in_force=True)
         self._decided_s = decision.time_s
         if decision.sent is not None and self._outlet is not None:
             self._outlet.send(decision.sent)
