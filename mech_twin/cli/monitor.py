@@ -92,11 +92,12 @@ def monitor_machine(request: MonitorVerb) -> None:
     show_runs(setup, runs[0].units, found, as_json=request.as_json)
     if request.picture is not None:
         _draw(request.picture, setup, list(zip(runs, found, strict=True)), force=request.force)
-    faulty = any(run.found.has_fault for run in found)
-    if faulty and request.renew:
-        say(f"{kept_file}: not renewed, a run has an alarm")
-    if faulty:
+    if any(run.found.has_fault for run in found):
+        if request.renew:
+            say(f"{kept_file}: not renewed, a run has an alarm")
         raise SystemExit(FOUND)
+    if unjudged := [f"{run.run}: {run.found.counted}" for run in found if not run.found.cycles]:
+        raise CommandError(f"{'; '.join(unjudged)}; expected what the baseline has")
     if request.renew and kept_file is not None:
         _renew(request, kept_file, setup, runs)
 

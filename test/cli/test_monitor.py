@@ -155,6 +155,19 @@ def test_a_sensor_fault_without_an_alarm_is_told_beside_the_cycles_that_were_not
     assert " not judged" in told and "no alarm" not in told
 
 
+def test_a_run_of_which_no_cycle_can_be_judged_is_not_called_healthy(plant: Plant, tmp_path: Path) -> None:
+    run = tmp_path / "short.csv"
+    words = ("simulate", "impact_mass", "--set", OFF_BEAT, "--sensors", plant.map, "--json")
+    mech_twin(*words, "--duration", 3.0, "--table", run)
+    head, *rows = [line.split(",") for line in run.read_text(encoding="utf-8").splitlines()]
+    beside = next(i for i, name in enumerate(head) if "generator" in name)
+    kept = [row for row in rows if row[beside] or float(row[0]) % 0.05 > 0.0065]  # a gap of the mass in each cycle
+    run.write_text("\n".join(",".join(row) for row in [head, *kept]), encoding="utf-8")
+    code, _, err = mech_twin("monitor", "impact_mass", run, "--map", plant.map, "--baseline", plant.healthy)
+    assert code == 2
+    assert "0 cycles, 19 of 19 not judged (position_mean_m," in err and "expected what the baseline has" in err
+
+
 def test_a_run_without_a_cycle_says_what_its_reference_does(tmp_path: Path) -> None:
     source = {"column": "crank", "topic": "/crank", "joint": "crank", "field": "position"}
     channels = [{"source": source, "is": "linkage.crank.position", "sign": -1, "rate_hz": 200.0}]

@@ -265,7 +265,8 @@ class MonitorNode(TwinNode):
         """Update with a sample of the machine."""
         for found in self.live.take(sample):
             self._now_s, self.time_s = found.time_s, self._origin.clock_s(found.time_s)
-            self.diagnostics.state = found.finding or found.verdict
+            missing = f"missing: {', '.join(found.missing)}" if found.missing else ""
+            self.diagnostics.state = found.finding or missing or found.verdict
             self._send_standard(found)
             for event in found.events:
                 self.get_logger().info(event._replace(time_s=self._origin.clock_s(event.time_s)).text)

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.baseline import joined_runs
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
@@ -130,6 +131,8 @@ def judged_member(name: str, setup: MonitorSetup, recordings: Mapping[str, Seque
         cycles += found.cycles
         alarms += [(recording, alarm) for alarm in found.alarms if alarm.verdict != PASSING]
     shift = late_shift(setup, [vector for vectors in recordings.values() for vector in vectors])
+    if not (cycles or monitor.lives):
+        raise StudyError("no cycle could be judged: each lacks a feature, or the history of one")
     active = [life.name for life in monitor.lives.values() if life.state == "active"]
     if not active:
         return FleetMember(name, cycles, shift=shift)

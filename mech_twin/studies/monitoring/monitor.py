@@ -53,6 +53,7 @@ from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLim
 SENSOR = "sensor_"
 CAP = 2.0  # upper bound of the CUSUMs, in thresholds
 FARTHEST_SIGMA = 1e6  # bound of a feature about its mean: a sample of 1e300 must not stay in the charts
+SILENT = 25  # cycles in a row that lack a feature, as where no impact comes: at one in two by chance in 10^7
 REMEMBERED = 150  # cycles of innovations kept for the diagnosis
 LEAST_NAMED = 6  # cycles after the settling before a change is diagnosed
 UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
@@ -119,6 +120,7 @@ class Monitor:
     _number: int | None = None
     _announced_s: float = float("-inf")
     _events: list[FaultEvent] = field(default_factory=list)
+    _lacked: dict[str, int] = field(default_factory=dict)  # features that are missing, and in how many cycles by now
 
     def __post_init__(self) -> None:
         baseline = self.setup.baseline
@@ -147,7 +149,12 @@ class Monitor:
         if surface is not None:
             vector, point = surface.reduced(vector)
         row = vector.row(baseline.names)
-        missing = tuple(name for name, value in zip(baseline.names, row, strict=True) if not np.isfinite(value))
+        names = baseline.names if surface is None else surface.names  # one that lacks leaves no residual at all
+        missing = tuple(name for name in names if not np.isfinite(whole.row([name])[0]))
+        self._lacked = {name: self._lacked.get(name, 0) + 1 for name in missing}
+        silent = [SensorFinding("dropout", name, 1.0) for name, cycles in self._lacked.items() if cycles >= SILENT]
+        if silent:
+            return self._with_wrong_sensor(whole, tuple(silent))
         if self._number is not None and vector.number != self._number + 1:
             self._history.clear()
         self._number = vector.number

@@ -82,6 +82,8 @@ class JudgedRun(NamedTuple):
         Every change of a fault's state, as a live monitor reports it.
     without_cycle_s : tuple of float
         Begin and end (stamps) of the longest time without a cycle; empty if it was shorter than ten usual cycles.
+    missing : tuple of str
+        Features that a cycle or more lacked.
     """
 
     cycles: int
@@ -91,6 +93,7 @@ class JudgedRun(NamedTuple):
     operating: tuple[OperatingValue, ...] = ()
     events: tuple[FaultEvent, ...] = ()
     without_cycle_s: tuple[float, ...] = ()
+    missing: tuple[str, ...] = ()
 
     @property
     def has_fault(self) -> bool:
@@ -101,6 +104,7 @@ class JudgedRun(NamedTuple):
     def counted(self) -> str:
         """How many cycles were judged, how many were not, and when there were none, as text."""
         left = f", {self.skipped} of {self.cycles + self.skipped} not judged" if self.skipped else ""
+        left += f" ({', '.join(self.missing)} missing)" if self.missing else ""
         silent = " to ".join(f"{each:.2f}" for each in self.without_cycle_s)
         return f"{self.cycles} cycles{left}{silent and f', none from {silent} s'}"
 
@@ -115,12 +119,13 @@ def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0,
     alarms: list[Alarm] = []
     events: list[FaultEvent] = []
     cycles, last, ended_s = 0, None, np.inf
-    longest = 0.0, 0.0
+    longest, missing = (0.0, 0.0), dict[str, None]()
     for vector in vectors:
         longest = _longer(longest, (ended_s, vector.begin_s))
         ended_s = vector.end_s
         found = monitor.observe(vector)
         events += found.events
+        missing |= dict.fromkeys(found.missing)
         cycles += found.charts is not None
         skipped += found.charts is None
         if found.alarm_begins:
@@ -131,7 +136,7 @@ def judged(monitor: Monitor, vectors: Iterable[FeatureVector], skipped: int = 0,
     faults = () if last is None else last.faults
     longest = _longer(longest, (ended_s, until_s))
     silent = longest if longest[1] - longest[0] > LONGEST_CYCLE * monitor.setup.baseline.period_s else ()
-    return JudgedRun(cycles, skipped, tuple(alarms), faults, monitor.operating, tuple(events), silent)
+    return JudgedRun(cycles, skipped, tuple(alarms), faults, monitor.operating, tuple(events), silent, tuple(missing))
 
 
 def _longer(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

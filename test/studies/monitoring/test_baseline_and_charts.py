@@ -19,7 +19,7 @@ from mech_twin.files.output_file import of_plain, plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import ALLOWANCE, WINDOW, advance_cusum, chart_limits, chart_rows
 from mech_twin.studies.monitoring.findings import FaultLife, LifeRules, acknowledged, after_cycle, shelved
-from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
+from mech_twin.studies.monitoring.monitor import SILENT, Monitor, MonitorSetup
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
 COEFFICIENTS = np.array([[0.6, 0.3, 0.0], [-0.2, 0.1, 0.0]])
@@ -166,6 +166,21 @@ def test_a_missing_feature_is_said_and_nothing_is_made_up() -> None:
     assert [found.verdict for found in findings[:3]] == ["learning", "learning", "healthy"]
     assert findings[6].missing == ("feature_1",) and findings[6].charts is None
     assert [found.charts is None for found in findings[6:10]] == [True, True, True, False]
+
+
+def test_a_feature_that_comes_no_more_is_a_finding_until_it_comes_again() -> None:
+    """A machine that strikes no more gives no impact, and its cycles would otherwise only not be judged."""
+    setup = healthy_setup(500, 500.0)
+    rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 3) + np.array([10.0, -3.0, 0.5])
+    rows[::2, 1] = np.nan  # every other cycle at first
+    rows[60:100, 1] = np.nan
+    rows[100:, 1] = -3.0
+    monitor = Monitor(setup)
+    findings = [monitor.observe(vector) for vector in vectors(rows)]
+    named = [i for i, found in enumerate(findings) if found.finding == "sensor_dropout:feature_1"]
+    assert named == list(range(60 + SILENT - 1, 100))
+    assert findings[named[2]].faults[0].state == "active"
+    assert findings[-1].faults[0].state == "latched"
 
 
 def test_features_and_innovations_are_each_others_inverse() -> None:
