@@ -80,19 +80,22 @@ def changes_by_faults(
 def fault_values(setup: MonitorSetup, life: FaultLife, found: Findings, origin_s: float = 0.0) -> dict[str, str]:
     """Return the values of a fault for a panel: state, statistics and thresholds, ARL0, delay, candidates.
 
-    Times are of the machine's clock, which is at ``origin_s`` at stamp 0.
+    Times are of the machine's clock, which is at ``origin_s`` at stamp 0.  Candidates, begin and delay are left empty
+    where the newest cycle has another fault.
     """
+    own = life.name == found.finding
     values = {
         "state": life.state,
         "since s": f"{origin_s + life.since_s:.3f}",
         "acknowledged": str(life.is_acknowledged),
         "shelved until s": f"{origin_s + life.shelved_until_s:.3f}",
         "arl0 h": f"{setup.arl0_h:.4g}",
-        "delay cycles": str(found.delay_cycles),
-        "began s": f"{origin_s + found.onset_s:.3f}",
+        "delay cycles": str(found.delay_cycles) if own else "",
+        "began s": f"{origin_s + found.onset_s:.3f}" if own else "",
         "candidates": "; ".join(
             f"{c.name} {c.size:.4g} ({c.low_95:.4g} to {c.high_95:.4g}) {shown_unit(c.unit)}".rstrip()
             for c in found.candidates
+            if own or c.name == life.name
         ),
     }
     statistics = () if found.charts is None else found.charts.statistics

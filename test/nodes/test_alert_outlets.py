@@ -54,11 +54,14 @@ def test_an_acknowledged_or_shelved_fault_is_no_alarm() -> None:
     assert not alerts(FaultLife("spring_soft", "pending", 10.0))[0].alarm
 
 
-def test_the_values_of_a_fault_have_the_times_of_the_machines_clock() -> None:
+def test_the_values_of_a_fault_are_its_own_with_the_times_of_the_machines_clock() -> None:
     setup = MonitorSetup("mb10_breaker", BASELINE, ChartLimits(Thresholds(5.0, 9.0, 9.0), QUIET, 100.0, False))
     told = fault_values(setup, shelved(ACTIVE, 100.0), FOUND._replace(onset_s=8.0), origin_s=1.8e9)
     times = [told[name] for name in ("began s", "since s", "shelved until s")]
     assert times == ["1800000008.000", "1800000010.000", "1800000100.000"]
+    assert told["candidates"] == "spring_soft -0.2 (-0.23 to -0.17)"
+    other = fault_values(setup, FaultLife("sensor_stuck:a", "latched", 5.0), FOUND)
+    assert [other[name] for name in ("began s", "delay cycles", "candidates")] == ["", "", ""]
 
 
 @pytest.mark.parametrize("text", ["broker:abc", "broker:70000", "broker:-1"])
