@@ -88,6 +88,8 @@ class FeatureVector(NamedTuple):
         Shape (features,), SI; nan where a channel was silent or has a gap.
     quality : mapping
         Sample statistics of each column except events.
+    silent : tuple of str
+        Features of which a channel was silent or has a gap; others may be nan where they have no meaning.
     """
 
     number: int
@@ -96,6 +98,7 @@ class FeatureVector(NamedTuple):
     names: tuple[str, ...]
     values: Array
     quality: Mapping[str, ChannelQuality] = MappingProxyType({})
+    silent: tuple[str, ...] = ()
 
     def row(self, names: Sequence[str]) -> Array:
         """Return these features, shape (names,); nan for one that the vector lacks."""
@@ -335,9 +338,11 @@ class FeatureFeed:
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
         cycle = SampledCycle(self._number, begin_s, end_s, channels)
+        silent = tuple(each.name for each in self.features if not channels.keys() >= set(each.needs))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            numbers = np.array([_number(feature, cycle) for feature in self.features])
-        return FeatureVector(self._number, begin_s, end_s, self._names, numbers, quality)
+            found = [np.nan if each.name in silent else each.of(cycle) for each in self.features]
+        numbers = np.array([number if isfinite(number) else np.nan for number in found])
+        return FeatureVector(self._number, begin_s, end_s, self._names, numbers, quality, silent)
 
     def _forget(self, end_s: float) -> None:
         for column, buffer in self._buffers.items():
@@ -390,10 +395,3 @@ def _slice_ends(times: Sequence[Array], slice_s: float) -> Array:
     held = np.unique(np.concatenate([np.unique(np.floor((each - first) / slice_s)) for each in times]))
     ends = np.unique(np.concatenate([held, held + 1.0, held + 2.0]))  # a stamp may round into a neighbouring slice
     return np.append(first + slice_s * ends[ends > 0.0], np.inf)
-
-
-def _number(feature: CycleFeature, cycle: SampledCycle) -> float:
-    if any(column not in cycle.channels for column in feature.needs):
-        return np.nan
-    found = feature.of(cycle)
-    return found if isfinite(found) else np.nan

@@ -53,7 +53,7 @@ from mech_twin.studies.monitoring.sensor_quality import SensorFinding, SensorLim
 SENSOR = "sensor_"
 CAP = 2.0  # upper bound of the CUSUMs, in thresholds
 FARTHEST_SIGMA = 1e6  # bound of a feature about its mean: a sample of 1e300 must not stay in the charts
-SILENT = 25  # cycles in a row that lack a feature, as where no impact comes: at one in two by chance in 10^7
+SILENT = 25  # cycles in a row in which a channel is silent, such as that of impacts: at one in two by chance in 10^7
 REMEMBERED = 150  # cycles of innovations kept for the diagnosis
 LEAST_NAMED = 6  # cycles after the settling before a change is diagnosed
 UNKNOWN_AFTER = 25  # cycles after the settling before it may be called unknown
@@ -120,7 +120,7 @@ class Monitor:
     _number: int | None = None
     _announced_s: float = float("-inf")
     _events: list[FaultEvent] = field(default_factory=list)
-    _lacked: dict[str, int] = field(default_factory=dict)  # features that are missing, and in how many cycles by now
+    _lacked: dict[str, int] = field(default_factory=dict)  # features of a silent channel, and in how many cycles by now
 
     def __post_init__(self) -> None:
         baseline = self.setup.baseline
@@ -151,7 +151,7 @@ class Monitor:
         row = vector.row(baseline.names)
         names = baseline.names if surface is None else surface.names  # one that lacks leaves no residual at all
         missing = tuple(name for name in names if not np.isfinite(whole.row([name])[0]))
-        self._lacked = {name: self._lacked.get(name, 0) + 1 for name in missing}
+        self._lacked = {name: self._lacked.get(name, 0) + 1 for name in missing if name in vector.silent}
         silent = [SensorFinding("dropout", name, 1.0) for name, cycles in self._lacked.items() if cycles >= SILENT]
         if silent:
             return self._with_wrong_sensor(whole, tuple(silent))

@@ -168,7 +168,8 @@ def test_a_missing_feature_is_said_and_nothing_is_made_up() -> None:
     assert [found.charts is None for found in findings[6:10]] == [True, True, True, False]
 
 
-def test_a_feature_that_comes_no_more_is_a_finding_until_it_comes_again() -> None:
+@pytest.mark.parametrize("silent", [("feature_1",), ()], ids=["channel silent", "without meaning"])
+def test_a_feature_whose_channel_is_silent_is_a_finding_until_it_comes_again(silent: tuple[str, ...]) -> None:
     """A machine that strikes no more gives no impact, and its cycles would otherwise only not be judged."""
     setup = healthy_setup(500, 500.0)
     rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 3) + np.array([10.0, -3.0, 0.5])
@@ -176,11 +177,15 @@ def test_a_feature_that_comes_no_more_is_a_finding_until_it_comes_again() -> Non
     rows[60:100, 1] = np.nan
     rows[100:, 1] = -3.0
     monitor = Monitor(setup)
-    findings = [monitor.observe(vector) for vector in vectors(rows)]
+    findings = [
+        monitor.observe(vector if np.isfinite(vector.values[1]) else vector._replace(silent=silent))
+        for vector in vectors(rows)
+    ]
     named = [i for i, found in enumerate(findings) if found.finding == "sensor_dropout:feature_1"]
-    assert named == list(range(60 + SILENT - 1, 100))
-    assert findings[named[2]].faults[0].state == "active"
-    assert findings[-1].faults[0].state == "latched"
+    assert named == (list(range(60 + SILENT - 1, 100)) if silent else [])
+    if silent:
+        assert findings[named[2]].faults[0].state == "active"
+        assert findings[-1].faults[0].state == "latched"
 
 
 def test_features_and_innovations_are_each_others_inverse() -> None:
