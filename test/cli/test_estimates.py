@@ -11,7 +11,7 @@ import pytest
 
 from mech_twin.capabilities.progress import tell
 from mech_twin.cli.console import estimate, progress
-from mech_twin.cli.study import told
+from mech_twin.cli.study import progress_of
 
 STEPS, COMPILING_S, STEP_S = 500, 60.0, 0.2
 LONG = 10**8  # steps nobody waits for
@@ -34,7 +34,7 @@ def left_s(line: str) -> float:
 def test_the_time_left_of_an_answer_leaves_out_its_first_step(
     clock: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with told("searching"):
+    with progress_of("searching"):
         for done in range(1, STEPS):
             clock[0] = COMPILING_S + STEP_S * done
             tell(done, STEPS)
