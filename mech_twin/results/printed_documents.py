@@ -305,6 +305,7 @@ class MonitoredRun(PrintedDocument):
     events: tuple[FaultEvent, ...]
     operating_point: tuple[OperatingValue, ...]
     without_cycle_s: tuple[float, ...] = ()
+    missing: tuple[str, ...] = ()
     explained: tuple[Explanation, ...] = ()
 
 
