@@ -109,6 +109,32 @@ def test_what_is_no_number_is_refused_by_its_text_and_what_stood_there_stays(tol
     assert told.asked == []
 
 
+def test_undo_takes_back_the_last_change_also_before_it_is_answered(told):
+    box, undo = told.page.get_by_label(f"{KEY}, number"), told.page.locator("#undo")
+
+    def answered(number: int) -> dict:
+        asked = told.await_asked(number)
+        told.tell("answer", id=asked["id"], text="", is_done=True)
+        return asked["values"]
+
+    for number, value in ((1, "0.5"), (2, "0.6")):
+        box.fill(value)
+        box.press("Enter")
+        if number == 1:
+            answered(1)
+    expect(undo).to_be_enabled()
+    for _ in range(5):  # more than there are changes
+        undo.click()
+    assert [answered(number) for number in (2, 3, 4)] == [{KEY: 0.6}, {KEY: 0.5}, {KEY: 0.35}]
+    expect(box).to_have_value("0.35")
+    expect(undo).to_be_disabled()
+    box.fill("0.4")
+    box.press("Enter")
+    assert answered(5) == {KEY: 0.4}
+    told.page.wait_for_timeout(300)
+    assert len(told.asked) == 5
+
+
 def test_the_speed_control_shows_the_present_beside_an_earlier_picture(told):
     """A key moved it from the speed of the time shown, which the machine had left."""
     page = told.page

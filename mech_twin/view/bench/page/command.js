@@ -87,6 +87,7 @@ function keyRow(parameter) {
 // live parameters to be set: one after the answer to the one before, and of a key the last value that was wanted
 const wanted = new Map();
 let isAsked = false;
+let undos = 0; // pressed while a change is not answered, whose own turn it is then
 
 // set a live parameter; undone: the change that this takes back
 function change(name, value, takenBack = null) {
@@ -97,6 +98,7 @@ function change(name, value, takenBack = null) {
 }
 
 function sendWanted() {
+  if (!isAsked && !wanted.size && undos) { undos -= 1; undo(); }
   if (isAsked || !wanted.size) return;
   const [name, { value, takenBack }] = wanted.entries().next().value;
   wanted.delete(name);
@@ -202,6 +204,7 @@ export function forgetCommands() {
   undone.length = 0;
   wanted.clear();
   isAsked = false;
+  undos = 0;
   Object.assign(speeds, { wanted: null, isAsked: false });
   run.sped = -Infinity;
 }
@@ -210,8 +213,11 @@ for (const event of ["pointerenter", "focusin"]) find("keys").addEventListener(e
 find("take").onclick = () => send({ kind: "take" });
 find("speed").oninput = () => { run.sped = performance.now(); find("speed-now").textContent = `${Math.round(100 * find("speed").value)} % wanted`; };
 find("speed").onchange = () => { speeds.wanted = Number(find("speed").value); sendSpeed(); };
-find("undo").onclick = () => {
+function undo() {
+  if (isAsked || wanted.size) { undos += 1; return; }
   const last = undone.pop();
   find("undo").disabled = !undone.length;
-  if (last) change(last.name, last.before, last);
-};
+  if (last) change(last.name, last.before, last); else undos = 0;
+}
+
+find("undo").onclick = undo;
