@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from mech_twin.errors import StudyError
-from mech_twin.studies.spreading import spread, used_cores
+from mech_twin.studies.spreading import check_scheduler, spread, used_cores
 from mech_twin.studies.sweep_table import Point, Question, points, require_outputs, write_picture, write_table
 
 LARGEST_BATCH = 64
@@ -122,6 +122,7 @@ def swept(
         raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
     require_outputs(asked)
     workers = used_cores(cores)
+    check_scheduler(scheduler)  # before the first points, which are computed here
     journal = SweepJournal(journal_of(table), asked)
     resumed = len(journal.finished)
     try:

@@ -188,6 +188,12 @@ def _dask() -> Any:
         raise StudyError(f"--scheduler {extra_needed('cluster')}") from error
 
 
+def check_scheduler(scheduler: str | None) -> None:
+    """Raise a StudyError where a scheduler cannot be reached or has no workers."""
+    if scheduler is not None:
+        _client(scheduler).close()
+
+
 def _client(scheduler: str) -> Any:
     try:
         client = _dask().Client(scheduler, timeout=CONNECT_S, set_as_default=False)

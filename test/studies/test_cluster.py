@@ -136,12 +136,13 @@ def test_a_study_that_is_killed_leaves_nothing_to_do_and_the_cluster_to_others(c
     assert (there.feasible == here.feasible).all()
 
 
-def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
+def test_a_scheduler_that_is_not_there_is_told_before_a_point_is_computed(tmp_path, monkeypatch):
     monkeypatch.setattr("mech_twin.studies.spreading.CONNECT_S", 1.0)
     with pytest.raises(StudyError, match="no connection"):
         sweep(
             "winding_drum", {"eccentricity_m": (0.0, 0.001, 0.002)}, tmp_path / "x.csv", scheduler="tcp://127.0.0.1:9"
         )
+    assert list(tmp_path.iterdir()) == []
 
 
 def measured_crank():
