@@ -92,20 +92,20 @@ def _packets(run: MeasuredRun) -> list[str]:
         usual = quality.rate_hz * quality.span_s  # samples in all of the time
         filled = quality.samples / usual if usual > 0.0 and not is_event(channel.name) else 1.0
         if filled < 1.0 / FACTOR and quality.gaps > BURSTS * quality.samples:
-            told = f"{quality.samples} samples at {quality.rate_hz:.4g} Hz fill {100.0 * filled:.3g} % of the time"
-            return [f"{channel.name}: {told}: are its stamps those of packets? Expected one of each sample"]
+            share = f"{quality.samples} samples at {quality.rate_hz:.4g} Hz fill {100.0 * filled:.3g} % of the time"
+            return [f"{channel.name}: {share}: are its stamps those of packets? Expected one of each sample"]
     return []
 
 
 def _no_cycle(crank: MeasuredChannel, turned_rad: float, turn: ModelTurn) -> str:
     """Say how far the crank has turned; with the unit in which that is one turn, or about as far as the model's."""
-    told = f"no cycle: {crank.name} moves through {turned_rad / TURN:.3g} of a turn, expected a whole one"
+    turned = f"no cycle: {crank.name} moves through {turned_rad / TURN:.3g} of a turn, expected a whole one"
     usual_rad = abs(turn.speed_rad_per_s) * float(crank.times_s[-1] - crank.times_s[0])
     if turned_rad > usual_rad / SPEED_FACTOR:
-        return told
+        return turned
     name = _nearest_unit(crank, "rad", turned_rad, TURN, ABOUT_TURN)  # an angle that starts anew at each turn
     name = name or _nearest_unit(crank, "rad", turned_rad, usual_rad, SPEED_FACTOR)
-    return f"{told}: is its unit {name}?" if name else told
+    return f"{turned}: is its unit {name}?" if name else turned
 
 
 def _apart(run: MeasuredRun) -> list[str]:

@@ -274,7 +274,7 @@ class AdvisorNode(TwinNode):
         decided_s = self._origin.clock_s(decision.time_s)
         decided = {"time s": f"{decided_s:.3f}", "decision": decision.what, "sent": sent}
         self._decisions.send(status_message(name, f"{decision.what}: {decision.reason}", decided))
-        told = {} if advice is None else advice._replace(expires_s=self._origin.clock_s(advice.expires_s))._asdict()
-        parts = {key.replace("_", " "): f"{value}" for key, value in told.items()}
+        content = {} if advice is None else advice._replace(expires_s=self._origin.clock_s(advice.expires_s))._asdict()
+        parts = {key.replace("_", " "): f"{value}" for key, value in content.items()}
         own = self.diagnostics.hardware
         self._recommendation.send(status_message(name, decision.what, parts, hardware_id=own))
