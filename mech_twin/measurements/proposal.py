@@ -12,7 +12,7 @@ from textwrap import wrap
 
 from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source, TimeSource
-from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column, unread_unit
+from mech_twin.measurements.units import SCALED_BY_GAIN, UNITS, joint_column, time_unit_in, unread_unit
 
 EXACT, NEAR, UNSURE = 3, 2, 1
 ALIKE = 0.8  # least similarity of two words
@@ -206,7 +206,10 @@ def map_text(
         All channels of the measurement.
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
-    lines = [f"machine: {machine}", f"time: {{{clock}}}", "channels:"]
+    lines = [f"machine: {machine}", f"time: {{{clock}}}"]
+    if (word := unread_unit(time.column or "")) and time_unit_in(time.column or "") is None:
+        lines += _comment("  ", f"unit: {word!r} is none of a map's; {time.unit} is assumed")
+    lines.append("channels:")
     for each in channels:
         lead = "  # " if each.surety == UNSURE else "  "
         remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)

@@ -76,7 +76,9 @@ UNITS: Mapping[str, Unit] = MappingProxyType(
         "1": Unit("1", 1.0),
     }
 )
-TIME_UNITS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0})
+TIME_UNITS: Mapping[str, float] = MappingProxyType(
+    {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+)
 SCALED_BY_GAIN = ("A", "count")  # units of raw signals, which a gain scales to any quantity
 
 # spellings of units in table headers, in lower case without blanks and brackets
@@ -101,6 +103,12 @@ _TIME_SPELLINGS = {
     "milliseconds": "ms",
     "µs": "us",
     "usec": "us",
+    "microseconds": "us",
+    "nanoseconds": "ns",
+    "minutes": "min",
+    "hours": "h",
+    "hour": "h",
+    "hr": "h",
 }
 
 

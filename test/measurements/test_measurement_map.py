@@ -79,7 +79,7 @@ def test_the_map_of_the_page_is_read(tmp_path: Path) -> None:
         ({**GOOD, "machine": "press"}, ("no machine 'press'",)),
         ({**GOOD, "channels": []}, ("channels", "at least 1")),
         ({**GOOD, "time": {"stamps": "clock"}}, ("time.stamps", "'clock'", "'header' or 'log'")),
-        ({**GOOD, "time": {"column": "t", "unit": "h"}}, ("time.unit", "'h'", "ms")),
+        ({**GOOD, "time": {"column": "t", "unit": "week"}}, ("time.unit", "'week'", "ms")),
         ("machine: [", ("not a valid YAML file",)),
         ("- 1", ("expected keys",)),
         ("machine: a\nmachine: b", ("stands twice",)),
@@ -135,7 +135,8 @@ def test_units_are_found_in_headers(header: str, unit: str | None) -> None:
 
 
 def test_units_of_time_are_found_in_headers() -> None:
-    assert [time_unit_in(text) for text in ("Time (s)", "t_ms", "stamp [us]", "Wheel")] == ["s", "ms", "us", None]
+    headers = {"Time (s)": "s", "t_ms": "ms", "stamp [us]": "us", "Time [h]": "h", "t (minutes)": "min", "Wheel": None}
+    assert {text: time_unit_in(text) for text in headers} == headers
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -73,6 +73,8 @@ def test_a_unit_that_no_map_knows_is_named_beside_the_one_assumed() -> None:
     text = map_text("vibration_crank", TimeSource(), [foreign, plain], {}, columns)
     assert "# unit: 'inch' is none of a map's; m is assumed" in text
     assert (untold_unit(foreign) is not None, untold_unit(plain)) == (True, None)
+    weeks = map_text("vibration_crank", TimeSource(column="Time [weeks]"), [plain], {}, columns)
+    assert "# unit: 'weeks' is none of a map's; s is assumed" in weeks and yaml.safe_load(weeks)["time"]
 
 
 @pytest.mark.parametrize("pin", ["follower_pin", "crank_pin", "crank_bearing"])
