@@ -126,7 +126,7 @@ class FrameTree(NamedTuple):
 
     ``lengths`` are joints of linkage and motor without a frame whose positions are lengths (m).  ``inertias`` are the
     machine's masses; those of one link add up.  ``untold`` are remarks on unknown masses of links.  ``leading`` is the
-    joint that the drive leads; empty for the first of the linkage.
+    joint that the drive leads; empty for the first of the linkage.  ``turning_stops``: their gap is an angle.
     """
 
     joints: tuple[Joint, ...]
@@ -136,6 +136,7 @@ class FrameTree(NamedTuple):
     inertias: tuple[Inertia, ...] = ()
     untold: tuple[str, ...] = ()
     leading: str = ""
+    turning_stops: frozenset[str] = frozenset()
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -34,13 +34,14 @@ def is_logged(event: Event) -> bool:
     return event.impulse_ns == 0.0 or speed >= LEAST_SPEED_M_PER_S
 
 
-def event_line(event: Event) -> str:
+def event_line(event: Event, turning_stops: frozenset[str] = frozenset()) -> str:
     """Return the event as text: kind, contact, velocities before and after, impulse, cycle."""
+    speed, impulse = ("rad/s", "N m s") if event.contact in turning_stops else ("m/s", "N s")
     words = [f"{event.time_s:.6f} s  {event.kind} ({event.contact})"]
     if max(abs(event.pre_velocity_m_per_s), abs(event.post_velocity_m_per_s)) > ROUNDING_M_PER_S:
-        words.append(f"{event.pre_velocity_m_per_s:+.4g} -> {event.post_velocity_m_per_s:+.4g} m/s")
+        words.append(f"{event.pre_velocity_m_per_s:+.4g} -> {event.post_velocity_m_per_s:+.4g} {speed}")
     if event.impulse_ns != 0.0:
-        words.append(f"{event.impulse_ns:.4g} N s")
+        words.append(f"{event.impulse_ns:.4g} {impulse}")
     return "  ".join([*words, f"cycle {event.period}"])
 
 

@@ -81,7 +81,7 @@ class RerunScene(Closing):
         ``blow_energy`` returns the energy of an impact (J); by default the energy lost by the mechanism.
         """
         energy = lost_energy if blow_energy is None else blow_energy
-        self._sliding = tree.sliding_joints
+        self._sliding, self._marks.turning_stops = tree.sliding_joints, tree.turning_stops
         self._banner = Banner(tree, energy)
         self._annotations = Annotations(tree, energy)
 
@@ -125,7 +125,7 @@ class RerunScene(Closing):
         """Show an event at its exact time: a log line, and for an impact vertical marks and a flash."""
         if is_logged(event):
             self._has_events = True
-            self._events.append((event.time_s, event_line(event)))
+            self._events.append((event.time_s, event_line(event, self._marks.turning_stops)))
         self._marks.add(event)
         self._banner.strike(event)
         if self._annotations is not None:
@@ -219,7 +219,7 @@ class ImpactMarks:
     """Vertical marks of impacts in the plots."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
-        self._stream = stream
+        self._stream, self.turning_stops = stream, frozenset[str]()
         self._contacts: set[str] = set()
         self._marks: dict[str, list[tuple[float, float]]] = {}
 
@@ -232,9 +232,12 @@ class ImpactMarks:
         """Add the mark of an event; one without an impulse has none."""
         if event.impulse_ns == 0.0:
             return
-        self._mark(f"{IMPACTS}/impulse/{event.contact}", event.contact, event.time_s, event.impulse_ns)
-        if event.pre_velocity_m_per_s != 0.0:
-            self._mark(f"{IMPACTS}/speed/{event.contact}", event.contact, event.time_s, event.pre_velocity_m_per_s)
+        turns = event.contact in self.turning_stops
+        speed = event.pre_velocity_m_per_s
+        for kind, unit, value in (("impulse", "N m s", event.impulse_ns), ("speed", "rad/s", speed)):
+            if value != 0.0:
+                name = f"{event.contact}, {unit}" if turns else event.contact
+                self._mark(f"{IMPACTS}/{kind}/{event.contact}", name, event.time_s, value)
 
     def send(self) -> None:
         """Send the marks added since the last call."""

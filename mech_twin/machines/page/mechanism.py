@@ -127,8 +127,9 @@ def mechanism(shared: PageModel) -> FrameTree:
     )
     driven = sorted((drive.joint for drive in page.drives.values()), key=lambda n: page.joints[n].kind != REVOLUTE)
     return FrameTree(
-        tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, untold, next(iter(driven), "")
-    )
+        tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, untold,
+        next(iter(driven), ""), shared.turning_stops,
+    )  # fmt: skip
 
 
 def _bars(shared: PageModel) -> tuple[Bar, ...]:

@@ -175,6 +175,7 @@ class BenchScene(Closing):
         self._lanes: Lanes | None = None
         self._invariants: RunInvariants | None = None
         self._hardest_ns = 0.0
+        self._turning_stops: frozenset[str] = frozenset()
         self._health_at = self._stepped_at = -1.0
         self._zero_s: float | None = None
 
@@ -186,7 +187,7 @@ class BenchScene(Closing):
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Add what needs the machine's frames; call before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
-        self._roles.sliding = tree.sliding_joints
+        self._roles.sliding, self._turning_stops = tree.sliding_joints, tree.turning_stops
         before, self._banner = self._banner, Banner(tree, energy)
         self._banner.rated_power_w, self._banner.body_regimes = before.rated_power_w, before.body_regimes
         self._annotations = Annotations(tree, energy)
@@ -268,7 +269,7 @@ class BenchScene(Closing):
         size_ns = abs(event.impulse_ns)
         self._hardest_ns = max(self._hardest_ns, size_ns)
         if is_logged(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
-            self._events.append([event.time_s, event_line(event)])
+            self._events.append([event.time_s, event_line(event, self._turning_stops)])
         self._banner.strike(event)
         if event.kind == RESET:
             self._scale_anew()

@@ -4,15 +4,21 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, run
+from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 from scipy.special import ellipk
 
 from mech_twin import rollout
 from mech_twin.cli.run_summary import show_events
+from mech_twin.machines.page.mechanism import mechanism
+from mech_twin.machines.page.roles import PageModel
+from mech_twin.view.extent import event_line
+
+REST = {"rest": {"joint": "pivot", "least_deg": -80.0, "restitution": 0.0}}
 
 
 def impacts(simulation):
@@ -47,7 +53,7 @@ def test_a_pendulum_has_the_period_of_the_elliptic_integral():
 
 
 def test_a_stop_of_a_pin_is_told_as_angular_speed_angular_impulse_and_moment(capsys):
-    _, simulation = run(PENDULUM, 0.5, contacts={"rest": {"joint": "pivot", "least_deg": -80.0, "restitution": 0.0}})
+    _, simulation = run(PENDULUM, 0.5, contacts=REST)
     numbers = simulation.numbers()
     drop_m = 0.5 * (math.sin(math.radians(80.0)) - math.sin(math.radians(60.0)))
     speed = math.sqrt(2.0 * 2.0 * 9.81 * drop_m / 0.6)
@@ -58,6 +64,9 @@ def test_a_stop_of_a_pin_is_told_as_angular_speed_angular_impulse_and_moment(cap
     assert not [name for name in numbers if name.startswith("rest_") and name.endswith(("_m_per_s", "_ns", "_n"))]
     show_events(simulation.events, numbers, everything=True)
     assert f"{speed:.4g} rad/s" in capsys.readouterr().out
+    tree = mechanism(PageModel(page(PENDULUM, contacts=REST)))
+    line = event_line(impacts(simulation)[0], tree.turning_stops)
+    assert re.search(rf"{re.escape(f'{speed:+.4g}')} -> [+-]0 rad/s  [0-9.]+ N m s", line), line
 
 
 def test_a_slider_crank_at_constant_speed_has_its_closed_form():
