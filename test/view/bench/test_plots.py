@@ -243,3 +243,23 @@ def test_the_header_says_that_a_run_is_over_though_no_picture_follows(page):
     page.link.tell("end", {"text": "the run is over"})
     expect(page.locator("#state")).to_have_text("over")
     expect(page.locator("#answers li").first).to_have_text("the run is over")
+
+
+def test_a_long_run_keeps_its_beginning_and_extremes_in_thinned_rows(page):
+    rows = """async () => {
+        const { Curve } = await import(new URL("curves.js", document.querySelector("script[type=module]").src));
+        const letters = (numbers) => Array.from(new Uint8Array(numbers.buffer), (byte) => String.fromCharCode(byte));
+        const packed = (numbers) => btoa(letters(numbers).join(""));
+        const curve = new Curve(2), count = 1000;
+        for (let first = 0; first < 1500 * count; first += count) {
+            const times = Float64Array.from({ length: count }, (_, k) => first + k);
+            const values = Float32Array.from({ length: 2 * count }, (_, k) => (first + (k >> 1) === 1234 ? 9 : 1));
+            curve.add(packed(times), packed(values));
+        }
+        const times = [...curve.times.subarray(0, curve.rows)];
+        return { rows: curve.rows, first: times[0], last: times.at(-1), spike: curve.values[1][times.indexOf(1234)],
+                 rises: times.every((time, k) => k === 0 || time > times[k - 1]) };
+    }"""
+    found = page.evaluate(rows)
+    assert 200_000 < found.pop("rows") <= 401_000
+    assert found == {"first": 0.0, "last": 1_499_999.0, "spike": 9.0, "rises": True}

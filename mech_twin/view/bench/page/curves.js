@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Curves with common times: received in base 64, stored in growing arrays.
 
-const MOST_ROWS = 400_000; // per path; then the oldest half is dropped
+const MOST_ROWS = 400_000; // per path; then the older half is thinned
 
 export function unpacked(text, Kind) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
@@ -66,13 +66,18 @@ export class Curve {
     return low;
   }
 
-  makeRoom(count) {
-    if (this.rows > MOST_ROWS) {
-      const half = this.rows >> 1;
-      this.times.copyWithin(0, half, this.rows);
-      for (const column of this.values) column.copyWithin(0, half, this.rows);
-      this.rows -= half;
+  // keep at most half of the first `count` rows, with their extremes
+  thin(count) {
+    const rows = this.extremes(0, count, count >> 1);
+    for (const column of [this.times, ...this.values]) {
+      rows.forEach((row, place) => { column[place] = column[row]; });
+      column.copyWithin(rows.length, count, this.rows);
     }
+    this.rows += rows.length - count;
+  }
+
+  makeRoom(count) {
+    if (this.rows > MOST_ROWS) this.thin(this.rows >> 1);
     if (this.rows + count <= this.times.length) return;
     const size = 2 * (this.rows + count);
     const grown = (old, Kind) => { const fresh = new Kind(size); fresh.set(old.subarray(0, this.rows)); return fresh; };
