@@ -31,15 +31,13 @@ from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.rods import PageRods
 from mech_twin.machines.page.state_places import StatePlaces, check_lines
 from mech_twin.machines.page.step import (
-    DC,
     DRIVE_WIDTH,
-    EFFORT,
-    INDUCTION,
     PROGRAM,
     TABLE,
     PageDrives,
     PageForces,
     PageMachine,
+    effort_of,
     start_page,
 )
 from mech_twin.machines.page.system import BEND, KINDS, PHASE, PORT, RESET, TOUCH, PageSystem
@@ -333,31 +331,22 @@ class PageLinkage(CompiledLinkage):
             value = shared.start_instant.found_signals[name][0]
             regimes[i] = 1 if isinstance(value, float) and value < 0.0 else 0
         fraction = shared.page.supply.initial_fraction
-        self._start_controls(model, fraction, y)
+        self._start_controls(model, fraction)
         if start_page(model, time_s, y, regimes, row) != SOLVED:
             raise ConfigurationError("contacts: those that are closed at the start contradict each other")
         row[COMMAND] = fraction
         return self.layout.sample(step, time_s, row.tolist(), ())
 
-    def _start_controls(self, model: PageMachine, fraction: float, y: Array) -> None:
+    def _start_controls(self, model: PageMachine, fraction: float) -> None:
         """Fill the controls with the drives' output at the start; slopes by speed follow with the first step."""
-        controls, p = model.system.controls, self.shared.places
+        controls, p, now = model.system.controls, self.shared.places, self.shared.start_instant
         controls[:] = 0.0
-        for i in range(len(p.motors)):
-            row = self.shared.drives[len(p.driven_names) + i]
-            place, kind = p.motor_controls + 3 * i, int(row[0])
-            controls[place] = fraction * row[2] * row[3] if kind in (EFFORT, PROGRAM, DC) else 0.0
-            if kind == PROGRAM:
+        for i, name in enumerate(p.motors):
+            row, place = self.shared.drives[len(p.driven_names) + i], p.motor_controls + 3 * i
+            speed = row[2] * now.at.speed(now.coordinate(self.shared.page.drives[name].joint))
+            controls[place] = row[2] * (fraction if int(row[0]) == TABLE else effort_of(row, speed, fraction))
+            if int(row[0]) == PROGRAM:
                 controls[place + 1] = fraction * row[4]
-            elif kind == TABLE:
-                controls[place] = fraction * row[2]
-            elif kind == DC:
-                controls[place + 1] = -(row[2] ** 2) * row[3] / row[4]
-            elif kind == INDUCTION:
-                from mech_twin.machines.page.step import induction_motor
-                from mech_twin.parts.induction_motor import motor_torque
-
-                controls[place] = row[2] * motor_torque(induction_motor(row), 0.0, fraction)
 
 
 @dataclass(frozen=True)

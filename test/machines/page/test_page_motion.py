@@ -165,6 +165,33 @@ drives: {motor: {kind: dc_motor, joint: shaft, stall_torque_nm: 10, no_load_spee
         assert frame.linkage.velocity[0] == pytest.approx(w0 * (1 - math.exp(-rate * frame.linkage.time_s)), abs=1e-9)
 
 
+MOTORS = {
+    "dc_motor": {"stall_torque_nm": 10, "no_load_speed_rpm": 1500, "rotor_inertia_kg_m2": 0.01},
+    "induction_motor": {
+        "motor": {
+            "rated_power_w": 1500, "rated_speed_rpm": 1410, "synchronous_speed_rpm": 1500,
+            "breakdown_torque_ratio": 2.4, "starting_torque_ratio": 2.0, "rotor_inertia_kg_m2": 0.01,
+        }
+    },
+    "table": {"table_rpm_nm": [[0, 10], [1500, 0]], "rotor_inertia_kg_m2": 0.01},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MOTORS)
+def test_a_motor_that_starts_at_a_speed_gives_the_torque_of_it_from_the_first_sample_on(kind):
+    text = """
+gravity_m_per_s2: [0, 0]
+bodies: {wheel: {inertia_kg_m2: 0.5}}
+joints: {shaft: {kind: revolute, between: [ground, wheel], start_rad_per_s: 76}}
+"""
+    drive = {"kind": kind, "joint": "shaft", "gear_ratio": 2.0, **MOTORS[kind]}
+    told, _ = run(text, 0.002, drives={"motor": drive})
+    torque = 2.0 * told[0].motor.effort[0]
+    assert told[0].linkage.effort[0] == pytest.approx(torque, rel=1e-12)
+    assert told[0].forces.quantities["motor_torque_nm"] == pytest.approx(torque, rel=1e-12)
+    assert told[0].linkage.memory["shaft_acceleration_rad_per_s2"] == pytest.approx(torque / 0.54, rel=1e-12)
+
+
 @pytest.mark.slow
 def test_a_compliant_contact_gives_the_depth_of_its_energy():
     changes = {"contacts": {"bounce": {"restitution": None, "stiffness_n_per_m": 1e6}}}
