@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from mech_twin.capabilities.blow_gauge import RECENT_S, RecentBlows
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
 from mech_twin.samples import BodySample, Coordinate, Event, ForceSample, LinkageSample, MotorSample, Shape
@@ -30,11 +31,9 @@ FLASH_S = 0.15
 FLASH = (225, 130, 0)
 RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
-RECENT_S = 2.0  # time window of blow rate, energy and power
 SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
 AGAIN_S = 1.0  # a step so much before the last begins a new run
 TURN = 2.0 * math.pi
-WEAK_SHARE = 0.25  # least energy relative to that of recent blows, half their impulse: weaker ones are bounces
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
@@ -223,7 +222,7 @@ class Banner:
 
     def _begin(self) -> None:
         """Forget a run."""
-        self._blows: deque[tuple[float, float]] = deque()
+        self._blows = RecentBlows()
         self._power: deque[tuple[float, float, float]] = deque()  # time, angle of the leading joint, work of the drive
         self._power_w = self._turned_rad = 0.0
         self._body: deque[tuple[float, float, bool]] = deque()  # time, pressing force, whether it is in contact
@@ -297,11 +296,8 @@ class Banner:
     def strike(self, event: Event) -> None:
         """Update with an event."""
         energy_j = self._energy(event)
-        if energy_j > 0.0:
-            self._blows.append((event.time_s, energy_j))
-            _forget(self._blows, event.time_s)
-            if energy_j > self._bounce_j():
-                self._last_blow = (event.time_s, energy_j)
+        if energy_j > 0.0 and self._blows.is_blow(event.time_s, energy_j):
+            self._last_blow = (event.time_s, energy_j)
 
     def text(self) -> str:
         """Return the line in Markdown."""
@@ -350,7 +346,7 @@ class Banner:
         return [Card(name, f"{shown} rad/s", name, speed, "rad/s")]  # unit of terminal and topics
 
     def _work(self, linkage: LinkageSample) -> list[Card]:
-        _forget(self._blows, linkage.time_s)
+        self._blows.forget(linkage.time_s)
         found = []
         if (rate_hz := self._blow_rate(linkage.time_s)) > 0.0:
             found.append(Card("blow rate", f"{rate_hz:.1f}/s", "blow rate", rate_hz, "1/s"))
@@ -371,17 +367,11 @@ class Banner:
     def _blow_rate(self, now_s: float) -> float:
         """Return the blows per second of the recent time: from first to last blow where that is most of it."""
         span_s = min(RECENT_S, now_s - (now_s if self._begin_s is None else self._begin_s))
-        most_j = self._bounce_j()
-        struck_s = [time_s for time_s, energy_j in self._blows if energy_j > most_j]
+        struck_s = self._blows.times_s()
         if not struck_s or span_s <= 0.0:
             return 0.0
         apart_s = struck_s[-1] - struck_s[0]
         return (len(struck_s) - 1) / apart_s if apart_s > 0.5 * span_s else len(struck_s) / span_s
-
-    def _bounce_j(self) -> float:
-        """Return the most energy (J) of a bounce, by a mean that bounces hardly lower and a hard blow hardly lifts."""
-        total_j = sum(energy_j for _, energy_j in self._blows)
-        return WEAK_SHARE * sum(energy_j**2 for _, energy_j in self._blows) / total_j if total_j > 0.0 else 0.0
 
     def _note_broken(self, linkage: LinkageSample) -> None:
         for joint, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):

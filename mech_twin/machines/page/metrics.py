@@ -13,7 +13,7 @@ from math import hypot
 
 import numpy as np
 
-from mech_twin.capabilities.blow_gauge import blow_remarks
+from mech_twin.capabilities.blow_gauge import RecentBlows, blow_remarks
 from mech_twin.capabilities.cycle import (
     CycleFeatures,
     CycleReference,
@@ -29,7 +29,7 @@ from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.parameters import Page, distinct
 from mech_twin.machines.page.roles import PageModel
-from mech_twin.samples import Frame, LinkageSample
+from mech_twin.samples import Event, Frame, LinkageSample
 
 
 def features(page: Page) -> CycleFeatures:
@@ -99,6 +99,8 @@ class PageRun:
         self._joints, self._pins, self._quantities = Extremes(), Extremes(), Extremes()
         self._blows: dict[str, list[float]] = {}  # count, largest impulse, sum of impulses, fastest, energy
         self._rods: dict[str, deque[dict[str, float]]] = {n: deque(maxlen=LAST) for n in shared.rods.rods}
+        self._recent = {name: RecentBlows() for name in self._rods}
+        self._passed: dict[str, float] = {}
         self._struck: dict[str, LinkageSample] = {}  # at the end of the step of the last blow
         self._first = self._last = 0.0
         self._work: dict[str, float] = {}
@@ -133,8 +135,11 @@ class PageRun:
             if event.kind == "impact":
                 self._blow(event.contact, event.impulse_ns, event.pre_velocity_m_per_s, event.post_velocity_m_per_s)
             if shared.rods.tells(event):
-                self._rods[event.contact].append(shared.rods.numbers(event))
-                self._struck[event.contact] = linkage
+                if self._recent[event.contact].is_blow(event.time_s, striker_energy(event)):
+                    self._rods[event.contact].append(shared.rods.numbers(event))
+                    self._struck[event.contact] = linkage
+            elif shared.rods.meets(event):
+                self._passed[event.contact] = self._passed.get(event.contact, 0.0) + 1.0
         self._work = {name: value - self._work_before.get(name, 0.0) for name, value in work.items()}
 
     def _blow(self, contact: str, impulse: float, before: float, after: float) -> None:
@@ -171,6 +176,7 @@ class PageRun:
             if span > 0.0:
                 out[f"{name}_impact_rate_hz"] = count / span
                 out[f"{name}_impact_{mean}"] = total / span
+        out |= {f"{name}_impulses_without_wave": count for name, count in self._passed.items()}
         for name, blows in self._rods.items():
             if blows:
                 out |= over_last(blows, f"steady_{name}_")
@@ -191,6 +197,12 @@ class PageRun:
             out[f"run_{total}_work_j"] = work
             out["run_power_mean_w"] = work / span
         return out
+
+
+def striker_energy(event: Event) -> float:
+    """Return the energy (J) with which the effective mass at a contact closes on it; of an event with an impulse."""
+    closing = event.pre_velocity_m_per_s
+    return 0.5 * event.impulse_ns * closing * closing / (closing - event.post_velocity_m_per_s)
 
 
 def run_remarks(shared: PageModel, numbers: Mapping[str, float]) -> Iterator[str]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
+from mech_twin.capabilities.blow_gauge import CLOSES, BlowGauge, GaugeCurve
 from mech_twin.declarations.quantity import choice
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.parts.rod_waves.contact_law import LAW_COLUMNS, ContactLaw
@@ -132,6 +132,10 @@ class PageRods:
 
     def tells(self, event: Event) -> bool:
         """Return whether an event is a blow on a rod."""
+        return self.meets(event) and event.pre_velocity_m_per_s > CLOSES
+
+    def meets(self, event: Event) -> bool:
+        """Return whether an event is an impulse on a rod: a blow, or one that a body at rest on it passes on."""
         return event.kind == "impact" and event.contact in self.rods and event.impulse_ns > 0.0
 
     def _led(self, event: Event) -> tuple[WaveGrid, float, LedBlow]:

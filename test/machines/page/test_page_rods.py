@@ -98,6 +98,37 @@ contacts:
 """
 
 
+def test_the_numbers_of_a_rod_are_those_of_its_blows_and_not_of_the_bounces_after_them():
+    text, changes = on_rod({})
+    _, first = run(text, 0.5, **changes)
+    _, settled = run(text, 3.0, **changes)
+    assert len([e for e in settled.events if e.kind == "impact"]) > 20
+    before, after = first.numbers(), settled.numbers()
+    assert after["bounce_impacts"] > before["bounce_impacts"] == 1.0
+    assert after["steady_bounce_peak_force_n"] == before["steady_bounce_peak_force_n"]
+    assert after["steady_bounce_incident_energy_j"] > 0.25 * before["steady_bounce_incident_energy_j"]
+
+
+def test_a_body_at_rest_on_its_rod_passes_a_blow_on_as_rigid_and_that_is_said():
+    text, changes = on_rod({})
+    changes["bodies"] = {"ram": {"mass_kg": 3.0}}
+    changes["joints"] = {
+        "fall": {"start_m": 0.0},
+        "drop": {"kind": "slider", "between": ["ground", "ram"], "direction_deg": 90, "start_m": 0.5},
+    }
+    hit = {"point": "ram", "line": "ball", "normal_deg": 90, "restitution": 0.5}
+    changes["contacts"] = changes["contacts"] | {"hit": hit}
+    built = build(page(text, **changes))
+    _, simulation = run(text, 0.4, **changes)
+    passed = [event for event in simulation.events if event.contact == "bounce" and event.impulse_ns > 0.0]
+    assert passed[0].impulse_ns == pytest.approx(1.5 * 3.0 * (2.0 * 10.0 * 0.5) ** 0.5, rel=1e-12)
+    assert not any(built.gauge.tells(event) for event in passed)
+    numbers = simulation.numbers()
+    assert numbers["bounce_impulses_without_wave"] == len(passed) == 1.0
+    assert not [name for name in numbers if name.startswith("steady_")]
+    assert "passed on as rigid" in " ".join(built.remarks(numbers))
+
+
 def test_a_body_that_lies_on_the_striker_takes_part():
     """The closed contact passes its share on, so the mass that strikes is that of both."""
     told, _ = run(CARRIED, 0.5)
