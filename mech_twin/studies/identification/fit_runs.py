@@ -226,11 +226,13 @@ def _changes(times_s: Array, values: Array, shift_s: float) -> Sequence[tuple[fl
     return [(float(times_s[i]) - shift_s, float(np.clip(values[i], 0.0, 1.0))) for i in changed]
 
 
-def first_of_series(times_s: Array) -> npt.NDArray[np.bool_]:
-    """Return which events begin a series, shape (n,): of chatter, only the first impact counts."""
-    if len(times_s) < 3:
-        return np.ones(len(times_s), dtype=np.bool_)
-    return np.diff(times_s, prepend=-np.inf) > SERIES * usual_spacing(times_s)
+def first_of_series(times_s: Array, spacing_s: float) -> npt.NDArray[np.bool_]:
+    """Return which events begin a series, shape (n,): of chatter, only the first impact counts.
+
+    ``spacing_s`` is the usual spacing of the measured events, also for those of the model: each with its own would
+    count other bounces where the two hold other parts of a run.
+    """
+    return np.diff(times_s, prepend=-np.inf) > SERIES * (spacing_s if np.isfinite(spacing_s) else 0.0)
 
 
 def usual_spacing(times_s: Array) -> float:

@@ -15,8 +15,8 @@ from scipy import stats
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import fixed
-from mech_twin.measurements.units import unit_of
-from mech_twin.studies.identification.fit_runs import FitChannel, FitRun, first_of_series, matched
+from mech_twin.measurements.units import TURN, unit_of
+from mech_twin.studies.identification.fit_runs import FitChannel, FitRun, first_of_series, matched, usual_spacing
 from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, problem_of, stage_fit, with_begins
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO, IdentificationQuestion
@@ -126,10 +126,11 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
             any_times = True
             begin = problem.begin(x, i)
             first, last = max(run.from_s, run.first_s), run.end_s
-            own = channel.values[first_of_series(channel.times_s)]
+            spacing = usual_spacing(channel.times_s)
+            own = channel.values[first_of_series(channel.times_s, spacing)]
             own = own[(own >= first) & (own <= last)]
             model = curves[i].of_events(channel.kind, "time") - begin
-            model = model[first_of_series(model)]
+            model = model[first_of_series(model, spacing)]
             model = model[(model >= first) & (model <= last)]
             places = matched(own, model)
             off += (own - model[places])[places >= 0].tolist()
@@ -139,14 +140,14 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
 
 
 def autocorrelations(residual: Array) -> Array:
-    """Return the autocorrelation of a residual at lags from 1 on; empty for too few samples."""
-    n = len(residual)
-    centred = residual - residual.mean() if n else residual
-    power = float(centred @ centred)
-    lags = min(LAGS, n // 4)
+    """Return the autocorrelation of a residual about 0 at lags from 1 on; empty for too few samples.
+
+    Noise has no mean: one that is left is an offset, and correlates like any other error of the model.
+    """
+    power, lags = float(residual @ residual), min(LAGS, len(residual) // 4)
     if lags < 1 or not np.isfinite(power) or power == 0.0:
         return np.zeros(0)
-    return np.array([float(centred[lag:] @ centred[:-lag]) / power for lag in range(1, lags + 1)])
+    return np.array([float(residual[lag:] @ residual[:-lag]) / power for lag in range(1, lags + 1)])
 
 
 def ljung_box(residual: Array) -> float:
@@ -231,6 +232,13 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
     return None
 
 
+def _size(channel: FitChannel) -> float:
+    """Return the size of a channel within a cycle (SI), that does not grow with the run: a turn of an angle at most."""
+    if channel.of_events and channel.field == "time":
+        return usual_spacing(channel.times_s) if len(channel.times_s) > 1 else 0.0
+    return min(float(np.std(channel.values)), TURN if channel.turns else np.inf)
+
+
 def noise_misfit(fitted: Fitted) -> float:
     """Return the rms over channels of residual over sensor noise; about 1 if the model is right."""
     shares = [found.rms / channel_noise(fitted.problem, place)[0] for place, found in _scored(fitted)]
@@ -240,7 +248,7 @@ def noise_misfit(fitted: Fitted) -> float:
 def channel_noise(problem: FitProblem, place: int) -> tuple[float, bool]:
     """Return the noise of a channel (SI), at least the model's interpolation error; and whether it was given."""
     channels = [run.channels[place] for run in problem.runs]
-    size = max(float(np.std(channel.values)) for channel in channels)
+    size = max(map(_size, channels))
     noise = max(channel.noise for channel in channels)
     return max(noise, LEAST_NOISE * size, TINY), bool(channels[0].channel.sigma)
 
@@ -282,12 +290,7 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
         for i, unknown in enumerate(problem.unknowns.all):
             if unknown.place != place or unknown.kind not in open_numbers:
                 continue
-            value = float(fitted.x[i]) * unknown.scale
-            if unknown.kind == ZERO:
-                gain = fixed(channel.channel.gain, 1.0)
-                value = channel.channel.sign * value / gain / unit
-            elif unknown.kind == GAIN:
-                value = 1.0 / value
+            value = in_map(unknown.kind, float(fitted.x[i]) * unknown.scale, channel)
             run = "all" if len(unknown.runs) > 1 or len(problem.runs) == 1 else str(problem.runs[unknown.runs[0]].path)
             open_numbers[unknown.kind][run] = value
         found.append(
@@ -303,6 +306,13 @@ def channel_fits(fitted: Fitted) -> list[ChannelFit]:
             )
         )
     return found
+
+
+def in_map(kind: str, value: float, channel: FitChannel) -> float:
+    """Return a fitted zero, gain or lag (SI) as the map writes it, a zero in the channel's unit."""
+    if kind == ZERO:
+        return channel.channel.sign * value / fixed(channel.channel.gain, 1.0) / channel.channel.si_factor
+    return 1.0 / value if kind == GAIN else value
 
 
 def _memory(fitted: Fitted, place: int) -> tuple[int, tuple[float, ...]]:

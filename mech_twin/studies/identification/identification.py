@@ -96,7 +96,8 @@ class Identification:
             return "no key is identified"
         if self.held_out is None or self.before is None or self.held_out.misfit < min(self.before.misfit, 1.0):
             return ""
-        return "what was held out is predicted no better than before"
+        other = "before" if self.held_out.misfit >= self.before.misfit else "by a constant"
+        return f"what was held out is predicted no better than {other}"
 
 
 def identified(

@@ -117,7 +117,7 @@ class FitProblem:
         channel = run.channels[place]
         counts = (channel.times_s >= run.from_s) & (channel.times_s <= run.until_s)
         if channel.of_events:
-            return counts & first_of_series(channel.times_s)
+            return counts & first_of_series(channel.times_s, usual_spacing(channel.times_s))
         if curves is None:
             return counts
         at = self._model_times(x, i, place, channel.times_s)
@@ -170,7 +170,7 @@ class FitProblem:
     ) -> tuple[Array, Array]:
         """Return the values and times of the matched model events; without a match, measured plus a limit, and nan."""
         every = curves.of_events(channel.kind, "time")
-        begins = first_of_series(every)
+        begins = first_of_series(every, usual_spacing(channel.times_s))
         times, values = every[begins], curves.of_events(channel.kind, channel.field)[begins]
         values = values - self.begin(x, run) if channel.field == "time" else values
         limit = SHARE * min(usual_spacing(channel.times_s), 1e3) if channel.field == "time" else np.std(channel.values)
@@ -378,7 +378,7 @@ class FitProblem:
         if curves is centre:
             return inverse_gain * shown[mask]
         own = curves.of_events(channel.kind, "time")
-        begins = first_of_series(own)
+        begins = first_of_series(own, usual_spacing(channel.times_s))
         hit = np.isfinite(times)
         next_to = np.full(len(times), -1, dtype=np.int64)
         next_to[hit] = matched(times[hit], own[begins])

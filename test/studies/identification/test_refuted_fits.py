@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the noise refutes, in runs of any length, and which error of a sensor is told as the likely cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.measurement_map import Channel
+from mech_twin.measurements.sensors import event_values
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.identification.fit_runs import (
+    ColumnCurves,
+    FitRun,
+    fit_channel,
+    needed_columns,
+    placed_run,
+)
+from mech_twin.studies.identification.held_out import channel_noise
+from mech_twin.studies.identification.identification import Identification, identified
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.named_rollouts import rollout
+
+CRANK, SLIDER, TORQUE = "linkage.crank.position", "linkage.slider.position", "motor.motor.effort"
+SIGMAS = {CRANK: 0.002, SLIDER: 3e-4, TORQUE: 2.0}
+TRUE = {"crank_m": 0.131, "masses.tree_kg": 58.0}
+
+
+def channel(name: str, sigma: float, times_s: Array, values: Array, **given: Any) -> Any:
+    source = {"source": {"column": name}, "is": name, "sigma": sigma}
+    return fit_channel(Channel.model_validate({**source, **given}), times_s, values, 0.0)
+
+
+def crank_run(lags_s: Mapping[str, float], zeros: Mapping[str, float], clock: float) -> FitRun:
+    """Return a run of a crank whose sensors have errors that their map does not tell."""
+    curves = ColumnCurves(rollout("vibration_crank", 1.6, TRUE, columns=needed_columns(list(SIGMAS))))
+    random, channels = np.random.default_rng(3), []
+    for name, sigma in SIGMAS.items():
+        times = np.arange(0.05, 1.5, 0.005)
+        true = curves.at(name, times - lags_s.get(name, 0.0))
+        shown = true + zeros.get(name, 0.0) + sigma * random.standard_normal(len(true))
+        channels.append(channel(name, sigma, times * (1.0 + clock), shown, zero="free" if name == CRANK else 0.0))
+    return placed_run(Path("run"), channels, None, begin_known=True)
+
+
+def fitted(run: FitRun) -> Identification:
+    question = IdentificationQuestion("vibration_crank", machine_parameters("vibration_crank"), tuple(TRUE), cores=1)
+    return identified(question, [run])
+
+
+def test_a_constant_offset_of_a_sensor_refutes_a_fit() -> None:
+    """It is white about its mean, and no noise all the same."""
+    found = fitted(crank_run({}, {TORQUE: 20.0}, 0.0))
+    assert {key.verdict for key in found.keys} <= {"model_error", "not_converged"}
+
+
+def test_keys_are_identified_where_the_map_tells_all() -> None:
+    found = fitted(crank_run({}, {}, 0.0))
+    for key in found.keys:
+        assert key.verdict == "identified"
+        assert abs(key.estimate - TRUE[key.key]) <= 2.0 * (key.high_95 - key.estimate)
+
+
+@pytest.mark.parametrize(("name", "rate"), [("event.blow.time", 1.0), (CRANK, 100.0)])
+def test_what_a_channel_may_be_off_does_not_grow_with_the_length_of_its_run(name: str, rate: float) -> None:
+    """Times of events and angles of a crank rise steadily: their spread is the length of the run, not a size."""
+    noises = []
+    for duration_s in (2.0, 200.0):
+        times = np.arange(0.04, duration_s, 0.04)
+        run = placed_run(Path("run"), [channel(name, 1e-9, times, rate * times)], None, begin_known=True)
+        noises.append(channel_noise(SimpleNamespace(runs=(run,)), 0)[0])  # type: ignore[arg-type]
+    assert noises[0] == pytest.approx(noises[1], rel=1e-9)
+
+
+def test_bounces_of_a_series_count_alike_in_a_run_and_in_the_part_of_it_that_is_fitted() -> None:
+    """The usual spacing of events differs between the two; which bounces follow closely must not."""
+    true = {"restitution": 0.36, "phase1_duration_s": 0.035, "mass_kg": 1.1}
+    run = rollout("impact_mass", 0.8, true, columns=needed_columns(["linkage.mass.position"]))
+    random = np.random.default_rng(0)
+    times = np.arange(0.0, 0.8, 5e-4)
+    shown = ColumnCurves(run).at("linkage.mass.position", times) + 2e-4 * random.standard_normal(len(times))
+    impacts = event_values(run, "impact", "time")
+    impacts = np.sort(impacts + 1e-5 * random.standard_normal(len(impacts)))
+    channels = [
+        channel("linkage.mass.position", 2e-4, times, shown),
+        channel("event.impact.time", 1e-5, impacts, impacts),
+    ]
+    question = IdentificationQuestion("impact_mass", machine_parameters("impact_mass"), tuple(true), cores=1)
+    found = identified(question, [placed_run(Path("run"), channels, None, begin_known=True)], share=0.2)
+    assert {key.verdict for key in found.keys} == {"identified"}
+    assert found.better
