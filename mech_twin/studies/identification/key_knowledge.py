@@ -9,7 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.held_out import refutation
+from mech_twin.measurements.measurement_map import FREE
+from mech_twin.measurements.units import unit_of
+from mech_twin.studies.identification.fit_runs import FitChannel
+from mech_twin.studies.identification.held_out import TINY, channel_noise, in_map, refutation
 from mech_twin.studies.identification.intervals import (
     Linearised,
     Uncertainty,
@@ -38,7 +41,16 @@ from mech_twin.studies.identification.refits import (
 )
 from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.staged_search import BENDING, Search
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, IdentificationQuestion, Unknowns
+from mech_twin.studies.identification.unknowns import (
+    BEGIN,
+    GAIN,
+    KEY,
+    LAG,
+    ZERO,
+    IdentificationQuestion,
+    Unknowns,
+    unknowns_of,
+)
 from mech_twin.studies.identification.verdicts import (
     Combination,
     Family,
@@ -53,6 +65,9 @@ from mech_twin.studies.identification.verdicts import (
 
 REFITS = 2  # at most, if a step or a profile shows that the fit had not converged
 PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs to try if derivatives over the whole runs are unreliable
+MOST = 0.8  # share of the squared residuals beyond noise that one cause explains, to be told
+ALIKE = 0.95  # of what the best cause explains: one that explains as much is told beside it
+LEAST_OWN = 1e-6  # share of a cause's squared effect that the fit does not follow: with less, it explains nothing
 OFFSET = 0.1  # of a half width: with a longer next step, the fit has not converged
 
 
@@ -212,6 +227,60 @@ def _widened(
     return replace(known, half_widths=halves, given_tied=given)
 
 
+def likely_cause(around: AroundFit) -> str:
+    """Return what of the sensors would explain most of the residuals of a refuted fit, with its size; empty without.
+
+    It is a zero, a gain or a lag that the map gives as a number, or the rate of the clock of all channels.  Each is
+    judged by the share of the squared residuals beyond noise that it takes away if the fit follows, to first order.
+    """
+    fitted, line = around.fitted, around.line
+    problem, masks = fitted.problem, fitted.comparison.masks
+    opened = [replace(run, channels=tuple(map(_all_open, run.channels))) for run in problem.runs]
+    unknowns = unknowns_of(problem.model.keyed, problem.model.keyed.bounds(), opened)
+    x = carried_over(fitted, unknowns)
+    rows = FitProblem(problem.model, unknowns).jacobian(x, fitted.comparison, np.zeros(len(x), dtype=np.bool_))
+    samples, lags, places = len(rows), unknowns.places(LAG), problem.places()
+    over_noise = np.array([fitted.comparison.sigmas[j] / channel_noise(problem, j)[0] for _, j in places])
+    weights = over_noise[line.channels[:samples]]
+    rows *= (weights * robust_weights(problem.residuals(fitted.x, fitted.comparison)[:samples]))[:, None]
+    root, _ = np.linalg.qr(line.jacobian[:samples] * weights[:, None])
+
+    def left_by_fit(column: Array) -> Array:
+        return np.asarray(column - root @ (root.T @ column))
+
+    off = left_by_fit(line.residuals[:samples] * weights)
+
+    def explained(column: Array) -> tuple[float, float]:
+        own = left_by_fit(column)
+        power, shared = float(own @ own), float(own @ off)
+        return (shared**2 / power, -shared / power) if power > LEAST_OWN * float(column @ column) else (0.0, 0.0)
+
+    tried = []
+    for i in unknowns.places(ZERO, GAIN, LAG).tolist():
+        kind, channel = unknowns.all[i].kind, problem.runs[0].channels[unknowns.all[i].place]
+        if channel.of_events or problem.unknowns.of_channel(kind, 0, unknowns.all[i].place) is not None:
+            continue
+        won, step = explained(rows[:, i])
+        wrong = in_map(kind, (float(x[i]) + step) * unknowns.all[i].scale, channel)
+        unit = {ZERO: f" {channel.channel.unit or unit_of(channel.name)}", GAIN: " times", LAG: " s"}[kind]
+        tried.append((won, f"a {kind} of {channel.name} that is off by {wrong:.3g}{unit}"))
+    times = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
+    won, rate = explained((rows[:, lags] / unknowns.scales[lags]).sum(axis=1) * times)
+    way = "fast" if rate > 0.0 else "slow"
+    tried.append((won, f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"))
+    most, _ = max(tried)
+    words = " or ".join(word for won, word in tried if won >= ALIKE * most)
+    share = min(most / max(float(off @ off) - samples, TINY), 1.0)
+    return f"; {words} would explain {100.0 * share:.0f} % of what noise does not" if share > MOST else ""
+
+
+def _all_open(channel: FitChannel) -> FitChannel:
+    """Return a channel of which the map leaves zero, gain and lag free, where it gives numbers."""
+    given = channel.channel
+    words = {kind: FREE for kind in ("zero", "gain", "lag_s") if not isinstance(getattr(given, kind), str)}
+    return replace(channel, channel=given.model_copy(update=words))
+
+
 def combined(
     question: IdentificationQuestion,
     refits: Refits,
@@ -269,6 +338,8 @@ def verdicts_of(
     lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
     if lacking is None:
         found = combined(question, around.refits(), seen, chosen, given, progress)
+    else:
+        lacking += likely_cause(around)
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),

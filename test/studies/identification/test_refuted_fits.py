@@ -54,10 +54,23 @@ def fitted(run: FitRun) -> Identification:
     return identified(question, [run])
 
 
-def test_a_constant_offset_of_a_sensor_refutes_a_fit() -> None:
-    """It is white about its mean, and no noise all the same."""
-    found = fitted(crank_run({}, {TORQUE: 20.0}, 0.0))
+@pytest.mark.parametrize(
+    ("errors", "told", "size"),
+    [
+        ({"zeros": {TORQUE: 20.0}}, f"a zero of {TORQUE} that is off by", 20.0),
+        ({"lags_s": {SLIDER: 0.004}}, f"a lag of {SLIDER} that is off by", 0.004),
+        ({"clock": 0.002}, "a clock", 0.2),
+    ],
+)
+def test_an_error_of_a_sensor_that_the_map_does_not_tell_is_the_cause_that_is_told(
+    errors: dict[str, Any], told: str, size: float
+) -> None:
+    """A constant offset is white about its mean, and refutes the fit all the same."""
+    found = fitted(crank_run(**{"lags_s": {}, "zeros": {}, "clock": 0.0, **errors}))
     assert {key.verdict for key in found.keys} <= {"model_error", "not_converged"}
+    _, _, words = found.keys[0].reason.partition(f"{told} ")
+    assert float(words.split()[0]) == pytest.approx(size, rel=0.03)
+    assert "what noise does not" in words
 
 
 def test_keys_are_identified_where_the_map_tells_all() -> None:
