@@ -252,6 +252,7 @@ def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:
         check_output_file(request.out, force=request.force)
     unused: dict[str, object] = {"--fix": request.fixed, "--prior": request.priors, "--scheduler": request.scheduler}
     unused[f"--hold-out {request.hold_out}"] = request.held_out_share is not None
+    unused |= {f"--free {text}": "=" in text for text in request.free}
     for option, given in unused.items():
         if given:
             raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")

@@ -6,8 +6,9 @@ The measured crank angle q drives the model x; every other measured position y i
     y(t) = x(q(t - lag) - crank_zero; keys) + zero
 
 Keys are shared by all runs.  The zero of the crank is estimated for each run (``per_run``) or for all together
-(``free``), and so are the zeros of the channels.  Errors within one run are correlated.  So the interval is that of the
-jackknife over runs (Student's t with runs - 1 degrees of freedom), where it is wider than that of least squares.
+(``free``), and so are the zeros of the channels.  Each channel counts by its own residuals: without that, a key that
+one channel tells would have the interval of the others.  Errors within one run are correlated.  So the interval is that
+of the jackknife over runs (Student's t with runs - 1 degrees of freedom), where it is wider than that of least squares.
 
 The model gives positions as functions of the crank angle and of free keys.
 """
@@ -35,6 +36,7 @@ from mech_twin.measurements.units import TURN
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.parameters.written_configuration import leaves
 from mech_twin.roles import CrankState, GuidedLinkage
+from mech_twin.studies.identification.intervals import remembered_noise
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
     declared_field,
@@ -51,7 +53,8 @@ REFUSED = 1e3  # residual, in standard deviations, of a rejected configuration
 LAG_SCALE_S = 1e-3
 UNSEEN = 1e-6  # of the largest singular value: below it a direction is not observable
 LOST = 3e-8  # of the same: below it a direction is rounding error
-AUTOCORRELATED = 0.999
+LEAST_NOISE = 1e-6  # of a channel's standard deviation
+ROUNDS = 2  # of weighting by the residuals
 
 
 @dataclass(frozen=True)
@@ -84,12 +87,15 @@ class GeometryModel(KeyedConfiguration):
 
 def lengths(name: str, base: Parameters, columns: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys in metres that the positions in ``columns`` depend on."""
-    found = []
-    for key in machine_keys(name, base):
-        model = GeometryModel(name, base, (key,), columns)
-        if unit_at(type(base), key) == "m" and _moves(model, model.values() + LENGTHENED * model.scales()):
-            found.append(key)
-    return tuple(found)
+    metres = tuple(key for key in machine_keys(name, base) if unit_at(type(base), key) == "m")
+    return moving(GeometryModel(name, base, metres, columns)).keys
+
+
+def moving(model: GeometryModel) -> GeometryModel:
+    """Return the model with only those of its free keys that move a position."""
+    alone = [replace(model, keys=(key,)) for key in model.keys]
+    found = [one.keys[0] for one in alone if _moves(one, one.values() + LENGTHENED * one.scales())]
+    return replace(model, keys=tuple(found))
 
 
 def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tuple[dict[str, str], GeometryModel]]:
@@ -144,7 +150,10 @@ class GeometryData:
 
 @dataclass(frozen=True)
 class GeometryFit:
-    """A fit over several runs: keys, crank zeros (rad), lags (s), residuals over their channel's standard deviation."""
+    """A fit over several runs: keys, crank zeros (rad), lags (s), residuals over their channel's standard deviation.
+
+    Jacobian and cost are those of the residuals times ``weights`` of their channels, shape (channels,).
+    """
 
     keys: Array
     crank_zeros: Array
@@ -152,6 +161,7 @@ class GeometryFit:
     residuals: tuple[tuple[Array, ...], ...]
     jacobian: Array
     cost: float
+    weights: Array
 
 
 def geometry_data(run: MeasuredRun, columns: Sequence[str]) -> GeometryData:
@@ -180,9 +190,17 @@ class GeometryProblem:
     ----------
     fixed_keys : ndarray, optional
         Fixed values of all keys; then only zeros and lags are fitted.
+    weights : ndarray, optional
+        Shape (channels,): of residuals over the standard deviation of their channel; 1 if absent.
     """
 
-    def __init__(self, model: GeometryModel, runs: Sequence[GeometryData], fixed_keys: Array | None = None) -> None:
+    def __init__(
+        self,
+        model: GeometryModel,
+        runs: Sequence[GeometryData],
+        fixed_keys: Array | None = None,
+        weights: Array | None = None,
+    ) -> None:
         self._model, self._runs = model, tuple(runs)
         self._known: tuple[tuple[float, ...], Mapping[str, CubicSpline] | None] | None = None
         self._start = model.values() if fixed_keys is None else fixed_keys
@@ -192,6 +210,7 @@ class GeometryProblem:
             self._zeros = 0
         channels = runs[0].channels
         self._lag_places = [i for i, channel in enumerate(channels) if isinstance(channel.channel.lag_s, str)]
+        self._weights = np.ones(len(channels)) if weights is None else weights
         self._scales = [np.mean([np.std(run.channels[i].values) for run in runs]) for i in range(len(channels))]
 
     def solved(self, start: Array | None = None) -> GeometryFit:
@@ -204,7 +223,7 @@ class GeometryProblem:
         found = self._least_squares(start, coarse=False)
         keys, zeros, lags = self._unpacked(found.x)
         parts = self._parts(found.x, coarse=False)
-        return GeometryFit(keys, zeros, lags, parts, found.jac, float(found.cost))
+        return GeometryFit(keys, zeros, lags, parts, found.jac, float(found.cost), self._weights)
 
     def packed(self, fit: GeometryFit, runs: Sequence[int]) -> Array:
         """Return a fit over all runs as the start vector of a fit over some of them."""
@@ -234,7 +253,8 @@ class GeometryProblem:
         )
 
     def _residuals(self, x: Array, coarse: bool) -> Array:
-        return np.concatenate([part for parts in self._parts(x, coarse=coarse) for part in parts])
+        found = self._parts(x, coarse=coarse)
+        return np.concatenate([part * self._weights[i] for parts in found for i, part in enumerate(parts)])
 
     def _parts(self, x: Array, *, coarse: bool) -> tuple[tuple[Array, ...], ...]:
         """Return the residuals of each channel in each run over its standard deviation; unknown zeros are removed."""
@@ -293,19 +313,27 @@ def unseen(fit: GeometryFit, keys: int) -> Array:
     return np.where(size > 0.0, share, 1.0)[:keys]
 
 
+def weighted(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> GeometryFit:
+    """Return the fit with each channel weighted by its residuals, from the start of one with equal weights."""
+    for _ in range(ROUNDS):
+        channels = [np.concatenate([parts[i] for parts in fit.residuals]) for i in range(len(runs[0].channels))]
+        weights = 1.0 / np.array([max(float(np.sqrt(np.mean(part**2))), LEAST_NOISE) for part in channels])
+        problem = GeometryProblem(model, runs, weights=weights)
+        fit = problem.solved(problem.packed(fit, range(len(runs))))
+    return fit
+
+
 def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
-    """Return the least-squares standard errors of the keys, corrected for the autocorrelation of the residuals."""
-    residuals = [part for parts in fit.residuals for part in parts]
-    count = sum(len(part) for part in residuals)
-    total = sum(float(part @ part) for part in residuals)
-    following = [(float(part[1:] @ part[:-1]), float(part @ part)) for part in residuals]
-    rho = sum(a for a, _ in following) / max(sum(b for _, b in following), 1e-300)
-    rho = min(max(rho, 0.0), AUTOCORRELATED)
-    inflation = np.sqrt((1.0 + rho) / (1.0 - rho))
+    """Return the least-squares standard errors of the keys, the larger of those for white and correlated residuals."""
+    parts = [part * fit.weights[i] for parts in fit.residuals for i, part in enumerate(parts)]
+    channels = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    residuals, unknowns = np.concatenate(parts), fit.jacobian.shape[1]
     # pinv of J itself: pinv(J^T J) may give negative variances if a direction is hardly observable
-    variances = np.sum(np.linalg.pinv(fit.jacobian, rcond=LOST) ** 2, axis=1)
-    variances *= total / max(count - fit.jacobian.shape[1], 1)
-    return np.asarray(np.sqrt(variances[:keys]) * scale * inflation)
+    inverse = np.asarray(np.linalg.pinv(fit.jacobian, rcond=LOST), dtype=np.float64)
+    white = np.sum(inverse**2, axis=1) * float(residuals @ residuals) / max(len(residuals) - unknowns, 1)
+    covariance, samples = remembered_noise(inverse.T, residuals, channels)
+    correlated = np.diag(covariance) * samples / max(samples - unknowns, 1.0)
+    return np.asarray(np.sqrt(np.maximum(white, correlated)[:keys]) * scale)
 
 
 def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> Array | None:
@@ -315,7 +343,7 @@ def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryF
     found = []
     for out in range(len(runs)):
         kept = [i for i in range(len(runs)) if i != out]
-        problem = GeometryProblem(model, [runs[i] for i in kept])
+        problem = GeometryProblem(model, [runs[i] for i in kept], weights=fit.weights)
         found.append(problem.solved(problem.packed(fit, kept)).keys)
     keys = np.array(found)
     return np.asarray(np.sqrt((len(runs) - 1) / len(runs) * np.sum((keys - keys.mean(axis=0)) ** 2, axis=0)))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,9 +18,13 @@ from mech_twin.studies.identification.geometry_fit import (
     fit_percent,
     half_width,
     jackknife,
+    moving,
     own_errors,
     unseen,
+    weighted,
 )
+from mech_twin.studies.identification.held_out import BY_CHANCE, ljung_box
+from mech_twin.studies.identification.keyed_configuration import declared_bounds
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
     IDENTIFIED,
@@ -108,48 +112,64 @@ def geometry_report(
 ) -> tuple[GeometryReport, GeometryModel]:
     """Return the fit over the runs with intervals and the score on a held-out run; and the fitted model.
 
-    On the held-out run, only the parameters of a run (zero of the crank, zeros of the channels, lags) are fitted, once
-    with the estimated and once with the configured keys.  ``fixed`` as in `fitted_assembly`.
+    A key that moves no position stays as configured.  On the held-out run, only the parameters of a run (zero of the
+    crank, zeros of the channels, lags) are fitted, once with the estimated and once with the configured keys.
+    ``fixed`` as in `fitted_assembly`.
     """
-    configured = model
+    asked, configured = model, moving(model)
     assembly, model = fitted_assembly(configured, runs, fixed)
     runs = [run.turning(assembly.sense) for run in runs]
     problem = GeometryProblem(model, runs)
-    fit = problem.solved()
-    count = len(model.keys)
-    errors = own_errors(fit, count, problem.key_scale())
+    fit = weighted(model, runs, problem.solved())
+    errors = own_errors(fit, len(model.keys), problem.key_scale())
     left_out = jackknife(model, runs, fit)
     errors = errors if left_out is None else np.maximum(errors, left_out)
     names = [channel.name for channel in runs[0].channels]
     fits = {name: min(fit_percent(fit, run, i) for run in range(len(runs))) for i, name in enumerate(names)}
     report = GeometryReport(
-        _keys(model, fit, errors, half_width(errors, len(runs)), min(fits.values())),
+        _keys(asked, model, fit, errors, half_width(errors, len(runs))),
         fits,
         tuple(fit.lags_s.tolist()),
         () if held_out is None else _scores((model, configured), held_out, assembly.sense, fit.keys, names),
         assembly,
     )
-    return report, model
+    return report, replace(model, keys=asked.keys)
 
 
 def _keys(
-    model: GeometryModel, fit: GeometryFit, errors: Array, widths: Array, worst_fit: float
+    asked: GeometryModel, model: GeometryModel, fit: GeometryFit, errors: Array, widths: Array
 ) -> tuple[KeyVerdict, ...]:
-    shares, found = unseen(fit, len(model.keys)), []
-    for i, (key, before) in enumerate(zip(model.keys, model.values().tolist(), strict=True)):
+    """Return the verdict on each key that was asked for; the model holds those that move a position."""
+    shares, off, found = unseen(fit, len(model.keys)), _misfit(fit), []
+    for key, before in zip(asked.keys, asked.values().tolist(), strict=True):
+        low, high = declared_bounds(type(asked.base), key)
+        if key not in model.keys:
+            found.append(KeyVerdict(key, before, before, np.nan, low, high, NOT_EXCITED, "no channel depends on it"))
+            continue
+        i = model.keys.index(key)
+        value, width = float(fit.keys[i]), float(widths[i])
         verdict, reason = IDENTIFIED, "observable, with an interval within half its value"
-        if not np.any(fit.jacobian[:, i]):
-            verdict, reason = NOT_EXCITED, "no channel depends on it"
-        elif shares[i] > COMBINED:
+        if shares[i] > COMBINED:
             partners = ", ".join(k for j, k in enumerate(model.keys) if j != i and shares[j] > COMBINED)
             verdict, reason = COMBINATION, f"its effect equals that of {partners or 'the zeros and lags'}"
-        elif worst_fit < LEAST_FIT_PERCENT:
-            verdict, reason = MODEL_ERROR, f"a channel fits to {worst_fit:.1f} % only: another assembly or mechanism?"
-        value, width = float(fit.keys[i]), float(widths[i])
-        if verdict == IDENTIFIED and width > WIDEST * abs(value):
+        elif off is not None:
+            verdict, reason = MODEL_ERROR, f"a channel fits to {off:.1f} % only: another assembly or mechanism?"
+        elif width > WIDEST * abs(value):
             verdict, reason = NOT_EXCITED, "its interval is wider than half its value"
-        found.append(KeyVerdict(key, before, value, float(errors[i]), value - width, value + width, verdict, reason))
+        ends = max(value - width, low), min(value + width, high)
+        found.append(KeyVerdict(key, before, value, float(errors[i]), *ends, verdict, reason))
     return tuple(found)
+
+
+def _misfit(fit: GeometryFit) -> float | None:
+    """Return the fit (percent) of the channel that fits worst, too badly and not by noise; None without one."""
+    every = [(run, i) for run, parts in enumerate(fit.residuals) for i in range(len(parts))]
+    off = [
+        percent
+        for run, i in every
+        if (percent := fit_percent(fit, run, i)) < LEAST_FIT_PERCENT and ljung_box(fit.residuals[run][i]) < BY_CHANCE
+    ]
+    return min(off, default=None)
 
 
 def _scores(

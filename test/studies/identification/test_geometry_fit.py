@@ -138,6 +138,7 @@ def test_another_assembly_is_a_model_error_and_not_identified(stand: Path) -> No
     [
         (("--free", "crank_mm"), ("--free crank_mm", "a number")),
         (("--free", "slider"), ("--free slider", "a number")),
+        (("--free", "crank_m=0.1:0.2"), ("--free crank_m=0.1:0.2: not used", "--motion simulated")),
         (("--free", "crank_m", "--hold-out", "other.csv"), ("--hold-out other.csv", "at least two runs")),
     ],
 )
@@ -154,7 +155,7 @@ def test_keys_that_act_together_are_found_by_the_direction_that_is_not_seen() ->
     random = np.random.default_rng(2)
     one, other = random.standard_normal((2, 50))
     jacobian = np.stack([one, -3.0 * one, other, np.zeros(50)], axis=1)
-    fit = GeometryFit(np.ones(3), np.zeros(0), np.zeros(1), (), jacobian, 0.0)
+    fit = GeometryFit(np.ones(3), np.zeros(0), np.zeros(1), (), jacobian, 0.0, np.ones(1))
     assert unseen(fit, 3) == pytest.approx([0.5**0.5, 0.5**0.5, 0.0], abs=1e-9)
     assert unseen(fit, 4)[3] == 1.0
 
