@@ -36,11 +36,12 @@ from mech_twin.studies.identification.bounces import Bounces, bounces, restituti
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data, lengths
 from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
-from mech_twin.studies.identification.identification import Identification, identified
+from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
 from mech_twin.studies.identification.keyed_configuration import (
     AUTO,
     KeyedConfiguration,
     assumed_keys,
+    declared_bounds,
     machine_keys,
 )
 from mech_twin.studies.identification.sensor_plan import sensor_plan
@@ -48,7 +49,6 @@ from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, Combination, KeyVerdict
 from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 
-DEFAULT_SHARE = 0.2
 MOST_SHOWN = 12  # of what would help
 FEWEST_RUNS_TO_HOLD_OUT = 3
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
@@ -82,7 +82,7 @@ def identify_machine(request: IdentifyVerb) -> None:
         check_out(request.out, force=request.force)
     question = _question(request)
     fitted, held = split_runs(request)
-    share = request.held_out_share if request.held_out_share is not None else 0.0 if held else DEFAULT_SHARE
+    share = request.held_out_share if request.held_out_share is not None else 0.0 if held else HOLD_OUT_SHARE
     runs = [_run(path, request, turn) for path in fitted]
     with bar("identifying", "SpinnerColumn", "{task.description}") as update:
 
@@ -253,9 +253,8 @@ def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:
     unused: dict[str, object] = {"--fix": request.fixed, "--prior": request.priors, "--scheduler": request.scheduler}
     unused[f"--hold-out {request.hold_out}"] = request.held_out_share is not None
     unused |= {f"--free {text}": "=" in text for text in request.free}
-    for option, given in unused.items():
-        if given:
-            raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
+    for option in filter(unused.get, unused):
+        raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
     given, base = request.given_map, request.parameters
     columns = _led_columns(request, given, turn)
     keys = tuple(key for key in request.free if key != AUTO)
@@ -267,14 +266,13 @@ def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:
     model = GeometryModel(request.machine, base, keys, columns)
     model.values()  # a key that is wrong is named before the runs are read
     fitted, held = split_runs(request)
-    held_out = next(iter(held), None)
     runs, kept = ([geometry_data(_checked(p, request, turn), columns) for p in paths] for paths in (fitted, held))
     chosen = [text.partition("=")[0].strip() for text in request.settings]
     report, model = geometry_report(model, runs, next(iter(kept), None), chosen)
-    _show_lengths(request, report, held_out, time.monotonic() - began)
+    _show_lengths(request, report, next(iter(held), None), time.monotonic() - began)
     if not report.better:
         found = any(key.verdict == IDENTIFIED for key in report.keys)
-        say(f"{f'{held_out}: fits no better than before' if found else 'no key is identified'}; nothing is written")
+        say(f"{f'{held[0]}: fits no better than before' if found else 'no key is identified'}; nothing is written")
         raise SystemExit(FOUND)
     values = [key.estimate if key.verdict == IDENTIFIED else key.before for key in report.keys]
     _write_found(request, model.parameters(values), report.keys, fitted)
@@ -341,7 +339,6 @@ def identify_bounces(request: IdentifyVerb) -> None:
     if request.out is not None:
         check_output_file(request.out, force=request.force)
     keyed = KeyedConfiguration(request.machine, request.parameters, (BOUNCE_KEY,))
-    (before,) = keyed.values().tolist()
     runs = []
     for path in request.runs:
         try:
@@ -351,14 +348,17 @@ def identify_bounces(request: IdentifyVerb) -> None:
     if not runs:
         raise CommandError(f"{request.machine}: none of the runs shows bounces; expected positions, or --map FILE")
     found = restitution(runs)
-    low, high = found.value - found.half_width, found.value + found.half_width
+    ends = np.array([-1.0, 1.0]) * found.half_width + found.value
+    low, high = ends.clip(*declared_bounds(type(request.parameters), BOUNCE_KEY)).tolist()
     narrow = found.half_width <= WIDEST * found.value
     reason = "flights between bounces shorten by it" if narrow else "the runs leave it open by more than half of itself"
-    verdict = IDENTIFIED if narrow else NOT_EXCITED
+    verdict, before = IDENTIFIED if narrow else NOT_EXCITED, float(keyed.values()[0])
     key = KeyVerdict(BOUNCE_KEY, before, found.value, found.standard_error, low, high, verdict, reason)
     _show_bounces(request, key, runs, found.used, time.monotonic() - began)
-    if narrow:
-        _write_found(request, keyed.parameters([found.value]), [key], (path.name for path in found.used))
+    if not narrow:
+        say(f"{reason}; nothing is written")
+        raise SystemExit(FOUND)
+    _write_found(request, keyed.parameters([found.value]), [key], (path.name for path in found.used))
 
 
 def _columns(path: Path) -> tuple[Array, dict[str, Array]]:

@@ -31,6 +31,7 @@ LARGEST_RATIO = 1.2  # of a flight to the previous one: above 1 because of noise
 NO_LOSS = 1e-9
 ROUNDS = 5
 LEAST_FLIGHT = 0.03  # of the range of positions: lower flights are below the resolution
+MOST_SCATTER = 0.1  # of the range of positions: turning points farther apart are no bounces off one stop
 FEWEST_BOUNCES = 3
 FEWEST_CLEAN = 2  # runs without a missed or false bounce; with this many, the others are left out
 
@@ -41,7 +42,7 @@ class Estimate(NamedTuple):
     Attributes
     ----------
     value, standard_deviation : float
-        The number, and its standard deviation.
+        The number, and its standard deviation; NaN where the events are as many as the unknowns.
     used : int
         Number of events used.
     missed, false : tuple of int
@@ -155,7 +156,7 @@ def _fitted(series: _Series, times: Array, numbers: Array) -> tuple[_Series, flo
     found = least_squares(
         off, series, x_scale=(series.flight_s, series.flight_s, 0.1), xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
-    variance = 2.0 * found.cost / max(len(times) - 3, 1)
+    variance = 2.0 * found.cost / (len(times) - 3) if len(times) > 3 else np.nan
     covariance = variance * np.linalg.pinv(found.jac.T @ found.jac)
     return _Series(*(float(value) for value in found.x)), float(np.sqrt(covariance[2, 2]))
 
@@ -223,7 +224,7 @@ def bounces(path: Path, times_s: Array, columns: Mapping[str, Array]) -> Bounces
         (name, sign, *bounce_times(times_s, sign * values)) for name, values in columns.items() for sign in (1, -1)
     ]
     for name, _, times, spread in sorted(tried, key=lambda each: each[3]):
-        if not np.isfinite(spread):
+        if not spread <= MOST_SCATTER:
             break
         try:
             return Bounces(path, name, times, restitution_from_flights(times))
@@ -237,13 +238,15 @@ def bounces(path: Path, times_s: Array, columns: Mapping[str, Array]) -> Bounces
 def restitution(runs: Sequence[Bounces]) -> Restitution:
     """Return the mean restitution over runs; runs with missed or false bounces are left out if enough are clean.
 
-    The interval comes from the scatter between runs; for one run, from that of its flights.
+    The interval comes from the scatter between runs; for one run, from that of its flights, which three bounces lack.
     """
     clean = [run for run in runs if run.clean]
     used = clean if len(clean) >= FEWEST_CLEAN else list(runs)
     values = np.array([run.found.value for run in used])
-    own = float(np.sqrt(np.mean([run.found.standard_deviation**2 for run in used]) / len(used)))
+    known = [run.found.standard_deviation for run in used if np.isfinite(run.found.standard_deviation)]
+    own = float(np.sqrt(np.mean(np.square(known)) / len(used))) if known else 0.0
     if len(used) == 1:
+        own = own if known else np.inf
         freedom = max(used[0].found.used - 3, 1)
         return Restitution(float(values[0]), own, own * float(stats.t.ppf(0.975, freedom)), (used[0].path,))
     error = max(float(values.std(ddof=1)) / len(used) ** 0.5, own)

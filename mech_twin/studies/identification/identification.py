@@ -41,7 +41,6 @@ from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, O
 
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2
-FEWEST_RUNS_TO_HOLD_OUT = 3
 WORSE = 1.2  # times the misfit: a worse fit with fewer keys is rejected
 CHOICES = 3  # rounds of choosing the keys to estimate, each at the last fit
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import mech_twin
 
 from mech_twin.errors import MeasurementError
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
@@ -66,3 +67,35 @@ def test_a_column_without_bounces_is_refused_in_one_line() -> None:
     times = np.linspace(0.0, 1.0, 50)
     with pytest.raises(MeasurementError, match="no column shows bounces"):
         bounces(Path("line"), times, {"y": times})
+
+
+def test_apexes_that_come_down_are_no_bounces() -> None:
+    """Held at 1 m and let go, a ball that keeps half its speed shows two bounces, and three apexes above them."""
+    times, heights = dropped(0.5)
+    held = np.arange(-0.2, -1e-9, 1.0 / 240.0)
+    noise = 0.003 * np.random.default_rng(1).standard_normal(len(held) + len(times))
+    rise = np.concatenate([np.full(len(held), heights.max()), heights]) + noise
+    with pytest.raises(MeasurementError, match="at least three"):
+        bounces(Path("drop"), np.concatenate([held, times]), {"y": rise})
+
+
+def test_three_bounces_fix_the_restitution_and_leave_nothing_for_its_error() -> None:
+    times, heights = dropped(0.9)
+    whole = bounces(Path("whole"), times, {"y": heights})
+    kept = times < whole.times_s[2] + 0.3
+    three = bounces(Path("three"), times[kept], {"y": heights[kept]})
+    assert len(three.times_s) == 3
+    assert restitution([three]).half_width == np.inf
+    both = restitution([three, whole])
+    assert 0.0 < both.half_width < 0.2
+
+
+def test_a_restitution_that_the_run_leaves_open_is_not_written_and_ends_with_1(tmp_path: Path) -> None:
+    times, heights = dropped(0.8)
+    kept = times < bounces(Path("drop"), times, {"y": heights}).times_s[2] + 0.2
+    run, out = tmp_path / "three.csv", tmp_path / "found.yaml"
+    np.savetxt(run, np.column_stack([times, heights])[kept], delimiter=",", header="t,y", comments="")
+    ended = mech_twin("identify", "impact_mass", run, "--out", out)
+    assert ended.code == 1
+    assert "nothing is written" in ended.err
+    assert not out.exists()
