@@ -144,7 +144,7 @@ class Assembly:
                 continue
             if drive.joint not in places:
                 raise ConfigurationError(
-                    f"drives.{name}.joint: '{drive.joint}' closes a loop whose other joints are driven already"
+                    f"drives.{name}.joint: '{drive.joint}' closes a loop whose other joints are driven or welds already"
                 )
             speed = drive.speed_m_per_s if drive.speed_rpm is None else drive.speed_rpm * RPM
             found[places[drive.joint]] = float(speed or 0.0)
@@ -302,8 +302,8 @@ class Assembly:
 
     @property
     def _order(self) -> list[int]:
-        """Coordinates in order of preference as independent: driven joints, free bodies, revolutes on the ground."""
-        drives = [drive.joint for drive in self.page.drives.values()]
+        """Coordinates in order of preference as independent: driven, free, turning with a start value, the others."""
+        drives, started = [drive.joint for drive in self.page.drives.values()], self._guess[1]
 
         def rank(j: int) -> tuple[int, int]:
             branch = next(b for b in reversed(self.structure.branches) if b.coordinate <= j and self._count(b.joint))
@@ -313,7 +313,8 @@ class Assembly:
             if joint.kind == FREE:
                 return 1, j
             grounded = 0 in (joint.first, joint.second)
-            return (2 if grounded and joint.kind == REVOLUTE else 3 if grounded else 4), j
+            turning = joint.kind == REVOLUTE and (grounded or started[j])
+            return (2 if turning else 4) + (0 if grounded else 1), j
 
         return sorted(range(self.structure.size), key=rank)
 
