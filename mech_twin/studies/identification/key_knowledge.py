@@ -248,7 +248,8 @@ def likely_cause(around: AroundFit) -> str:
     def left_by_fit(column: Array) -> Array:
         return np.asarray(column - root @ (root.T @ column))
 
-    off = left_by_fit(line.residuals[:samples] * weights)
+    all_off = line.residuals[:samples] * weights
+    off, beyond = left_by_fit(all_off), float(all_off @ all_off) - samples
 
     def explained(column: Array) -> tuple[float, float]:
         own = left_by_fit(column)
@@ -270,7 +271,7 @@ def likely_cause(around: AroundFit) -> str:
     tried.append((won, f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"))
     most, _ = max(tried)
     words = " or ".join(word for won, word in tried if won >= ALIKE * most)
-    share = min(most / max(float(off @ off) - samples, TINY), 1.0)
+    share = min(most / max(beyond, most, TINY), 1.0) if beyond > 0.0 else 0.0
     return f"; {words} would explain {100.0 * share:.0f} % of what noise does not" if share > MOST else ""
 
 

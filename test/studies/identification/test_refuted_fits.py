@@ -73,6 +73,16 @@ def test_an_error_of_a_sensor_that_the_map_does_not_tell_is_the_cause_that_is_to
     assert "what noise does not" in words
 
 
+def test_no_sensor_is_to_blame_for_a_prior_that_the_run_contradicts() -> None:
+    """Without the prior the keys would explain the residuals, and nothing is left for a sensor."""
+    base, wrong = machine_parameters("vibration_crank"), {"masses.tree_kg": (50.0, 0.02)}
+    question = IdentificationQuestion("vibration_crank", base, tuple(TRUE), {}, wrong, cores=1)
+    found = identified(question, [crank_run({}, {}, 0.0)])
+    for key in found.keys:
+        assert key.verdict in ("model_error", "not_converged")
+        assert "would explain" not in key.reason
+
+
 def test_keys_are_identified_where_the_map_tells_all() -> None:
     found = fitted(crank_run({}, {}, 0.0))
     for key in found.keys:
