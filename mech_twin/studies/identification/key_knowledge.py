@@ -242,7 +242,8 @@ def likely_cause(around: AroundFit) -> str:
     samples, lags, places = len(rows), unknowns.places(LAG), problem.places()
     over_noise = np.array([fitted.comparison.sigmas[j] / channel_noise(problem, j)[0] for _, j in places])
     weights = over_noise[line.channels[:samples]]
-    rows *= (weights * robust_weights(problem.residuals(fitted.x, fitted.comparison)[:samples]))[:, None]
+    robust = weights * robust_weights(problem.residuals(fitted.x, fitted.comparison)[:samples])
+    rows *= robust[:, None]
     root, _ = np.linalg.qr(line.jacobian[:samples] * weights[:, None])
 
     def left_by_fit(column: Array) -> Array:
@@ -259,14 +260,20 @@ def likely_cause(around: AroundFit) -> str:
     tried = []
     for i in unknowns.places(ZERO, GAIN, LAG).tolist():
         kind, channel = unknowns.all[i].kind, problem.runs[0].channels[unknowns.all[i].place]
-        if channel.of_events or problem.unknowns.of_channel(kind, 0, unknowns.all[i].place) is not None:
+        is_open = problem.unknowns.of_channel(kind, 0, unknowns.all[i].place) is not None
+        if is_open or channel.of_events or (channel.turns and kind == GAIN):  # which would be the clock of an angle
             continue
         won, step = explained(rows[:, i])
         wrong = in_map(kind, (float(x[i]) + step) * unknowns.all[i].scale, channel)
         unit = {ZERO: f" {channel.channel.unit or unit_of(channel.name)}", GAIN: " times", LAG: " s"}[kind]
-        tried.append((won, f"a {kind} of {channel.name} that is off by {wrong:.3g}{unit}"))
+        tried.append((won, f"a {kind} of {channel.name} that is off by {wrong:.4g}{unit}"))
     times = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
-    won, rate = explained((rows[:, lags] / unknowns.scales[lags]).sum(axis=1) * times)
+    by_delay = (rows[:, lags] / unknowns.scales[lags]).sum(axis=1)
+    for number, (i, j) in enumerate(places):
+        if problem.runs[i].channels[j].of_events and problem.runs[i].channels[j].field == "time":
+            own = line.channels[:samples] == number
+            by_delay[own] = -robust[own] / fitted.comparison.sigmas[j]
+    won, rate = explained(by_delay * times)
     way = "fast" if rate > 0.0 else "slow"
     tried.append((won, f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"))
     most, _ = max(tried)

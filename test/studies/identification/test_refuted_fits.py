@@ -118,3 +118,14 @@ def test_bounces_of_a_series_count_alike_in_a_run_and_in_the_part_of_it_that_is_
     found = identified(question, [placed_run(Path("run"), channels, None, begin_known=True)], share=0.2)
     assert {key.verdict for key in found.keys} == {"identified"}
     assert found.better
+
+
+def test_times_of_events_tell_a_wrong_clock_too() -> None:
+    """A clock is told of events as of samples: the same share of the time since the start."""
+    true = {"restitution": 0.36, "mass_kg": 1.1}
+    impacts = 1.002 * event_values(rollout("impact_mass", 0.4, true), "impact", "time")
+    only = channel("event.impact.time", 1e-5, impacts, impacts)
+    question = IdentificationQuestion("impact_mass", machine_parameters("impact_mass"), tuple(true), cores=1)
+    found = identified(question, [placed_run(Path("run"), [only], None, begin_known=True)])
+    assert "a clock 0." in found.keys[0].reason
+    assert "too fast" in found.keys[0].reason
