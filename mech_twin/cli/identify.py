@@ -98,7 +98,7 @@ def identify_machine(request: IdentifyVerb) -> None:
         _show_found(found)
     if not found.better:
         say(f"{found.lack}; no configuration is written")
-        if request.begin == "start" and any(key.verdict == "model_error" for key in found.keys):
+        if request.begin == "start" and {key.verdict for key in found.keys} & {"model_error", "not_converged"}:
             say("the runs were taken to begin at the start of the machine; else --begin unknown searches the beginning")
         raise SystemExit(FOUND)
     if request.out is not None:

@@ -353,7 +353,8 @@ def _verdict(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formu
 def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> tuple[str, str]:
     """Return the verdict on a key and its reason."""
     unseen = _not_seen_alone(evidence, i, tied, formulas)
-    if unseen is not None and (unseen[0] != COMBINATION or evidence.refuted is None):
+    # beside a refuted fit, whose residuals count as noise, any effect may look small
+    if unseen is not None and (evidence.refuted is None or evidence.sensitivity.effects[i] < LEAST_OF_ZERO):
         return unseen
     if evidence.refuted is not None:
         return evidence.refuted

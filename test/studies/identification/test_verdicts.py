@@ -14,6 +14,7 @@ from mech_twin.studies.identification.verdicts import (
     IDENTIFIED,
     MODEL_ERROR,
     NOT_CONVERGED,
+    NOT_EXCITED,
     Combination,
     KeyEvidence,
     Sensitivity,
@@ -99,3 +100,14 @@ def test_the_reason_says_for_which_values_of_a_fixed_key_a_combination_holds() -
     )
     for key in key_verdicts(evidence, [ratio]):
         assert key.reason.endswith("observable is mass force^-1, for force from 0.5 to 1.5")
+
+
+@pytest.mark.parametrize(("effect", "verdict"), [(1.0, MODEL_ERROR), (0.0, NOT_EXCITED)])
+def test_beside_a_refuted_fit_only_a_key_without_any_effect_is_called_not_excited(effect: float, verdict: str) -> None:
+    """Its residuals count as noise, so that the effect of a key looks small there."""
+    seen = Sensitivity(np.array([effect]), np.ones(1), np.zeros((1, 0)), np.eye(1), np.full(1, 2.0))
+    one, bounds = np.ones(1), np.array([[0.05], [20.0]])
+    lacking = (MODEL_ERROR, OFF)
+    evidence = KeyEvidence(("mass",), one, one, one, np.ones((2, 1)), bounds, one, seen, frozenset(), lacking)
+    (found,) = key_verdicts(evidence, [])
+    assert found.verdict == verdict
