@@ -147,8 +147,7 @@ class IdentifierNode(TwinNode):
             return
         self.found = message
         self.phase = "found" if message.better else "not better"
-        word = "" if message.better else "; what was held out is predicted no better than before"
-        self.status_line = f"fitted in {message.seconds:.0f} s{word}"
+        self.status_line = "; ".join(filter(None, (f"fitted in {message.seconds:.0f} s", message.lack)))
 
     def _identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._fit is not None:

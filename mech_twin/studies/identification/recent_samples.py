@@ -119,8 +119,8 @@ class RecentFit(NamedTuple):
 
     Attributes
     ----------
-    better : bool
-        Whether a key is identified and held-out data is predicted better than before.
+    lack : str
+        Why the result is no better than the previous configuration; empty if it is.
     held_out : tuple of (str, float, float)
         Channel, and its fit in percent with the resulting and with the previous configuration.
     text : str
@@ -128,18 +128,23 @@ class RecentFit(NamedTuple):
     """
 
     keys: tuple[KeyVerdict, ...]
-    better: bool
+    lack: str
     held_out: tuple[tuple[str, float, float], ...]
     parameters: Parameters
     text: str
     seconds: float
+
+    @property
+    def better(self) -> bool:
+        """Whether a key is identified, and held-out data is predicted better than before and than by a constant."""
+        return not self.lack
 
 
 def fitted_recent(question: IdentificationQuestion, run: FitRun, progress: Progress = quiet) -> RecentFit:
     """Return the result of a fit to a run; its last fifth is held out."""
     found = identified(question, [run], (), HOLD_OUT_SHARE, progress)
     text = configuration_text(found, [str(run.path)])
-    return RecentFit(found.keys, found.better, _held_out(found), found.parameters, text, found.seconds)
+    return RecentFit(found.keys, found.lack, _held_out(found), found.parameters, text, found.seconds)
 
 
 def _held_out(found: Identification) -> tuple[tuple[str, float, float], ...]:

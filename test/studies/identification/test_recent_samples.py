@@ -76,3 +76,15 @@ def test_too_few_samples_are_refused():
     recent = RecentSamples([channel("linkage.crank.position")], 10.0)
     with pytest.raises(MeasurementError, match="at least 20 samples"):
         recent.run(5.0)
+
+
+def test_a_fit_that_finds_nothing_says_so_and_not_that_what_was_held_out_is_predicted_badly():
+    base = built(NAME).parameters
+    run, random = roll_out(built(NAME), 2.0), np.random.default_rng(3)
+    recent = RecentSamples([channel("linkage.crank.position", sigma=1e-3)], 10.0)
+    for time_s, angle in zip(run["time_s"][::20], run["linkage.crank.position"][::20], strict=True):
+        recent.add(SeenSample(float(time_s), (0,), (float(angle) + 1e-3 * random.standard_normal(),)))
+    question = IdentificationQuestion(NAME, base, (KEY,), longest_begin_s=2.0, cores=1)
+    found = fitted_recent(question, recent.run(2.0))
+    assert found.lack == "no key is identified"
+    assert not found.better
