@@ -241,8 +241,8 @@ def show_keys(title: str, keys: Sequence[Any]) -> None:
 
 
 def say_open(keys: Sequence[Any]) -> None:
-    """Say why keys are not identified."""
-    say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED))
+    """Say why keys are not identified, and what is doubtful of those that are."""
+    say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED or ";" in key.reason))
 
 
 def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:

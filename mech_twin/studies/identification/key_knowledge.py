@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE
@@ -19,6 +20,7 @@ from mech_twin.studies.identification.intervals import (
     last_step,
     linearised,
     moved_by_fixed,
+    remembered_noise,
     uncertainty,
 )
 from mech_twin.studies.identification.keyed_configuration import unit_at
@@ -52,6 +54,7 @@ from mech_twin.studies.identification.unknowns import (
     unknowns_of,
 )
 from mech_twin.studies.identification.verdicts import (
+    IDENTIFIED,
     Combination,
     Family,
     KeyEvidence,
@@ -67,6 +70,7 @@ REFITS = 2  # at most, if a step or a profile shows that the fit had not converg
 PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs to try if derivatives over the whole runs are unreliable
 MOST = 0.8  # share of the squared residuals beyond noise that one cause explains, to be told
 ALIKE = 0.95  # of what the best cause explains: one that explains as much is told beside it
+SCORE = float(stats.chi2.isf(1e-4, 1))  # a score that noise exceeds once in so many candidates
 LEAST_OWN = 1e-6  # share of a cause's squared effect that the fit does not follow: with less, it explains nothing
 OFFSET = 0.1  # of a half width: with a longer next step, the fit has not converged
 
@@ -227,11 +231,12 @@ def _widened(
     return replace(known, half_widths=halves, given_tied=given)
 
 
-def likely_cause(around: AroundFit) -> str:
-    """Return what of the sensors would explain most of the residuals of a refuted fit, with its size; empty without.
+def likely_cause(around: AroundFit, *, is_refuted: bool) -> str:
+    """Return what of the sensors would explain the residuals of a fit, with its size; empty without.
 
-    It is a zero, a gain or a lag that the map gives as a number, or the rate of the clock of all channels.  Each is
-    judged by the share of the squared residuals beyond noise that it takes away if the fit follows, to first order.
+    It is a zero, a gain or a lag that the map gives as a number, or the rate of the clock of all channels.  Of a
+    refuted fit it takes away most of the squared residuals beyond noise, if the fit follows, to first order.  Of any
+    other it is told by the score test (Rao 1948): by chance noise, with its memory, would hardly take so much away.
     """
     fitted, line = around.fitted, around.line
     problem, masks = fitted.problem, fitted.comparison.masks
@@ -252,10 +257,13 @@ def likely_cause(around: AroundFit) -> str:
     all_off = line.residuals[:samples] * weights
     off, beyond = left_by_fit(all_off), float(all_off @ all_off) - samples
 
-    def explained(column: Array) -> tuple[float, float]:
+    def explained(column: Array) -> tuple[float, float, float]:
         own = left_by_fit(column)
         power, shared = float(own @ own), float(own @ off)
-        return (shared**2 / power, -shared / power) if power > LEAST_OWN * float(column @ column) else (0.0, 0.0)
+        if power <= LEAST_OWN * float(column @ column):
+            return 0.0, 0.0, 0.0
+        by_chance, _ = remembered_noise(own[:, None], off, line.channels[:samples])
+        return shared**2 / power, shared**2 / max(float(by_chance[0, 0]), TINY), -shared / power
 
     tried = []
     for i in unknowns.places(ZERO, GAIN, LAG).tolist():
@@ -263,21 +271,23 @@ def likely_cause(around: AroundFit) -> str:
         is_open = problem.unknowns.of_channel(kind, 0, unknowns.all[i].place) is not None
         if is_open or channel.of_events or (channel.turns and kind == GAIN):  # which would be the clock of an angle
             continue
-        won, step = explained(rows[:, i])
+        won, score, step = explained(rows[:, i])
         wrong = in_map(kind, (float(x[i]) + step) * unknowns.all[i].scale, channel)
         unit = {ZERO: f" {channel.channel.unit or unit_of(channel.name)}", GAIN: " times", LAG: " s"}[kind]
-        tried.append((won, f"a {kind} of {channel.name} that is off by {wrong:.4g}{unit}"))
+        tried.append((won, score, f"a {kind} of {channel.name} that is off by {wrong:.4g}{unit}"))
     times = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
     by_delay = (rows[:, lags] / unknowns.scales[lags]).sum(axis=1)
     for number, (i, j) in enumerate(places):
         if problem.runs[i].channels[j].of_events and problem.runs[i].channels[j].field == "time":
             own = line.channels[:samples] == number
             by_delay[own] = -robust[own] / fitted.comparison.sigmas[j]
-    won, rate = explained(by_delay * times)
+    won, score, rate = explained(by_delay * times)
     way = "fast" if rate > 0.0 else "slow"
-    tried.append((won, f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"))
-    most, _ = max(tried)
-    words = " or ".join(word for won, word in tried if won >= ALIKE * most)
+    tried.append((won, score, f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"))
+    most, score, _ = max(tried)
+    words = " or ".join(word for won, _, word in tried if won >= ALIKE * most)
+    if not is_refuted:
+        return f"; but {words} would fit better, which the interval does not hold" if score > SCORE else ""
     share = min(most / max(beyond, most, TINY), 1.0) if beyond > 0.0 else 0.0
     return f"; {words} would explain {100.0 * share:.0f} % of what noise does not" if share > MOST else ""
 
@@ -347,10 +357,14 @@ def verdicts_of(
     if lacking is None:
         found = combined(question, around.refits(), seen, chosen, given, progress)
     else:
-        lacking += likely_cause(around)
+        lacking += likely_cause(around, is_refuted=True)
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
         *(scales, seen, fixed, refuted(lacking, search)),
     )
-    return key_verdicts(evidence, found), found
+    doubt = likely_cause(around, is_refuted=False) if lacking is None else ""
+    return [
+        replace(key, reason=key.reason + doubt) if key.verdict == IDENTIFIED else key
+        for key in key_verdicts(evidence, found)
+    ], found

@@ -83,10 +83,20 @@ def test_no_sensor_is_to_blame_for_a_prior_that_the_run_contradicts() -> None:
         assert "would explain" not in key.reason
 
 
+def test_an_error_within_the_noise_is_told_beside_the_keys_that_it_moves() -> None:
+    """A clock of 0.012 % moves the crank by 1.4 standard deviations at the end: no fit is refuted by that."""
+    found = fitted(crank_run({}, {}, 1.2e-4))
+    for key in found.keys:
+        assert key.verdict == "identified"
+        _, _, words = key.reason.partition("; but a clock ")
+        assert float(words.split()[0]) == pytest.approx(0.012, rel=0.25)
+
+
 def test_keys_are_identified_where_the_map_tells_all() -> None:
     found = fitted(crank_run({}, {}, 0.0))
     for key in found.keys:
         assert key.verdict == "identified"
+        assert ";" not in key.reason
         assert abs(key.estimate - TRUE[key.key]) <= 2.0 * (key.high_95 - key.estimate)
 
 
