@@ -11,7 +11,7 @@ from mech_twin.machines.page.assembly import exact_turn
 from mech_twin.machines.page.elements import DEGREE, RPM, Contact, DriveElement
 from mech_twin.machines.page.force_elements import GasCharge, SpringElement
 from mech_twin.machines.page.state_places import HERTZ, NEAR_M, NO_GAP, StartLengths, StatePlaces
-from mech_twin.machines.page.step import LEAST_VOLUME
+from mech_twin.machines.page.system import LEAST_VOLUME
 from mech_twin.machines.page.tables import Line, Rows, line, repeats, scaled_rows, wrapped
 from mech_twin.mechanics.actions import Action, contact_action, force_action, joint_action, line_action, moment_action
 from mech_twin.mechanics.dynamics import JointEffort, ReducedSystem
@@ -69,6 +69,7 @@ class ElementForces:
         self.amount_rates: list[Number] = []
         self.volumes: list[Number] = []  # of gas springs, over those at the start
         self.refills: list[Number] = []
+        self.lines: list[Number] = []  # direction of each spring between points that has a force where they meet
         self.inertias = self._rotors()
         self._drives()
         self._springs()
@@ -171,6 +172,9 @@ class ElementForces:
         start = StartLengths(self.places)
         for name, spring in self.page.springs.items():
             scalar = self._along(spring.between, spring.joint)
+            if name in self.places.lines:
+                one, other = map(self.point, spring.between or ())
+                self.lines += [other.x - one.x, other.y - one.y]
             if spring.gas is not None:
                 force = self._gas(name, spring.gas, scalar.value - self.number(start.length(spring)))
                 self.actions[name] = self._act_along(spring.between, spring.joint, force)

@@ -29,13 +29,13 @@ from mech_twin.machines.page.step import (
     DC,
     DRIVE_WIDTH,
     EFFORT,
-    GAS_USED_UP,
     INDUCTION,
     MOTOR_NUMBERS,
     PROGRAM,
     SPEED,
     TABLE,
 )
+from mech_twin.machines.page.system import GAS_USED_UP, TURNED_OVER
 from mech_twin.mechanics.actions import Action, joint_action
 from mech_twin.mechanics.dynamics import ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, dot
@@ -203,7 +203,7 @@ class JointReactions(NamedTuple):
 
 
 def failure_of(
-    page: str, status: int, begin_s: float, events: EventLayout, log: Array, gases: Sequence[str]
+    page: str, status: int, begin_s: float, events: EventLayout, log: Array, places: StatePlaces
 ) -> MotionError:
     """Return the error for a failed step, naming the page and the elements with most of its events.
 
@@ -219,11 +219,17 @@ def failure_of(
         Layout of ``log``.
     log : ndarray
         Events of the step; a full table is replaced by one of twice its length and 8 rows more.
-    gases : sequence of str
-        Names of the gas springs.
+    places : StatePlaces
+        Names of the springs.
     """
+    if status <= TURNED_OVER:
+        name = places.lines[TURNED_OVER - status]
+        first, second = places.page.springs[name].between or ("", "")
+        passed = f"springs.{name}.between: {first} and {second} pass each other in the step from {begin_s:.6g} s"
+        return MotionError(f"{page}: {passed}, where its force turns over; expected a contact that keeps them apart")
     if status <= GAS_USED_UP:
-        spent = f"springs.{gases[GAS_USED_UP - status]}.gas.volume_m3: the motion presses the gas beyond zero volume"
+        gas = places.gases[GAS_USED_UP - status]
+        spent = f"springs.{gas}.gas.volume_m3: the motion presses the gas beyond zero volume"
         return MotionError(f"{page}: {spent}, in the step from {begin_s:.6g} s; expected more than area times way")
     error = f"{page}: {failed(FAILURES, status, begin_s)}"
     filled = (len(log) - 8) // 2 - 2 * len(events.contacts) - 2
@@ -266,6 +272,7 @@ def functions_of(places: StatePlaces) -> Functions:
                 *now.energies(),
                 *(now.at_full_supply[name] for name in places.tabled),
                 *now.volumes,
+                *now.lines,
             ],
             "reactions": [*wrenches, *reactions.quantities.values(), *reactions.lack, *reactions.sizes],
         }

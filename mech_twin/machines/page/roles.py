@@ -294,7 +294,7 @@ class PageLinkage(CompiledLinkage):
 
     def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
         """Return the error for a failed step, naming the elements with most of its events."""
-        return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log, self.shared.places.gases)
+        return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log, self.shared.places)
 
     @property
     def timed_drives(self) -> tuple[str, ...]:

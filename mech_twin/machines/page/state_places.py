@@ -121,6 +121,12 @@ class StatePlaces:
         return tuple(name for name, spring in self.page.springs.items() if spring.gas is not None)
 
     @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """Springs between points that have a force where these meet, so that none leads beyond."""
+        between = ((name, spring) for name, spring in self.page.springs.items() if spring.between is not None)
+        return tuple(name for name, spring in between if spring.rate_n_per_m is None or spring.free_m != 0.0)
+
+    @cached_property
     def ports(self) -> dict[str, int]:
         """The gas spring of each port."""
         found: dict[str, int] = {}

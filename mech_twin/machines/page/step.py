@@ -17,6 +17,7 @@ from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMA
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.page.system import (
     PageSystem,
+    beyond_elements,
     driving_effort,
     energy_of,
     page_room,
@@ -39,9 +40,7 @@ KIND, COLUMN, RATIO, FIRST, SECOND, SWITCHED = range(6)  # of a row of the drive
 MOTOR_NUMBERS, DRIVE_WIDTH = 6, 14
 ROUNDING = 1.0 + 1e-9
 NEAR_DEAD_POINT = -10
-GAS_USED_UP = -20  # of the first gas spring, -21 of the second
 ASKED = 1e-3  # of full effort: an effort without supply that differs more from the drive's own is commanded
-LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 UNLOADED = 1e-7  # of the greatest force: a joint with less carries rounding of the others
 REGULAR = 1e-3  # least regularity of the closures: the sine of an angle between links
 
@@ -303,7 +302,8 @@ def page_step(
         s.controls[s.switch_controls + 2 * s.switches + s.free + i] = linkage[forces + i]
     begun = linkage[len(out) - 5] + energy_of(s, t, y, model.reported) - linkage[len(out) - 3]
     system = declared(s, room.at)
-    count = advance(system, t, (step + 1) * model.step_s - t, y, regimes, room, log, 0)
+    t = (step + 1) * model.step_s
+    count = advance(system, step * model.step_s, t - step * model.step_s, y, regimes, room, log, 0)
     if count < 0:
         return count
     led, i = 2 * s.free + s.dependent + s.driven, 0
@@ -323,10 +323,10 @@ def page_step(
     for k in range(s.law_count):
         if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
             out[REGIME] = 1.0
-    energy = fill_linkage(model, system, (step + 1) * model.step_s, y, regimes, room.at, out)
-    for k in range(model.kept - model.books):
-        if not model.reported[2 * model.joints + 2 + model.tables + k] > LEAST_VOLUME:
-            return GAS_USED_UP - k
+    beyond = beyond_elements(s, t, y, model.tables, model.reported)
+    if beyond < 0:
+        return beyond
+    energy = fill_linkage(model, system, t, y, regimes, room.at, out)
     held = len(out) - 5
     turned = linkage[held + 1]
     for k in range(model.books):

@@ -19,6 +19,8 @@ from mech_twin.mechanics.straight_line import call_straight_line
 PHASE, PORT, TOUCH, BEND, RESET = range(5)  # what a switch is
 IMPACT, CONTACT, RELEASE, STICK, SLIP, SWITCH = range(6)
 KINDS = ("impact", "contact", "release", "stick", "slip", "switch")
+GAS_USED_UP, TURNED_OVER = -20, -200  # status of the first gas spring, -21 of the second; of the first line
+LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 ROUNDS = 6  # of Newton that put the dependent coordinates back
 CLOSED = 1e-15  # of a coordinate: a correction that is rounding
 
@@ -207,6 +209,25 @@ def energy_of(system: PageSystem, t: float, y: Array, out: Array) -> float:
     """Return kinetic and potential energy of a state (J); ``out`` is filled with the report."""
     call_straight_line(system.report, system.numbers, system.controls, t, y, out)
     return float(out[system.energies] + out[system.energies + 1])
+
+
+@borrowing_kernel
+def beyond_elements(system: PageSystem, t: float, y: Array, tables: int, begun: Array) -> int:
+    """Return the status of a gas spring beyond zero volume, or of a line that turned over; 0 without.
+
+    ``begun`` is the report at the beginning of the step: ends that pass each other turn their line over within it.
+    """
+    place = system.energies + 2 + tables
+    if place < len(begun):
+        energy_of(system, t, y, system.values)
+    for k in range(system.gases):
+        if not system.values[place + k] > LEAST_VOLUME:
+            return GAS_USED_UP - k
+    for k in range((len(begun) - place - system.gases) // 2):
+        x = place + system.gases + 2 * k
+        if system.values[x] * begun[x] + system.values[x + 1] * begun[x + 1] < 0.0:
+            return TURNED_OVER - k
+    return 0
 
 
 @borrowing_kernel

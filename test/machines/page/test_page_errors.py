@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import pytest
@@ -305,3 +306,22 @@ def test_gas_that_the_motion_presses_beyond_zero_volume_ends_the_run():
         MotionError, match=r"springs.air.gas.volume_m3: .* beyond zero volume, in the step from 0.099 s"
     ):
         run(BALL, 0.2, springs={"air": gas}, drives=driven, contacts={})
+
+
+LOOSE_BALL = BALL.partition("contacts")[0]
+CHAMBER = {"area_m2": 1e-5, "volume_m3": 1.2e-5, "ports": {"vent": {"joint": "fall", "open_below_m": 0.5}}}
+
+
+@pytest.mark.parametrize(
+    "spring", [{"gas": CHAMBER}, {"rate_n_per_m": 1.0, "free_m": 0.2}, {"table_m_n": [[0, 5], [1, 0]]}]
+)
+def test_ends_of_a_spring_that_pass_each_other_end_the_run_where_it_has_a_force(spring):
+    with pytest.raises(MotionError, match=r"springs.air.between: ground.floor and ball pass each other in the step"):
+        run(LOOSE_BALL, 1.0, springs={"air": {"between": ["ground.floor", "ball"], **spring}})
+
+
+def test_a_spring_of_no_length_swings_through_its_own_end():
+    spring = {"between": ["ground.floor", "ball"], "rate_n_per_m": 200.0, "free_m": 0.0}
+    told, _ = run(LOOSE_BALL, 1.0, springs={"air": spring}, gravity_m_per_s2=[0, 0])
+    for frame in told[::100]:
+        assert frame.linkage.position[0] == pytest.approx(math.cos(10.0 * frame.linkage.time_s), abs=1e-9)
