@@ -14,11 +14,13 @@ import fmpy
 import numpy as np
 import pytest
 from fmi_slave import Slave
+from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 import mech_twin as mt
 from mech_twin.cli.main import main
 from mech_twin.engine.compiled_machine import compiled_machine
+from mech_twin.errors import MotionError
 from mech_twin.fmi.export import LINUX, WINDOWS, base_unit, export_fmu
 from mech_twin.fmi.step_object import StepCode
 from mech_twin.fmi.unit_variables import unit_of
@@ -308,6 +310,26 @@ def test_a_unit_of_a_page_strikes_when_a_run_of_it_does_to_the_bit(name: str, mo
     assert (run.event_numbers.kind == "impact").sum() > 0
     assert validate_fmu(str(file)) == []
     assert fmpy.read_model_description(str(file)).coSimulation.modelIdentifier == name
+
+
+@pytest.mark.slow
+def test_a_unit_of_a_page_that_fails_names_the_element_as_a_run_does(tmp_path: Path) -> None:
+    page = tmp_path / "ball.yaml"
+    page.write_text(
+        "bodies: {ball: {mass_kg: 1}}\n"
+        "joints: {fall: {kind: slider, between: [ground, ball], direction_deg: 90, start_m: 0.1}}\n"
+        "springs: {air: {between: [ground, ball], rate_n_per_m: 1.0, free_m: 0.1}}\n",
+        encoding="utf-8",
+    )
+    built = built_machine(str(page))
+    with pytest.raises(MotionError) as told:
+        mt.rollout(str(page), 1.0)
+    with Slave(export_fmu(built, tmp_path / "unit.fmu").file) as slave:
+        slave.begin()
+        with pytest.raises(FMICallException):
+            slave.step(0.0, 1.0)
+    assert "springs.air.between" in str(told.value)
+    assert slave.said == [str(told.value)]
 
 
 @pytest.mark.slow

@@ -35,7 +35,6 @@ from mech_twin.machines.page.step import (
     SPEED,
     TABLE,
 )
-from mech_twin.machines.page.system import GAS_USED_UP, TURNED_OVER
 from mech_twin.mechanics.actions import Action, joint_action
 from mech_twin.mechanics.dynamics import ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, dot
@@ -202,8 +201,20 @@ class JointReactions(NamedTuple):
     sizes: list[Number]
 
 
+def failures_of(places: StatePlaces) -> tuple[str, ...]:
+    """Return the texts of a page's failures: those of every page, then of gas springs and lines (`beyond_elements`)."""
+    used_up = "expected more than area times way; the motion presses the gas beyond zero volume"
+    ends = {name: " and ".join(places.page.springs[name].between or ()) for name in places.lines}
+    apart = "expected a contact that keeps its ends apart;"
+    return (
+        *FAILURES,
+        *(f"springs.{name}.gas.volume_m3: {used_up}" for name in places.gases),
+        *(f"springs.{name}.between: {apart} {points} pass each other" for name, points in ends.items()),
+    )
+
+
 def failure_of(
-    page: str, status: int, begin_s: float, events: EventLayout, log: Array, places: StatePlaces
+    page: str, failures: tuple[str, ...], status: int, begin_s: float, events: EventLayout, log: Array
 ) -> MotionError:
     """Return the error for a failed step, naming the page and the elements with most of its events.
 
@@ -211,6 +222,8 @@ def failure_of(
     ----------
     page : str
         Name of the page.
+    failures : tuple of str
+        Texts of the statuses from -1 downwards.
     status : int
         Status returned by the kernel.
     begin_s : float
@@ -219,19 +232,8 @@ def failure_of(
         Layout of ``log``.
     log : ndarray
         Events of the step; a full table is replaced by one of twice its length and 8 rows more.
-    places : StatePlaces
-        Names of the springs.
     """
-    if status <= TURNED_OVER:
-        name = places.lines[TURNED_OVER - status]
-        first, second = places.page.springs[name].between or ("", "")
-        passed = f"springs.{name}.between: {first} and {second} pass each other in the step from {begin_s:.6g} s"
-        return MotionError(f"{page}: {passed}, where its force turns over; expected a contact that keeps them apart")
-    if status <= GAS_USED_UP:
-        gas = places.gases[GAS_USED_UP - status]
-        spent = f"springs.{gas}.gas.volume_m3: the motion presses the gas beyond zero volume"
-        return MotionError(f"{page}: {spent}, in the step from {begin_s:.6g} s; expected more than area times way")
-    error = f"{page}: {failed(FAILURES, status, begin_s)}"
+    error = f"{page}: {failed(failures, status, begin_s)}"
     filled = (len(log) - 8) // 2 - 2 * len(events.contacts) - 2
     if status != TOO_MANY or filled <= 0:
         return MotionError(error)

@@ -19,11 +19,11 @@ from mech_twin.machines.page.assembly import Assembly
 from mech_twin.machines.page.elements import DriveElement
 from mech_twin.machines.page.force_laws import PageNumbers
 from mech_twin.machines.page.functions import (
-    FAILURES,
     Functions,
     PageInstant,
     drive_row,
     failure_of,
+    failures_of,
     functions_of,
     start_state,
 )
@@ -273,7 +273,6 @@ class PageLinkage(CompiledLinkage):
 
     shared: PageModel = field(repr=False)
     regimes: tuple[str, ...] = ("free", "contact")
-    failures: tuple[str, ...] = FAILURES
     residual_limits: Mapping[str, float] = field(default_factory=lambda: LIMITS)
     processor_only: str = "the mechanics of a page are generated for the processor"
 
@@ -281,6 +280,11 @@ class PageLinkage(CompiledLinkage):
     def step_s(self) -> float:  # type: ignore[override]
         """Coupling step (s)."""
         return self.shared.page.coupling.step_s
+
+    @cached_property
+    def failures(self) -> tuple[str, ...]:
+        """Texts of the kernel's statuses from -1 downwards."""
+        return failures_of(self.shared.places)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -294,7 +298,7 @@ class PageLinkage(CompiledLinkage):
 
     def failure(self, status: int, begin_s: float, log: Array) -> MotionError:
         """Return the error for a failed step, naming the elements with most of its events."""
-        return failure_of(self.shared.page.name, status, begin_s, self.layout.events, log, self.shared.places)
+        return failure_of(self.shared.page.name, self.failures, status, begin_s, self.layout.events, log)
 
     @property
     def timed_drives(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from mech_twin.mechanics.straight_line import call_straight_line
 PHASE, PORT, TOUCH, BEND, RESET = range(5)  # what a switch is
 IMPACT, CONTACT, RELEASE, STICK, SLIP, SWITCH = range(6)
 KINDS = ("impact", "contact", "release", "stick", "slip", "switch")
-GAS_USED_UP, TURNED_OVER = -20, -200  # status of the first gas spring, -21 of the second; of the first line
+BEYOND, LAST_BEYOND = -11, -99  # status of the first gas spring, -12 of the second; lines follow
 LEAST_VOLUME = 1e-6  # of a gas spring, over that at the start
 ROUNDS = 6  # of Newton that put the dependent coordinates back
 CLOSED = 1e-15  # of a coordinate: a correction that is rounding
@@ -222,11 +222,11 @@ def beyond_elements(system: PageSystem, t: float, y: Array, tables: int, begun: 
         energy_of(system, t, y, system.values)
     for k in range(system.gases):
         if not system.values[place + k] > LEAST_VOLUME:
-            return GAS_USED_UP - k
+            return BEYOND - k
     for k in range((len(begun) - place - system.gases) // 2):
         x = place + system.gases + 2 * k
         if system.values[x] * begun[x] + system.values[x + 1] * begun[x + 1] < 0.0:
-            return TURNED_OVER - k
+            return max(BEYOND - system.gases - k, LAST_BEYOND)
     return 0
 
 

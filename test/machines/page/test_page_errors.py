@@ -316,7 +316,7 @@ CHAMBER = {"area_m2": 1e-5, "volume_m3": 1.2e-5, "ports": {"vent": {"joint": "fa
     "spring", [{"gas": CHAMBER}, {"rate_n_per_m": 1.0, "free_m": 0.2}, {"table_m_n": [[0, 5], [1, 0]]}]
 )
 def test_ends_of_a_spring_that_pass_each_other_end_the_run_where_it_has_a_force(spring):
-    with pytest.raises(MotionError, match=r"springs.air.between: ground.floor and ball pass each other in the step"):
+    with pytest.raises(MotionError, match=r"springs.air.between: .* ground.floor and ball pass each other, in the"):
         run(LOOSE_BALL, 1.0, springs={"air": {"between": ["ground.floor", "ball"], **spring}})
 
 
