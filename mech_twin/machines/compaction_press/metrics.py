@@ -182,7 +182,8 @@ def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
     return {
         "gamma_max_deg": gamma_check.value,
         "drive_torque_mean_nm": mean,
-        "drive_torque_peak_nm": extremes.torque_max_nm,
+        "drive_torque_peak_nm": max(abs(torque) for torque in torques),
+        "drive_torque_max_nm": extremes.torque_max_nm,
         "drive_torque_min_nm": extremes.torque_min_nm,
         "power_mean_w": mean * speed,
         "power_peak_w": max(torque * speed for torque in torques),

@@ -232,9 +232,18 @@ def test_extremes_are_those_of_the_curve_where_a_small_transmission_angle_makes_
     assert min(told["transmission_angle_min_deg"], 180.0 - told["transmission_angle_max_deg"]) < 2.0
     constants, stroke = press_constants(press.parameters)
     torques = press_cycle(constants, stroke, press.parameters.drive.speed_rad_per_s, WORK_POSITIONS).drive_torque_nm
-    assert told["drive_torque_peak_nm"] == pytest.approx(torques.max(), rel=1e-5)
+    assert told["drive_torque_peak_nm"] == pytest.approx(np.abs(torques).max(), rel=1e-5)
+    assert told["drive_torque_max_nm"] == pytest.approx(torques.max(), rel=1e-5)
     assert told["drive_torque_min_nm"] == pytest.approx(torques.min(), rel=1e-5)
     assert told["flywheel_inertia_kg_m2"] == pytest.approx(told["flywheel_inertia_wittenbauer_kg_m2"], rel=1e-5)
+
+
+@pytest.mark.parametrize("speed_rpm", [300.0, -300.0])
+def test_peak_torque_is_the_largest_by_size_in_either_sense(speed_rpm):
+    """Turning backward the press is driven by negative torques; its peak is theirs."""
+    told = cycle_metrics(machine("compaction_press", overrides={"drive.speed_rpm": speed_rpm}).parameters)
+    assert told["drive_torque_peak_nm"] == max(told["drive_torque_max_nm"], -told["drive_torque_min_nm"])
+    assert told["drive_torque_peak_nm"] == pytest.approx(200.0, abs=5.0)
 
 
 @pytest.mark.parametrize("fraction", [0.5, 0.2])
