@@ -17,6 +17,7 @@ from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequ
 
 GRAVITY = 9.80665
 SAMPLES = 720  # of a turn
+EQUAL = 1e-12  # of the stroke: heights that close differ by rounding only
 TURN = 2.0 * pi
 LEAST_TRANSMISSION_DEG = 1.0
 MOST_REACH = 10.0  # of centroids and of the loaded point, in lengths of the longest link
@@ -183,13 +184,22 @@ def _dead_centre(press: Press, guess: float, step: float) -> float:
     return root_between(rate, low, high) if rate(low) * rate(high) < 0.0 else guess
 
 
+def _first_lowest(angles: Array, heights: Array, after: float) -> float:
+    """Return the angle (rad) of the lowest height; of lows that are equal, the first after an angle turning forward."""
+    equal = np.flatnonzero(heights - heights.min() <= EQUAL * np.ptp(heights))
+    way = (angles - after) % TURN
+    near = equal[way[equal] - way[equal].min() <= TURN / SAMPLES]
+    return float(angles[near[np.argmin(heights[near])]])
+
+
 def press_stroke(press: Press, contact_fraction: float | None) -> Stroke:
     """Return top and bottom of the loaded point's path, and first contact with the layer on the way down.
 
     Without a ``contact_fraction`` first contact is at the height of the loaded point at 180 degrees of the crank.
     """
     angles, heights = _path(press)
-    top, bottom = float(angles[np.argmax(heights)]), float(angles[np.argmin(heights)])
+    top = _first_lowest(angles, -heights, 0.0)
+    bottom = _first_lowest(angles, heights, top)
     y_t, y_b = loaded_height(press, top)[0], loaded_height(press, bottom)[0]
     if y_t - y_b < LEAST_STROKE_M:
         raise ValueError(

@@ -246,6 +246,18 @@ def test_peak_torque_is_the_largest_by_size_in_either_sense(speed_rpm):
     assert told["drive_torque_peak_nm"] == pytest.approx(200.0, abs=5.0)
 
 
+def test_of_two_equal_lows_the_first_after_the_top_is_the_bottom():
+    """Loaded at the pendulum's pin, the path is an arc through its lowest point twice a turn."""
+    pin = {"working_force.application_from_a_m": 0.5}
+    just_below = {"working_force.application_from_a_m": 0.5 - 1e-9}
+    press, stroke = press_constants(machine("compaction_press", overrides=pin).parameters)
+    _, beside = press_constants(machine("compaction_press", overrides=just_below).parameters)
+    lows = [loaded_height(press, f)[0] for f in (stroke.bottom, 1.3319385)]
+    assert lows[0] == pytest.approx(lows[1], abs=1e-12)
+    assert stroke.bottom == pytest.approx(1.5 * pi, abs=1e-6)
+    assert beside.bottom == pytest.approx(stroke.bottom, abs=1e-6)
+
+
 @pytest.mark.parametrize("fraction", [0.5, 0.2])
 @pytest.mark.parametrize("speed", [30.0, -30.0])
 def test_closed_form_work_is_the_integral_of_torque(fraction, speed):
