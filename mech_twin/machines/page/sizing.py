@@ -26,6 +26,7 @@ TRADE = (0.01, 0.02, 0.03, 0.05, 0.08, 0.1, 0.15, 0.2)
 POSITIONS = 3600  # of a turn: what lies between them is of 1e-6 of a flywheel
 MOST_TURNS = 100  # of the led joint until the mechanism is as at its start
 RETURNED = 1e-3  # off from its start, an angle (rad), a way in parts of the machine's size, a part of a gas
+ALIKE = 1e-8  # between two turns, likewise: so a shaft moves that a gear turns, and nothing that a linkage moves
 Array = NDArray[np.float64]
 
 
@@ -100,7 +101,7 @@ def _turns(page: Page, speed: float) -> tuple[Array, Array]:
     full = varied(page, {"supply.initial_fraction": 1.0, "coupling.step_s": step_s})
     shared = build(full).linkage.shared  # type: ignore[attr-defined] # the linkage of a page
     (drive,) = shared.places.driven_names
-    kinetic, done, begun, away = [], [], None, ""
+    kinetic, done, begun, ends, away = [], [], None, list[LinkageSample](), ""
     for frame in frames(build(full), (1 + MOST_TURNS) * POSITIONS * step_s):
         if frame.linkage.step < POSITIONS:
             continue
@@ -108,8 +109,12 @@ def _turns(page: Page, speed: float) -> tuple[Array, Array]:
         done.append(frame.linkage.memory[f"{drive}_work_j"])
         begun = begun or frame.linkage
         if len(done) > 1 and len(done) % POSITIONS == 1:
+            ends.append(frame.linkage)
             away = _away(shared, begun, frame.linkage)
             if not away:
+                break
+            if len(ends) == 2 and (going := _going_on(shared, begun, *ends)):
+                away = going
                 break
     if away:
         raise StudyError(
@@ -122,15 +127,32 @@ def _turns(page: Page, speed: float) -> tuple[Array, Array]:
     return mean * share + (held - held[0]) - given, 2.0 * held / speed**2
 
 
+def _moved(shared: PageModel, one: LinkageSample, other: LinkageSample) -> dict[str, float]:
+    """Return how far each joint moved: an angle (rad), or a way in parts of the machine's size."""
+    assembly = shared.assembly
+    names = (str(assembly.coordinates[j]) for j in assembly.split.dependent)
+    ways = {name: other.joint(name).position - one.joint(name).position for name in names}
+    return {name: way / assembly.size_m if name in assembly.slides else way for name, way in ways.items()}
+
+
+def _off(shared: PageModel, name: str, moved: float) -> bool:
+    """Return whether a joint that moved so far is not as it was: a slide at all, an angle beside whole turns."""
+    return abs(moved if name in shared.assembly.slides else math.remainder(moved, 2.0 * math.pi)) > RETURNED
+
+
+def _going_on(shared: PageModel, begun: LinkageSample, first: LinkageSample, second: LinkageSample) -> str:
+    """Return a joint that moves alike each turn and is back after none of `MOST_TURNS`; empty where none does."""
+    then, now = _moved(shared, begun, first), _moved(shared, first, second)
+    alike = (name for name in now if abs(now[name] - then[name]) <= ALIKE)
+    return next((n for n in alike if all(_off(shared, n, turns * now[n]) for turns in range(1, MOST_TURNS + 1))), "")
+
+
 def _away(shared: PageModel, begun: LinkageSample, now: LinkageSample) -> str:
     """Return a joint or gas that is not as it was at the beginning; empty where all are."""
-    places, assembly = shared.places, shared.assembly
-    for name in (assembly.coordinates[j] for j in assembly.split.dependent):
-        moved = now.joint(name).position - begun.joint(name).position
-        off = moved / assembly.size_m if name in assembly.slides else math.remainder(moved, 2.0 * math.pi)
-        if abs(off) > RETURNED:
-            return str(name)
-    gas = ((name, now.memory[f"{name}_gas_1"], begun.memory[f"{name}_gas_1"]) for name in places.gases)
+    for name, moved in _moved(shared, begun, now).items():
+        if _off(shared, name, moved):
+            return name
+    gas = ((name, now.memory[f"{name}_gas_1"], begun.memory[f"{name}_gas_1"]) for name in shared.places.gases)
     return next((name for name, one, other in gas if np.abs(np.subtract(one, other)) > RETURNED), "")
 
 

@@ -23,6 +23,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.errors import StudyError
 from mech_twin.machines.page import build
+from mech_twin.machines.page import sizing as page_sizing
 from mech_twin.machines.page.crank_and_dyads import page_of
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.sizing import sizing
@@ -211,9 +212,27 @@ def test_a_flywheel_is_of_all_turns_until_the_mechanism_is_as_it_was(text, swing
     assert found.metrics["flywheel_inertia_kg_m2"] == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.slow
-def test_a_motion_that_does_not_repeat_has_no_flywheel():
-    rack = {"mesh": {"kind": "rack", "joints": ["shaft", "cam_shaft"], "ratio": None, "radius_m": 0.1}}
-    guide = {"cam_shaft": {"kind": "slider", "start_deg": None, "start_m": 0.0}}
+@pytest.mark.parametrize(
+    ("coupling", "joint"),
+    [
+        (
+            {"kind": "rack", "ratio": None, "radius_m": 0.1},
+            {"kind": "slider", "start_deg": None, "start_m": 0.0},
+        ),
+        ({"ratio": math.sqrt(2.0)}, {}),
+    ],
+)
+def test_a_motion_that_does_not_repeat_has_no_flywheel(coupling, joint, monkeypatch):
+    """What moves alike in two turns tells where it is after a hundred: they are not computed."""
+    steps = []
+
+    def counted(machine, duration_s):
+        for frame in frames(machine, duration_s):
+            steps.append(frame.linkage.step)
+            yield frame
+
+    monkeypatch.setattr(page_sizing, "frames", counted)
+    changed = {"couplings": {"mesh": {"joints": ["shaft", "cam_shaft"], **coupling}}, "joints": {"cam_shaft": joint}}
     with pytest.raises(StudyError, match="cam_shaft is not as it was after any of 100 turns; a flywheel is sized for"):
-        sizing(page(SHAFTS, couplings=rack, joints=guide), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
+        sizing(page(SHAFTS, **changed), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
+    assert len(steps) <= 4 * page_sizing.POSITIONS
