@@ -44,6 +44,8 @@ def test_orders_and_values_are_answered_by_the_nodes_themselves(running):
     unknown = told("vibration_crank", "drive.sped_rpm=3")
     assert unknown.returncode == 2
     assert "no parameter 'drive.sped_rpm'; did you mean drive.speed_rpm" in unknown.stderr
+    offered = told("vibration_crank", "speed=3").stderr
+    assert "drive.speed_rpm" in offered and "rod_m" not in offered  # what a run may change, and no other
     assert told("vibration_crank", "pause").stdout == "pause: paused\n"
     assert told("vibration_crank", "step").returncode == 0
     assert told("vibration_crank", "resume").stdout == "resume: goes on\n"

@@ -11,7 +11,13 @@ from typing import Any, NamedTuple
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent, ParameterType
-from rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParametersAtomically
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParametersAtomically,
+)
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -107,7 +113,7 @@ class Teller:
         names, known = list(values), self._parameters(node)
         unknown = [name for name in names if name not in known]
         if unknown:
-            raise UnansweredError(unknown_name(unknown[0], known, "parameter "))
+            raise UnansweredError(unknown_name(unknown[0], self._changeable(node, known), "parameter "))
         asked = GetParameterTypes.Request(names=names)
         types = self._ask(GetParameterTypes, f"{node}/get_parameter_types", asked).types
         absent = [name for name in names if values[name] is None]
@@ -181,6 +187,12 @@ class Teller:
         """Return the names of all parameters of a node."""
         request = ListParameters.Request(depth=ListParameters.Request.DEPTH_RECURSIVE)
         return list(self._ask(ListParameters, f"{node}/list_parameters", request).result.names)
+
+    def _changeable(self, node: str, names: list[str]) -> list[str]:
+        """Return those of the names that a run may change."""
+        request = DescribeParameters.Request(names=names)
+        described = self._ask(DescribeParameters, f"{node}/describe_parameters", request).descriptors
+        return [each.name for each in described if not each.read_only]
 
     def _ask(self, kind: Any, service: str, request: Any) -> Any:
         """Return the answer of a service; raises `UnansweredError`."""
