@@ -124,4 +124,4 @@ def blow_remarks(roundings: Mapping[str, tuple[float, float]], numbers: Mapping[
         if name.endswith("impulses_without_wave"):
             yield f"{name} = {value:.3g}: blows on a body at rest on the rod, passed on as rigid; strike the rod itself"
         if name.endswith("blow_unended") and value > 0.0:
-            yield f"{name} = {value:.3g}: blows whose window ends before striker and rod have parted; lengthen window_s"
+            yield f"{name} = {value:.3g}: blows longer than window_s (at most 0.02 s), ended there as plastic"

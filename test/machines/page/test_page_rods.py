@@ -206,7 +206,7 @@ def test_a_window_that_is_over_too_soon_is_said():
     text, changes = on_rod({"wall": {"stiffness_n_per_m": 1e5}, "window_s": 1e-3})
     _, simulation = run(text, 0.5, **changes)
     assert simulation.summary()["steady_bounce_blow_unended"] == 1.0
-    assert any("window ends before" in line for line in simulation.remarks())
+    assert any("longer than window_s (at most 0.02 s), ended there" in line for line in simulation.remarks())
 
 
 def told_of_rod(rod, duration=0.6):
