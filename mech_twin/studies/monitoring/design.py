@@ -27,7 +27,7 @@ from mech_twin.errors import MotionError, StudyError
 from mech_twin.measurements.units import is_event, machine_columns
 from mech_twin.studies.monitoring.baseline import RIDGE, SMALLEST_SPREAD, Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import ChartLimits, chart_limits, siegmund_run_length
-from mech_twin.studies.monitoring.cycle_features import FeatureVector
+from mech_twin.studies.monitoring.cycle_features import FeatureVector, available_features
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.naming import MODEL_SHARE, USED_CYCLES, Signature, left_open
 from mech_twin.studies.monitoring.operating_fit import left_by_point, operating_surface, sister_surface
@@ -162,7 +162,9 @@ def _of_sensors(
     monitored: MonitoredMachine, healthy: list[Seen], names: tuple[str, ...], period_s: float
 ) -> Iterator[Cause]:
     reference, units = monitored.declared.reference, machine_columns(monitored.entry.build(monitored.parameters))
-    for column in filter(lambda each: not is_event(each), monitored.columns):
+    offered = available_features(monitored.declared, monitored.columns)
+    needed = {reference.column}.union(*(feature.needs for feature in offered if feature.name in names))
+    for column in (each for each in monitored.columns if each in needed and not is_event(each)):
         turning = column == reference.column and reference.kind == "turn"
         swing = LARGEST_TURN_BIAS_RAD if turning else LARGEST_BIAS * float(np.ptp(healthy[0][column][1]))
         kinds = {"bias": (units[column], swing), "lag_s": ("s", LARGEST_LAG * period_s)}

@@ -16,6 +16,7 @@ from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.results.opened_runs import columns_of
+from mech_twin.studies.monitoring.design import _of_sensors
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run, without_noise
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
@@ -61,6 +62,18 @@ def test_a_feature_of_a_channel_that_tells_nothing_or_nonsense_is_a_number_or_mi
         for shown in odd:
             for vector in machine.vectors({**seen, column: (times, shown)}):
                 assert not np.isinf(vector.values).any()
+
+
+def test_only_a_sensor_that_a_feature_needs_can_be_found_wrong(tmp_path: Path) -> None:
+    """A wrong sensor that moves no feature would look like everything."""
+    sensors = tmp_path / "sensors.yaml"
+    force = "  - {source: {topic: /plant/force, field: data}, is: body.pressing_force_n, rate_hz: 1000.0, sigma: 5.0}\n"
+    sensors.write_text((SENSORS / "mb10_breaker.yaml").read_text(encoding="utf-8") + force, encoding="utf-8")
+    machine = MonitoredMachine("mb10_breaker", machine_parameters("mb10_breaker"), read_map(sensors, columns_of))
+    assert "body.pressing_force_n" in machine.columns
+    seen = seen_run(machine.entry.build(machine.parameters), machine.sensors, 0.5)
+    causes = _of_sensors(machine, [seen], tuple(feature.name for feature in machine.feed().features), 0.1)
+    assert {cause.key for cause in causes} == set(machine.columns) - {"body.pressing_force_n"}
 
 
 @pytest.mark.parametrize("name", MONITORED)
