@@ -46,7 +46,7 @@ from mech_twin.parts.induction_motor import motor_constants
 FAILURES = (
     "more events in a coupling step than are followed", "no step is short enough for the motion",
     "more steps in a coupling step than are taken: a loop near a dead point, or a rate too stiff",
-    "contacts contradict each other", "more events than the log takes",
+    "contacts contradict each other, or a given speed", "more events than the log takes",
     "", "", "", "", "a loop comes to a dead point, where its closures no longer determine the joints",
 )  # fmt: skip
 Array = NDArray[np.float64]

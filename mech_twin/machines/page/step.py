@@ -11,7 +11,7 @@ from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, moto
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
-from mech_twin.engine.hybrid.loop import advance, let_open, room_sizes
+from mech_twin.engine.hybrid.loop import CONTRADICTS, advance, let_open, room_sizes
 from mech_twin.engine.hybrid.motion import find_accelerations, prepare_instant, settle_regimes
 from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, PINS, REGIME
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
@@ -316,19 +316,19 @@ def page_step(
             out[kept] = (y[led - s.driven + i] - linkage[joint]) - way
             y[led + i] = after
             i += 1
-    regular = put_back(s, y)
-    if not regular > REGULAR:
+    if not put_back(s, y) > REGULAR:
         return NEAR_DEAD_POINT
     out[REGIME], out[COMMAND] = 0.0, motor[MOTOR_COMMAND]
-    for k in range(s.law_count):
-        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
-            out[REGIME] = 1.0
     beyond = beyond_elements(s, t, y, model.tables, model.reported)
     if beyond < 0:
         return beyond
     energy = fill_linkage(model, system, t, y, regimes, room.at, out)
-    held = len(out) - 5
-    turned = linkage[held + 1]
+    for k in range(s.law_count):
+        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
+            out[REGIME] = 1.0
+            if room.at.gap[k] < -1e-6:  # m or rad: pressed through by a given speed
+                return CONTRADICTS
+    held, turned = len(out) - 5, linkage[len(out) - 4]
     for k in range(model.books):
         turned += abs(y[len(y) - model.kept + k] - linkage[memory_place(model) + len(regimes) + k])
     kinetic, potential = model.reported[2 * model.joints], model.reported[2 * model.joints + 1]  # may cancel

@@ -325,3 +325,21 @@ def test_a_spring_of_no_length_swings_through_its_own_end():
     told, _ = run(LOOSE_BALL, 1.0, springs={"air": spring}, gravity_m_per_s2=[0, 0])
     for frame in told[::100]:
         assert frame.linkage.position[0] == pytest.approx(math.cos(10.0 * frame.linkage.time_s), abs=1e-9)
+
+
+def test_a_body_that_a_given_speed_presses_against_a_stop_ends_the_run():
+    text = """
+gravity_m_per_s2: [0, 0]
+bodies: {press: {mass_kg: 1}, work: {mass_kg: 1}}
+joints:
+  stroke: {kind: slider, between: [ground, press]}
+  bed: {kind: slider, between: [ground, work], start_m: 0.2}
+drives: {motor: {kind: constant_speed, joint: stroke, speed_m_per_s: 0.5}}
+contacts:
+  push: {point: work, line: press, normal_deg: 0, restitution: 0.0}
+  wall: {joint: bed, most_m: 0.3, restitution: 0.0}
+"""
+    with pytest.raises(
+        MotionError, match=r"contacts contradict each other, or a given speed, in the step from 0\.(599|6)"
+    ):
+        run(text, 1.0)
