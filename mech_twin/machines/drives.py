@@ -189,6 +189,13 @@ class DrivenCrank(Parameters):
         """The constants of the crank shaft's friction."""
         return ShaftFriction(self.friction.coulomb_nm, self.friction.viscous_nms_per_rad)
 
+    @property
+    def drag_nm(self) -> float:
+        """The drive torque (N m, signed) that overcomes the crank shaft's friction at the drive's speed."""
+        speed = self.drive.speed_rad_per_s
+        sense = (speed > 0.0) - (speed < 0.0)
+        return self.friction.coulomb_nm * sense + self.friction.viscous_nms_per_rad * speed
+
 
 def _shaft_time_s(motor: InductionMotorParameters, gear: Gear, friction: Friction) -> float:
     """Return the smallest time constant (s): rotor inertia over the steepest slope of motor torque and friction."""

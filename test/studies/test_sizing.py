@@ -109,10 +109,12 @@ def test_a_limit_that_makes_no_sense_is_refused_by_name(machine_name, name, valu
 
 
 @pytest.mark.parametrize("objective", ["shaking_force_max_n", "drive_torque_peak_nm"])
-def test_no_other_fraction_of_the_trade_is_better(objective):
-    answer = size("vibration_crank", objective=objective, tolerance=0.0)
+@pytest.mark.parametrize("friction", [{}, {"friction.coulomb_nm": 20.0}])
+def test_no_other_fraction_of_the_trade_is_better(objective, friction):
+    parameters = machine_parameters("vibration_crank", None, friction)
+    answer = size("vibration_crank", parameters, objective=objective, tolerance=0.0)
     assert answer.metrics[objective] <= min(row[objective] for row in answer.trade_off)
-    built = machine("vibration_crank", overrides=dict.fromkeys(["counterweight.mass_kg"]) | answer.sizes)
+    built = machine("vibration_crank", overrides=dict.fromkeys(["counterweight.mass_kg"]) | answer.sizes | friction)
     assert built.report()[objective] == pytest.approx(answer.metrics[objective], rel=1e-9)
 
 

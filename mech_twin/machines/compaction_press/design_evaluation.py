@@ -192,7 +192,7 @@ def _sampled_objectives(at: Samples, duty: Duty) -> tuple[float, float]:
         if k > 0:
             work += direction * (0.5 * (at.moment[k] + at.moment[k - 1]) - mean) * TURN / n
         high, low = max(high, work - fast * at.inertia[k]), min(low, work - slow * at.inertia[k])
-        peak = max(peak, abs(0.5 * w * w * at.slope[k] - at.moment[k]))
+        peak = max(peak, abs(0.5 * w * w * at.slope[k] - at.moment[k] + duty.drag_nm))
     return peak, (high - low) / (delta * w * w)
 
 
@@ -232,7 +232,7 @@ def continuous_press(
     gamma, alpha = bottom_angles(press.bar, stroke.bottom)
     return (
         Objectives(
-            max(found.torque_max_nm, -found.torque_min_nm),
+            max(abs(found.torque_max_nm + duty.drag_nm), abs(found.torque_min_nm + duty.drag_nm)),
             asked_flywheel(found, turn),
             mean_press_force(stroke, limits.constant_torque_nm),
         ),
@@ -314,7 +314,7 @@ def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) ->
 
 
 def press_duty(parameters: CompactionPress) -> Duty:
-    """Return speed, required non-uniformity and working force of a configuration."""
+    """Return speed, required non-uniformity, working force and friction of a configuration."""
     force = parameters.working_force
     return Duty(
         parameters.drive.speed_rad_per_s,
@@ -322,6 +322,7 @@ def press_duty(parameters: CompactionPress) -> Duty:
         force.peak_n,
         nan if force.working_quarter else force.contact_fraction,
         force.exponent,
+        parameters.drag_nm,
     )
 
 

@@ -120,7 +120,7 @@ class Limits(NamedTuple):
 
 
 class Duty(NamedTuple):
-    """Duty of the press: speed (rad/s), required non-uniformity, and the working force (N, 1, 1).
+    """Duty of the press: speed (rad/s), required non-uniformity, working force (N, 1, 1), and friction's torque (N m).
 
     ``contact_fraction`` is nan if first contact is at 180 degrees of the crank (``working_quarter``).
     """
@@ -130,6 +130,7 @@ class Duty(NamedTuple):
     peak_n: float
     contact_fraction: float
     exponent: float
+    drag_nm: float = 0.0
 
 
 class Problem(NamedTuple):
@@ -196,7 +197,7 @@ def unpacked(flat: Array) -> Problem:
         n.branch,
         n.gravity,
     )
-    duty = Duty(n.speed_rad_per_s, n.non_uniformity, n.peak_n, n.contact_fraction, n.exponent)
+    duty = Duty(n.speed_rad_per_s, n.non_uniformity, n.peak_n, n.contact_fraction, n.exponent, n.drag_nm)
     limits = Limits(
         n.gamma_max_deg,
         n.stroke_m,

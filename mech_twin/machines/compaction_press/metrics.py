@@ -175,16 +175,18 @@ def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
     press, stroke = press_constants(parameters, fitted=False)
     speed = parameters.drive.speed_rad_per_s
     extremes = cycle_extremes(press, turn_at(stroke, speed, parameters.flywheel.non_uniformity))
-    torques = extremes.torque_max_nm, extremes.torque_min_nm
+    torque_max = extremes.torque_max_nm + parameters.drag_nm
+    torque_min = extremes.torque_min_nm + parameters.drag_nm
+    torques = torque_max, torque_min
     least, most = (degrees(angle) for angle in transmission_range(press))
     gamma_check, alpha_check, flywheel_check = conditions(parameters)
-    mean = mean_torque(press, stroke, speed)
+    mean = mean_torque(press, stroke, speed) + parameters.drag_nm
     return {
         "gamma_max_deg": gamma_check.value,
         "drive_torque_mean_nm": mean,
         "drive_torque_peak_nm": max(abs(torque) for torque in torques),
-        "drive_torque_max_nm": extremes.torque_max_nm,
-        "drive_torque_min_nm": extremes.torque_min_nm,
+        "drive_torque_max_nm": torque_max,
+        "drive_torque_min_nm": torque_min,
         "power_mean_w": mean * speed,
         "power_peak_w": max(torque * speed for torque in torques),
         "transmission_angle_min_deg": least,

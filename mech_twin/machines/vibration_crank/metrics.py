@@ -94,37 +94,37 @@ def operating(parameters: VibrationCrank) -> tuple[OperatingVariable, ...]:
 
 
 @kernel
-def _size(s: SliderCrank, th: float, w: float, what: int) -> float:
+def _size(s: SliderCrank, th: float, w: float, what: int, drag: float) -> float:
     if what == MOMENT:
-        return abs(drive_moment(s, th, w, 0.0))
+        return abs(drive_moment(s, th, w, 0.0) + drag)
     at = pin_forces(s, th, w, 0.0)
     size = math.hypot(at.frame_x, at.frame_y)
     return size if what == FORCE else -size
 
 
 @kernel
-def extreme(s: SliderCrank, w: float, what: int) -> float:
+def extreme(s: SliderCrank, w: float, what: int, drag: float = 0.0) -> float:
     """Return the largest |M| (N m), largest force on the frame (N) or minus the smallest, over a turn at speed w.
 
-    The best of 3600 positions, refined by golden sections between its neighbours.
+    The best of 3600 positions, refined by golden sections between its neighbours; ``drag`` (N m) is friction's part.
     """
     best, place, step = -1e300, 0.0, 2.0 * np.pi / GRID
     for i in range(GRID):
-        value = _size(s, i * step, w, what)
+        value = _size(s, i * step, w, what, drag)
         if value > best:
             best, place = value, i * step
     low, high, golden = place - step, place + step, 0.6180339887498949
     left, right = high - golden * (high - low), low + golden * (high - low)
-    at_left, at_right = _size(s, left, w, what), _size(s, right, w, what)
+    at_left, at_right = _size(s, left, w, what, drag), _size(s, right, w, what, drag)
     for _ in range(40):
         if at_left > at_right:
             high, right, at_right = right, left, at_left
             left = high - golden * (high - low)
-            at_left = _size(s, left, w, what)
+            at_left = _size(s, left, w, what, drag)
         else:
             low, left, at_left = left, right, at_right
             right = low + golden * (high - low)
-            at_right = _size(s, right, w, what)
+            at_right = _size(s, right, w, what, drag)
     return max(best, at_left, at_right)
 
 
@@ -186,9 +186,9 @@ def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:
     }
 
 
-def peaks(s: SliderCrank, speed: float) -> tuple[float, float]:
-    """Return the largest |M| without and with the counterweight (N m)."""
-    return extreme(s._replace(counter_mass=0.0), speed, MOMENT), extreme(s, speed, MOMENT)
+def peaks(s: SliderCrank, speed: float, drag: float = 0.0) -> tuple[float, float]:
+    """Return the largest |M| without and with the counterweight (N m), friction's part ``drag`` (N m) included."""
+    return extreme(s._replace(counter_mass=0.0), speed, MOMENT, drag), extreme(s, speed, MOMENT, drag)
 
 
 def benefit_against_speed(s: SliderCrank, speeds_rpm: tuple[float, ...]) -> dict[float, float]:
@@ -221,10 +221,10 @@ def compromise_rod(parameters: VibrationCrank) -> tuple[float, float, float, flo
 def cycle_metrics(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float]:
     """Return the metrics of one cycle at rated speed."""
     speed = parameters.drive.speed_rad_per_s
-    without, with_it = peaks(s, speed)
+    without, with_it = peaks(s, speed, parameters.drag_nm)
     bound = s.counter_mass * s.gravity * s.counter_m
     published = PUBLISHED_PEAK_WITHOUT_NM - PUBLISHED_PEAK_WITH_NM
-    moments = frame_forces(s, turn(), speed)[2]
+    moments = frame_forces(s, turn(), speed)[2] + parameters.drag_nm
     return {
         "reciprocating_mass_kg": s.joint_mass + s.load_mass,
         "rotating_mass_kg": s.rotating_mass,

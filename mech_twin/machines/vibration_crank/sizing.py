@@ -53,10 +53,11 @@ class BalanceEffect(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """A machine of the box: its mechanism without the counterweight to be chosen, and its speed (rad/s)."""
+    """A machine of the box: its mechanism without the counterweight to be chosen, speed (rad/s) and friction (N m)."""
 
     mechanism: SliderCrank
     speed: float
+    drag: float
 
 
 def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corner, ...] | None = None) -> BalanceEffect:
@@ -65,11 +66,13 @@ def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corne
     The counterweight is the one derived for the fraction from the configured masses.
     """
     mass = balanced(parameters, fraction).counter_mass
-    hung = [(c.mechanism._replace(counter_mass=mass), c.speed) for c in corners or box_corners(parameters, 0.0)]
+    hung = [
+        c._replace(mechanism=c.mechanism._replace(counter_mass=mass)) for c in corners or box_corners(parameters, 0.0)
+    ]
     return BalanceEffect(
         mass,
-        max(float(extreme(mechanism, speed, MOMENT)) for mechanism, speed in hung),
-        max(float(extreme(mechanism, speed, FORCE)) for mechanism, speed in hung),
+        max(float(extreme(c.mechanism, c.speed, MOMENT, c.drag)) for c in hung),
+        max(float(extreme(c.mechanism, c.speed, FORCE)) for c in hung),
     )
 
 
@@ -81,7 +84,7 @@ def box_corners(parameters: VibrationCrank, tolerance: float) -> tuple[Corner, .
     for signs in product((1.0 - tolerance, 1.0 + tolerance), repeat=len(groups)) if tolerance > 0.0 else [()]:
         factors = {key: sign for group, sign in zip(groups, signs, strict=False) for key in group}
         moved = scaled(parameters, factors)
-        corners.append(Corner(slider_crank_constants(moved), moved.drive.speed_rad_per_s))
+        corners.append(Corner(slider_crank_constants(moved), moved.drive.speed_rad_per_s, moved.drag_nm))
     return tuple(corners)
 
 
@@ -144,7 +147,7 @@ def sizing(
             "worst_shaking_force_max_n": worst.shaking_force_max_n,
             "nominal_balancing_fraction": edge,
             "machines_tried": float(len(corners)),
-            "drive_torque_peak_without_counterweight_nm": float(extreme(bare, single[0].speed, MOMENT)),
+            "drive_torque_peak_without_counterweight_nm": float(extreme(bare, single[0].speed, MOMENT, single[0].drag)),
         },
         constraints,
         "; ".join((binding, *parameters.speed_remarks({}))),

@@ -246,6 +246,20 @@ def test_peak_torque_is_the_largest_by_size_in_either_sense(speed_rpm):
     assert told["drive_torque_peak_nm"] == pytest.approx(200.0, abs=5.0)
 
 
+@pytest.mark.parametrize("speed_rpm", [300.0, -300.0])
+def test_the_cycle_s_torque_and_power_bear_the_shaft_s_friction(speed_rpm):
+    """At constant speed w friction takes c sign w + v w, always against the motion, and no part of the flywheel."""
+    speed = {"drive.speed_rpm": speed_rpm}
+    rubbing = {**speed, "friction.coulomb_nm": 10.0, "friction.viscous_nms_per_rad": 0.5}
+    without, told = (cycle_metrics(machine("compaction_press", overrides=o).parameters) for o in (speed, rubbing))
+    drag = 10.0 + 0.5 * 10.0 * pi
+    for name in ("mean", "max", "min"):
+        expected = without[f"drive_torque_{name}_nm"] + np.sign(speed_rpm) * drag
+        assert told[f"drive_torque_{name}_nm"] == pytest.approx(expected, rel=1e-12)
+    assert told["power_mean_w"] == pytest.approx(without["power_mean_w"] + drag * 10.0 * pi, rel=1e-12)
+    assert told["flywheel_inertia_kg_m2"] == without["flywheel_inertia_kg_m2"]
+
+
 def test_of_two_equal_lows_the_first_after_the_top_is_the_bottom():
     """Loaded at the pendulum's pin, the path is an arc through its lowest point twice a turn."""
     pin = {"working_force.application_from_a_m": 0.5}

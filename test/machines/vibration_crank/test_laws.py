@@ -58,13 +58,18 @@ def test_run_keeps_its_energy_balance_and_closes(kind, drive):
                 assert abs(value) <= limits[name], (name, frame.linkage.step)
 
 
-def test_run_meets_the_closed_form_peak():
-    crank = machine("vibration_crank")
+@pytest.mark.parametrize("friction", [{}, {"friction.coulomb_nm": 20.0, "friction.viscous_nms_per_rad": 1.0}])
+@pytest.mark.parametrize("speed_rpm", [150.0, -150.0])
+def test_run_meets_the_closed_form_peak(friction, speed_rpm):
+    crank = machine("vibration_crank", overrides={**friction, "drive.speed_rpm": speed_rpm})
     observer = crank.observer()
     for frame in frames(crank, 0.4):
         observer.observe(frame)
     report = crank.report()
     assert observer.numbers()["run_drive_torque_peak_nm"] == pytest.approx(report["drive_torque_peak_nm"], rel=1e-3)
+    for end in ("min", "max"):
+        told = report[f"drive_torque_{end}_nm"]
+        assert observer.numbers()[f"run_drive_torque_{end}_nm"] == pytest.approx(told, rel=1e-3)
     assert observer.numbers()["run_shaking_force_max_n"] == pytest.approx(report["shaking_force_max_n"], rel=1e-3)
 
 
