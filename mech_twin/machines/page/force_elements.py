@@ -159,6 +159,8 @@ class SpringElement(Parameters):
         starts = {"rate_n_per_m": ("free_m", "preload_n"), "rate_nm_per_rad": ("free_deg", "preload_nm")}.get(law, ())
         if starts:
             one_of(self, *starts)
+            if getattr(self, law) == 0.0 and getattr(self, starts[1]):
+                raise ValueError(f"{starts[1]} needs {law} above 0; a force that is constant is one of loads")
         only(self, law, (law,), ("between", "joint", *starts))
         if self.between is not None and self.gas is not None and self.gas.area_m2 < 0.0:
             raise ValueError("gas.area_m2 between points must be above 0")

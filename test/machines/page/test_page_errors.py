@@ -167,6 +167,11 @@ def test_a_spring_between_points_that_coincide_is_refused():
     assert "springs.coil.between: ground and rod coincide at the start" in told
 
 
+def test_a_preload_without_a_rate_is_refused():
+    told = refused(PENDULUM, springs={"coil": {"joint": "pivot", "rate_nm_per_rad": 0.0, "preload_nm": 5.0}})
+    assert "preload_nm needs rate_nm_per_rad above 0" in told
+
+
 BLOCK = """
 bodies: {block: {mass_kg: 2}}
 joints: {guide: {kind: slider, between: [ground, block]}}
