@@ -57,8 +57,8 @@ def fitted(run: FitRun) -> Identification:
 @pytest.mark.parametrize(
     ("errors", "told", "size"),
     [
-        ({"zeros": {TORQUE: 20.0}}, f"a zero of {TORQUE} that is off by", 20.0),
-        ({"lags_s": {SLIDER: 0.004}}, f"a lag of {SLIDER} that is off by", 0.004),
+        pytest.param({"zeros": {TORQUE: 20.0}}, f"a zero of {TORQUE} that is off by", 20.0, marks=pytest.mark.slow),
+        pytest.param({"lags_s": {SLIDER: 0.004}}, f"a lag of {SLIDER} that is off by", 0.004, marks=pytest.mark.slow),
         ({"clock": 0.002}, "a clock", 0.2),
     ],
 )
@@ -73,6 +73,7 @@ def test_an_error_of_a_sensor_that_the_map_does_not_tell_is_the_cause_that_is_to
     assert "what noise does not" in words
 
 
+@pytest.mark.slow
 def test_no_sensor_is_to_blame_for_a_prior_that_the_run_contradicts() -> None:
     """Without the prior the keys would explain the residuals, and nothing is left for a sensor."""
     base, wrong = machine_parameters("vibration_crank"), {"masses.tree_kg": (50.0, 0.02)}
