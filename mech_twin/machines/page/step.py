@@ -326,7 +326,7 @@ def page_step(
     for k in range(s.law_count):
         if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
             out[REGIME] = 1.0
-            if room.at.gap[k] < -1e-6:  # m or rad: pressed through by a given speed
+            if room.at.gap[k] < -1e-6 and room.at.velocity[k] < -1e-6:  # pressed through; a gap alone may drift so far
                 return CONTRADICTS
     held, turned = len(out) - 5, linkage[len(out) - 4]
     for k in range(model.books):
