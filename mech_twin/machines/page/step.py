@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, motor_step, step_of, work_room
+from mech_twin.engine.compiled_steps import Work, copy_numbers, force_step, linkage_step, motor_step, step_of, work_room
 from mech_twin.engine.hybrid.complementarity import SOLVED
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import OPEN, Array, Equations, Indices
@@ -18,6 +18,7 @@ from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.page.system import (
     PageSystem,
     beyond_elements,
+    close_drifted,
     driving_effort,
     energy_of,
     page_room,
@@ -197,8 +198,7 @@ def fill_efforts(
     model: PageMachine, regimes: Indices, acceleration: Array, multiplier: Array, place: int, out: Array
 ) -> None:
     """Write the efforts of the drives to their joints, and to the memory from index ``place`` on."""
-    s, nr = model.system, model.system.driven
-    led = 0
+    s, nr, led = model.system, model.system.driven, 0
     for i in range(len(model.drives)):
         if int(model.drives[i, KIND]) == SPEED:
             effort = driving_effort(s, led, acceleration, multiplier)
@@ -235,6 +235,10 @@ def fill_linkage(
     tell_regimes(s, regimes)
     find_accelerations(system, t, y, regimes, at)
     energy = energy_of(s, t, y, model.reported)
+    out[REGIME] = 0.0
+    for i in range(m):
+        if s.restitutions[i] >= 0.0 and regimes[i] != OPEN:
+            out[REGIME] = 1.0
     for i in range(model.joints):
         joint = LINKAGE_JOINTS + 3 * i
         out[joint], out[joint + 1], out[joint + 2] = model.reported[2 * i], model.reported[2 * i + 1], 0.0
@@ -294,8 +298,7 @@ def page_step(
     motor_controls(model, linkage, motor)
     y, regimes = work.numbers[:size], work.marks[: s.law_count + s.switches]
     room = page_room(s, size, work.numbers[size:], work.marks[len(regimes) :])
-    for i in range(len(y)):
-        room.tolerance[i] = model.tolerance[i]
+    copy_numbers(model.tolerance, room.tolerance)
     fill_state(model, linkage, y, regimes)
     forces = memory_place(model) + len(regimes) + model.kept + s.free
     for i in range(s.law_count):  # friction follows the force of its contact
@@ -318,16 +321,16 @@ def page_step(
             i += 1
     if not put_back(s, y) > REGULAR:
         return NEAR_DEAD_POINT
-    out[REGIME], out[COMMAND] = 0.0, motor[MOTOR_COMMAND]
+    out[COMMAND] = motor[MOTOR_COMMAND]
     beyond = beyond_elements(s, t, y, model.tables, model.reported)
     if beyond < 0:
         return beyond
     energy = fill_linkage(model, system, t, y, regimes, room.at, out)
+    if close_drifted(s, system, t, y, regimes, room):
+        energy = fill_linkage(model, system, t, y, regimes, room.at, out)
     for k in range(s.law_count):
-        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
-            out[REGIME] = 1.0
-            if room.at.gap[k] < -1e-6 and room.at.velocity[k] < -1e-6:  # pressed through; a gap alone may drift so far
-                return CONTRADICTS
+        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN and room.at.gap[k] < -1e-6:  # given speeds press through
+            return CONTRADICTS
     held, turned = len(out) - 5, linkage[len(out) - 4]
     for k in range(model.books):
         turned += abs(y[len(y) - model.kept + k] - linkage[memory_place(model) + len(regimes) + k])
@@ -358,10 +361,7 @@ def start_page(model: PageMachine, t: float, y: Array, regimes: Indices, out: Ar
     let_open(room.at, regimes)
     energy = fill_linkage(model, system, t, y, regimes, room.at, out)
     held = len(out) - 5
-    out[REGIME], out[held], out[held + 1], out[held + 2] = 0.0, energy, 0.0, energy
-    for k in range(s.law_count):
-        if s.restitutions[k] >= 0.0 and regimes[k] != OPEN:
-            out[REGIME] = 1.0
+    out[held], out[held + 1], out[held + 2] = energy, 0.0, energy
     fill_residuals(model, y, energy, energy, 1.0, out)
     return min(answer, SOLVED)
 

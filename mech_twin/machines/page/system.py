@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
-from mech_twin.engine.hybrid.complementarity import STRUCK, seek_impulses
+from mech_twin.engine.hybrid.complementarity import CLOSED_M, STRUCK, halt, seek_impulses
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, declares
-from mech_twin.engine.hybrid.loop import Room, room_in
+from mech_twin.engine.hybrid.loop import Room, clear, room_in
+from mech_twin.engine.hybrid.motion import prepare_instant
 from mech_twin.engine.integration import Workspace
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel
@@ -111,6 +112,32 @@ def put_back(system: PageSystem, y: Array) -> float:
     for i in range(2 * nz, len(system.corrections) if nz else 0):
         least = min(least, system.corrections[i])
     return least
+
+
+@borrowing_kernel
+def close_drifted(page: PageSystem, system: Any, t: float, y: Array, regimes: Indices, room: Room) -> bool:
+    """Put closed contacts back to gap and velocity 0 where they drifted by integration; return whether one had.
+
+    The laws that hold move by the least change in the metric of the mass matrix, as by an impulse.
+    """
+    at, drifted = room.at, False
+    for i in range(page.law_count):
+        closed = regimes[i] == HOLD and page.restitutions[i] >= 0.0
+        drifted = drifted or (closed and abs(at.gap[i]) > CLOSED_M)
+    if not drifted:
+        return False
+    prepare_instant(system, t, y, regimes, at)
+    for i in range(page.law_count):
+        gap = at.gap[i] if regimes[i] == HOLD and page.restitutions[i] >= 0.0 else 0.0
+        at.drift[i], at.velocity[i], room.struck[i] = gap, gap, 0
+    clear(room.before)
+    halt(room.before, regimes, at, room.struck, at.multiplier)
+    for k in range(page.free):
+        y[k] += room.before[page.free + k]
+    put_back(page, y)
+    prepare_instant(system, t, y, regimes, at)
+    halt(y, regimes, at, room.struck, at.multiplier)
+    return True
 
 
 @declares(laws.evaluate, PageSystem)
