@@ -143,8 +143,8 @@ class StatePlaces:
 
     @cached_property
     def bends(self) -> tuple[str, ...]:
-        """Names of the kinks of tables and of the starts of layers, where a force is not smooth."""
-        page, found = self.page, list(self.layers)
+        """Names of the kinks of tables, where a force is not smooth."""
+        page, found = self.page, list[str]()
         for name, spring in page.springs.items():
             rows = spring.table_m_n if spring.table_m_n is not None else spring.table_deg_nm
             found += self._bends(name, rows, held=False)
@@ -180,7 +180,8 @@ class StatePlaces:
     @cached_property
     def switches(self) -> tuple[str, ...]:
         """Elements with an event function of their own."""
-        return (*self.programs, *self.ports, *self.compliant, *self.backlashes, *self.bends, *self.resets)
+        touched = (*self.compliant, *self.backlashes, *self.layers)
+        return (*self.programs, *self.ports, *touched, *self.bends, *self.resets)
 
     @cached_property
     def worked(self) -> tuple[str, ...]:

@@ -276,6 +276,7 @@ bodies: {plate: {mass_kg: 2}}
 joints: {fall: {kind: slider, between: [ground, plate], direction_deg: 90, start_m: 0.2}}
 contacts: {soil: {point: plate, line: ground.top, normal_deg: 90, layer_m_n: [[0, 0], [1, 4000]]}}
 """
+PULL = "drives: {pull: {kind: table, joint: fall, table_s_n: [[0.3, 0], [0.301, 60]]}}\n"
 
 
 def test_a_layer_takes_the_fall_and_then_bears_the_weight():
@@ -287,9 +288,15 @@ def test_a_layer_takes_the_fall_and_then_bears_the_weight():
     assert soil.force_y_n == pytest.approx(20.0, rel=1e-10)
 
 
+def test_a_body_logs_when_it_enters_and_leaves_a_layer():
+    _, simulation = balanced(DROP + PULL, 0.8)
+    touched = [event for event in simulation.events if event.kind in ("contact", "release")]
+    assert [event.kind for event in touched] == ["contact", "release"]
+    assert touched[0].time_s == pytest.approx(0.2, abs=1e-10)
+
+
 def test_a_layer_gives_nothing_back_and_lets_the_plate_go():
-    text = DROP + "drives: {pull: {kind: table, joint: fall, table_s_n: [[0.3, 0], [0.301, 60]]}}\n"
-    told, _ = balanced(text, 0.8)
+    told, _ = balanced(DROP + PULL, 0.8)
     assert told[-1].linkage.position[0] > 0.2
     work = told[-1].linkage.memory["soil_work_j"]
     depth = (20.0 + math.sqrt(400.0 + 2.0 * 4000.0 * 4.0)) / 4000.0
