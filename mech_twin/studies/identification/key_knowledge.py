@@ -232,37 +232,40 @@ def _widened(
 
 
 def likely_cause(around: AroundFit, *, is_refuted: bool) -> str:
-    """Return what of the sensors would explain the residuals of a fit, with its size; empty without.
+    """Return what of the sensors or priors would explain the residuals of a fit, with its size; empty without.
 
-    It is a zero, a gain or a lag that the map gives as a number, or the rate of the clock of all channels.  Of a
-    refuted fit it takes away most of the squared residuals beyond noise, if the fit follows, to first order.  Of any
-    other it is told by the score test (Rao 1948): by chance noise, with its memory, would hardly take so much away.
+    It is a zero, a gain or a lag that the map gives as a number, the rate of the clock of all channels, or the mean of
+    a prior.  Of a refuted fit it takes away most of the squared residuals beyond noise, if the fit follows, to first
+    order.  Of any other it is told by the score test (Rao 1948): by chance noise, with its memory, would hardly take
+    so much away.
     """
     fitted, line = around.fitted, around.line
     problem, masks = fitted.problem, fitted.comparison.masks
     opened = [replace(run, channels=tuple(map(_all_open, run.channels))) for run in problem.runs]
     unknowns = unknowns_of(problem.model.keyed, problem.model.keyed.bounds(), opened)
     x = carried_over(fitted, unknowns)
-    rows = FitProblem(problem.model, unknowns).jacobian(x, fitted.comparison, np.zeros(len(x), dtype=np.bool_))
-    samples, lags, places = len(rows), unknowns.places(LAG), problem.places()
+    rows, priors = np.zeros((len(line.residuals), len(x))), np.flatnonzero(line.channels < 0)
+    samples = len(rows) - len(priors)
+    rows[:samples] = FitProblem(problem.model, unknowns).jacobian(x, fitted.comparison, np.zeros(len(x), bool))
+    lags, places = unknowns.places(LAG), problem.places()
     over_noise = np.array([fitted.comparison.sigmas[j] / channel_noise(problem, j)[0] for _, j in places])
-    weights = over_noise[line.channels[:samples]]
-    robust = weights * robust_weights(problem.residuals(fitted.x, fitted.comparison)[:samples])
+    weights = np.where(line.channels < 0, 1.0, over_noise[line.channels])
+    robust = weights * robust_weights(around.whole.residuals(around.x, fitted.comparison))
     rows *= robust[:, None]
-    root, _ = np.linalg.qr(line.jacobian[:samples] * weights[:, None])
+    root, _ = np.linalg.qr(line.jacobian * weights[:, None])
 
     def left_by_fit(column: Array) -> Array:
         return np.asarray(column - root @ (root.T @ column))
 
-    all_off = line.residuals[:samples] * weights
-    off, beyond = left_by_fit(all_off), float(all_off @ all_off) - samples
+    all_off = line.residuals * weights
+    off, beyond = left_by_fit(all_off), float(all_off @ all_off) - len(rows)
 
     def explained(column: Array) -> tuple[float, float, float]:
         own = left_by_fit(column)
         power, shared = float(own @ own), float(own @ off)
         if power <= LEAST_OWN * float(column @ column):
             return 0.0, 0.0, 0.0
-        by_chance, _ = remembered_noise(own[:, None], off, line.channels[:samples])
+        by_chance, _ = remembered_noise(own[:, None], off, line.channels)
         return shared**2 / power, shared**2 / max(float(by_chance[0, 0]), TINY), -shared / power
 
     tried = []
@@ -275,11 +278,15 @@ def likely_cause(around: AroundFit, *, is_refuted: bool) -> str:
         wrong = in_map(kind, (float(x[i]) + step) * unknowns.all[i].scale, channel)
         unit = {ZERO: f" {channel.channel.unit or unit_of(channel.name)}", GAIN: " times", LAG: " s"}[kind]
         tried.append((won, score, f"a {kind} of {channel.name} that is off by {wrong:.4g}{unit}"))
-    times = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
+    for row, (key, (mean, deviation)) in zip(priors, around.whole.priors.items(), strict=True):
+        won, score, step = explained(np.where(np.arange(len(rows)) == row, robust, 0.0))
+        tried.append((won, score, f"a prior of {key} about {mean - step * deviation:.4g}"))
+    times = np.zeros(len(rows))
+    times[:samples] = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
     by_delay = (rows[:, lags] / unknowns.scales[lags]).sum(axis=1)
     for number, (i, j) in enumerate(places):
         if problem.runs[i].channels[j].of_events and problem.runs[i].channels[j].field == "time":
-            own = line.channels[:samples] == number
+            own = line.channels == number
             by_delay[own] = -robust[own] / fitted.comparison.sigmas[j]
     won, score, rate = explained(by_delay * times)
     way = "fast" if rate > 0.0 else "slow"

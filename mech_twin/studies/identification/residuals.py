@@ -88,7 +88,7 @@ class FitProblem:
     Parameters
     ----------
     priors : mapping
-        Mean and standard deviation of keys with prior knowledge.
+        Mean and standard deviation of keys with prior knowledge; kept in the order of the keys, as their rows are.
     """
 
     def __init__(
@@ -97,8 +97,8 @@ class FitProblem:
         self.model, self.unknowns = model, unknowns
         self._curvature: tuple[Array, float] | None = None  # where, and how large
         self.runs = model.runs
-        self.priors = dict(priors or {})
-        self._priors = [(i, *self.priors[key]) for i, key in enumerate(model.keyed.keys) if key in self.priors]
+        self.priors = {key: priors[key] for key in model.keyed.keys if key in priors} if priors else {}
+        self._priors = [(model.keyed.keys.index(key), *prior) for key, prior in self.priors.items()]
 
     def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
         """Return the problem on other parts of its runs; ``near`` adds priors for keys without one."""

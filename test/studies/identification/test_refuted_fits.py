@@ -84,6 +84,15 @@ def test_no_sensor_is_to_blame_for_a_prior_that_the_run_contradicts() -> None:
         assert "would explain" not in key.reason
 
 
+@pytest.mark.parametrize("deviation_kg", [0.2, 1.0])
+def test_a_prior_that_the_run_contradicts_is_told_with_the_value_of_the_run(deviation_kg: float) -> None:
+    base, wrong = machine_parameters("vibration_crank"), {"masses.tree_kg": (50.0, deviation_kg)}
+    question = IdentificationQuestion("vibration_crank", base, tuple(TRUE), {}, wrong, cores=1)
+    for key in identified(question, [crank_run({}, {}, 0.0)]).keys:
+        _, _, words = key.reason.partition("a prior of masses.tree_kg about ")
+        assert float(words.split()[0]) == pytest.approx(TRUE["masses.tree_kg"], rel=0.01)
+
+
 def test_an_error_within_the_noise_is_told_beside_the_keys_that_it_moves() -> None:
     """A clock of 0.012 % moves the crank by 1.4 standard deviations at the end: no fit is refuted by that."""
     found = fitted(crank_run({}, {}, 1.2e-4))
