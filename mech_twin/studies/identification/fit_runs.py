@@ -77,6 +77,11 @@ class FitChannel:
         return self.name.rpartition(".")[2]
 
     @property
+    def of_instants(self) -> bool:
+        """Whether its values are the times of events."""
+        return self.of_events and self.field == "time"
+
+    @property
     def jumps(self) -> bool:
         """Whether its value can jump at an event of the machine."""
         return not self.of_events and not self.name.endswith(POSITION)
@@ -216,7 +221,7 @@ def seen_noise(values: Array) -> float:
 
 
 def _earlier(channel: FitChannel, shift_s: float) -> FitChannel:
-    values = channel.values - shift_s if channel.of_events and channel.field == "time" else channel.values
+    values = channel.values - shift_s if channel.of_instants else channel.values
     return replace(channel, times_s=channel.times_s - shift_s, values=values)
 
 

@@ -121,7 +121,7 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
     curves = problem.model.at(problem.unknowns.keys(x))
     for i, run in enumerate(problem.runs):
         for channel in run.channels:
-            if not channel.of_events or channel.field != "time" or curves is None:
+            if not channel.of_instants or curves is None:
                 continue
             any_times = True
             begin = problem.begin(x, i)
@@ -133,7 +133,7 @@ def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
             model = model[first_of_series(model, spacing)]
             model = model[(model >= first) & (model <= last)]
             places = matched(own, model)
-            off += (own - model[places])[places >= 0].tolist()
+            off += (own[places >= 0] - model[places[places >= 0]]).tolist()
             false += int(np.count_nonzero(places < 0))
             missed += len(model) - int(np.count_nonzero(places >= 0))
     return (float(np.sqrt(np.mean(np.square(off)))) if off else None if not any_times else np.nan), missed, false
@@ -234,7 +234,7 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
 
 def _size(channel: FitChannel) -> float:
     """Return the size of a channel within a cycle (SI), that does not grow with the run: a turn of an angle at most."""
-    if channel.of_events and channel.field == "time":
+    if channel.of_instants:
         return usual_spacing(channel.times_s) if len(channel.times_s) > 1 else 0.0
     return min(float(np.std(channel.values)), TURN if channel.turns else np.inf)
 

@@ -26,14 +26,20 @@ from mech_twin.studies.identification.held_out import (
 from mech_twin.studies.identification.key_knowledge import (
     AroundFit,
     around_fit,
-    carried_over,
     predictable,
     sensitivity_at,
     settled,
     verdicts_of,
     with_others_as_configured,
 )
-from mech_twin.studies.identification.least_squares_fit import Fitted, Progress, problem_of, quiet, refined
+from mech_twin.studies.identification.least_squares_fit import (
+    Fitted,
+    Progress,
+    carried_over,
+    problem_of,
+    quiet,
+    refined,
+)
 from mech_twin.studies.identification.refits import fits_spread
 from mech_twin.studies.identification.staged_search import Search, searched
 from mech_twin.studies.identification.unknowns import BEGIN, KEY, IdentificationQuestion

@@ -10,23 +10,20 @@ import numpy as np
 from scipy import stats
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.measurement_map import FREE
-from mech_twin.measurements.units import unit_of
-from mech_twin.studies.identification.fit_runs import FitChannel
-from mech_twin.studies.identification.held_out import TINY, channel_noise, in_map, refutation
+from mech_twin.studies.identification.held_out import refutation
 from mech_twin.studies.identification.intervals import (
     Linearised,
     Uncertainty,
     last_step,
     linearised,
     moved_by_fixed,
-    remembered_noise,
     uncertainty,
 )
 from mech_twin.studies.identification.keyed_configuration import unit_at
 from mech_twin.studies.identification.least_squares_fit import (
     Fitted,
     Progress,
+    carried_over,
     noise_floors,
     problem_of,
     quiet,
@@ -34,6 +31,7 @@ from mech_twin.studies.identification.least_squares_fit import (
     robust_weights,
     spreads,
 )
+from mech_twin.studies.identification.likely_cause import likely_cause
 from mech_twin.studies.identification.refits import (
     KeyProfile,
     Refits,
@@ -50,8 +48,6 @@ from mech_twin.studies.identification.unknowns import (
     LAG,
     ZERO,
     IdentificationQuestion,
-    Unknowns,
-    unknowns_of,
 )
 from mech_twin.studies.identification.verdicts import (
     IDENTIFIED,
@@ -112,13 +108,6 @@ def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
     jacobian = problem.jacobian(x, comparison) * weights[:, None]
     places = problem.unknowns.places(KEY)
     return sensitivity(jacobian, jacobian, places, x[places])
-
-
-def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
-    """Return the start vector of other unknowns, with the fitted values where they are the same."""
-    found = {(u.kind, u.name, u.runs): fitted.x[i] * u.scale for i, u in enumerate(fitted.problem.unknowns.all)}
-    pairs = zip(unknowns.all, unknowns.start, strict=True)
-    return np.array([found.get((u.kind, u.name, u.runs), start * u.scale) / u.scale for u, start in pairs])
 
 
 def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
@@ -231,81 +220,6 @@ def _widened(
     return replace(known, half_widths=halves, given_tied=given)
 
 
-def likely_cause(around: AroundFit, *, is_refuted: bool) -> str:
-    """Return what of the sensors or priors would explain the residuals of a fit, with its size; empty without.
-
-    It is a zero, a gain or a lag that the map gives as a number, the rate of the clock of all channels, or the mean of
-    a prior.  Of a refuted fit it takes away most of the squared residuals beyond noise, if the fit follows, to first
-    order.  Of any other it is told by the score test (Rao 1948): by chance noise, with its memory, would hardly take
-    so much away.
-    """
-    fitted, line = around.fitted, around.line
-    problem, masks = fitted.problem, fitted.comparison.masks
-    opened = [replace(run, channels=tuple(map(_all_open, run.channels))) for run in problem.runs]
-    unknowns = unknowns_of(problem.model.keyed, problem.model.keyed.bounds(), opened)
-    x = carried_over(fitted, unknowns)
-    rows, priors = np.zeros((len(line.residuals), len(x))), np.flatnonzero(line.channels < 0)
-    samples = len(rows) - len(priors)
-    rows[:samples] = FitProblem(problem.model, unknowns).jacobian(x, fitted.comparison, np.zeros(len(x), bool))
-    lags, places = unknowns.places(LAG), problem.places()
-    over_noise = np.array([fitted.comparison.sigmas[j] / channel_noise(problem, j)[0] for _, j in places])
-    weights = np.where(line.channels < 0, 1.0, over_noise[line.channels])
-    robust = weights * robust_weights(around.whole.residuals(around.x, fitted.comparison))
-    rows *= robust[:, None]
-    root, _ = np.linalg.qr(line.jacobian * weights[:, None])
-
-    def left_by_fit(column: Array) -> Array:
-        return np.asarray(column - root @ (root.T @ column))
-
-    all_off = line.residuals * weights
-    off, beyond = left_by_fit(all_off), float(all_off @ all_off) - len(rows)
-
-    def explained(column: Array) -> tuple[float, float, float]:
-        own = left_by_fit(column)
-        power, shared = float(own @ own), float(own @ off)
-        if power <= LEAST_OWN * float(column @ column):
-            return 0.0, 0.0, 0.0
-        by_chance, _ = remembered_noise(own[:, None], off, line.channels)
-        return shared**2 / power, shared**2 / max(float(by_chance[0, 0]), TINY), -shared / power
-
-    tried = []
-    for i in unknowns.places(ZERO, GAIN, LAG).tolist():
-        kind, channel = unknowns.all[i].kind, problem.runs[0].channels[unknowns.all[i].place]
-        is_open = problem.unknowns.of_channel(kind, 0, unknowns.all[i].place) is not None
-        if is_open or channel.of_events or (channel.turns and kind == GAIN):  # which would be the clock of an angle
-            continue
-        won, score, step = explained(rows[:, i])
-        wrong = in_map(kind, (float(x[i]) + step) * unknowns.all[i].scale, channel)
-        unit = {ZERO: f" {channel.channel.unit or unit_of(channel.name)}", GAIN: " times", LAG: " s"}[kind]
-        tried.append((won, score, f"a {kind} of {channel.name} that is off by {wrong:.4g}{unit}"))
-    for row, (key, (mean, deviation)) in zip(priors, around.whole.priors.items(), strict=True):
-        won, score, step = explained(np.where(np.arange(len(rows)) == row, robust, 0.0))
-        tried.append((won, score, f"a prior of {key} about {mean - step * deviation:.4g}"))
-    times = np.zeros(len(rows))
-    times[:samples] = np.concatenate([problem.runs[i].channels[j].times_s[masks[i][j]] for i, j in places])
-    by_delay = (rows[:, lags] / unknowns.scales[lags]).sum(axis=1)
-    for number, (i, j) in enumerate(places):
-        if problem.runs[i].channels[j].of_events and problem.runs[i].channels[j].field == "time":
-            own = line.channels == number
-            by_delay[own] = -robust[own] / fitted.comparison.sigmas[j]
-    won, score, rate = explained(by_delay * times)
-    way = "fast" if rate > 0.0 else "slow"
-    tried.append((won, score, f"a clock {100.0 * abs(rate):.3g} % too {way}, or a machine as much the other way,"))
-    most, score, _ = max(tried)
-    words = " or ".join(word for won, _, word in tried if won >= ALIKE * most)
-    if not is_refuted:
-        return f"; but {words} would fit better, which the interval does not hold" if score > SCORE else ""
-    share = min(most / max(beyond, most, TINY), 1.0) if beyond > 0.0 else 0.0
-    return f"; {words} would explain {100.0 * share:.0f} % of what noise does not" if share > MOST else ""
-
-
-def _all_open(channel: FitChannel) -> FitChannel:
-    """Return a channel of which the map leaves zero, gain and lag free, where it gives numbers."""
-    given = channel.channel
-    words = {kind: FREE for kind in ("zero", "gain", "lag_s") if not isinstance(getattr(given, kind), str)}
-    return replace(channel, channel=given.model_copy(update=words))
-
-
 def combined(
     question: IdentificationQuestion,
     refits: Refits,
@@ -360,17 +274,18 @@ def verdicts_of(
         estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
         errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
         given[:, i] = known.given_tied[:, place] * scale
+    around_it = (question, fitted, around.whole, around.line)
     lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
     if lacking is None:
         found = combined(question, around.refits(), seen, chosen, given, progress)
     else:
-        lacking += likely_cause(around, is_refuted=True)
+        lacking += likely_cause(*around_it, is_refuted=True)
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
         *(scales, seen, fixed, refuted(lacking, search)),
     )
-    doubt = likely_cause(around, is_refuted=False) if lacking is None else ""
+    doubt = likely_cause(*around_it, is_refuted=False) if lacking is None else ""
     return [
         replace(key, reason=key.reason + doubt) if key.verdict == IDENTIFIED else key
         for key in key_verdicts(evidence, found)

@@ -24,6 +24,7 @@ from mech_twin.studies.identification.unknowns import (
     ZERO,
     IdentificationQuestion,
     ModelRuns,
+    Unknowns,
     unknowns_of,
 )
 
@@ -74,6 +75,13 @@ def problem_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> FitP
     unknowns = unknowns_of(keyed, keyed.bounds(question.bounds), runs, question.longest_begin_s)
     priors = {key: prior for key, prior in question.priors.items() if key in keyed.keys}
     return FitProblem(ModelRuns(keyed, runs, question.longest_begin_s, question.cores), unknowns, priors)
+
+
+def carried_over(fitted: Fitted, unknowns: Unknowns) -> Array:
+    """Return the start vector of other unknowns, with the fitted values where they are the same."""
+    found = {(u.kind, u.name, u.runs): fitted.x[i] * u.scale for i, u in enumerate(fitted.problem.unknowns.all)}
+    pairs = zip(unknowns.all, unknowns.start, strict=True)
+    return np.array([found.get((u.kind, u.name, u.runs), start * u.scale) / u.scale for u, start in pairs])
 
 
 def quiet(_: str) -> None:

@@ -149,3 +149,12 @@ def test_times_of_events_tell_a_wrong_clock_too() -> None:
     found = identified(question, [placed_run(Path("run"), [only], None, begin_known=True)])
     assert "a clock 0." in found.keys[0].reason
     assert "too fast" in found.keys[0].reason
+
+
+def test_a_run_with_events_where_the_model_has_none_is_refuted() -> None:
+    """The mass first strikes after 29 ms."""
+    impacts = np.array([0.005, 0.012, 0.02])
+    only = channel("event.impact.time", 1e-5, impacts, impacts)
+    question = IdentificationQuestion("impact_mass", machine_parameters("impact_mass"), ("restitution",), cores=1)
+    found = identified(question, [placed_run(Path("run"), [only], None, begin_known=True)])
+    assert found.keys[0].verdict in ("model_error", "not_converged", "not_excited")
