@@ -11,8 +11,8 @@ from typing import Any
 from mech_twin.engine.run import frames
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
-from mech_twin.measurements.sensors import SensorBench
-from mech_twin.measurements.tables import TableReader, sensor_table
+from mech_twin.measurements.sensors import SensorBench, sensor_table
+from mech_twin.measurements.tables import TableReader
 from mech_twin.measurements.units import machine_columns
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.samples import Frame

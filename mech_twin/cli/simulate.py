@@ -16,8 +16,7 @@ from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.engine.trajectory import broken_lines, frame_numbers
 from mech_twin.files.output_file import written_file
-from mech_twin.measurements.sensors import Reading, SensorBench
-from mech_twin.measurements.tables import WRITTEN_SUFFIXES, TableWriter, sensor_table
+from mech_twin.measurements.sensors import WRITTEN_SUFFIXES, Reading, SensorBench, TableWriter, sensor_table
 from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.description import description_text

@@ -6,16 +6,19 @@ A sensor samples the machine at ``k / rate_hz`` plus jitter; its stamp is later 
     reading(stamp) = sign * x(stamp - lag_s) / gain + zero + noise,   rounded to the quantum
 
 Channels of one topic are in one message, so they have the same instants; a column of a table has its own.
+Tables are written here too: of the readings, or of every column of the machine.
 """
 
 from __future__ import annotations
 
+import csv
 import heapq
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from math import pi
-from typing import NamedTuple
+from pathlib import Path
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -24,8 +27,10 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.rollout import RollOut
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.measurements.blocks import Array
-from mech_twin.measurements.measurement_map import Channel, MeasurementMap, Source
-from mech_twin.measurements.units import EVENT, is_angle, is_event
+from mech_twin.measurements.measurement_map import TIME_COLUMN, Channel, MeasurementMap, Source
+from mech_twin.measurements.units import EVENT, TIME_UNITS, is_angle, is_event
+from mech_twin.process.closing import Closing
+from mech_twin.process.dependencies import require_extra
 from mech_twin.samples import Event, Frame
 
 TURN = 2.0 * pi
@@ -250,3 +255,81 @@ def _check_sensors(sensors: MeasurementMap, gauge: BlowGauge | None) -> None:
                     f"{where}.{key}', value {mine}: expected {theirs} as in channels.{first_place}, both come in one "
                     f"message of topic {first.source.topic!r}"
                 )
+
+
+ROWS_PER_BATCH = 1 << 16
+WRITTEN_SUFFIXES = (".parquet", ".csv", ".tsv")
+
+
+class TableWriter(Closing):
+    """A table in progress; rows are written in batches, in order of time.
+
+    Parameters
+    ----------
+    path : Path
+        File to write: Parquet, CSV or TSV.
+    columns : sequence of str
+        Columns besides the time.
+    time_column, time_factor : str, float
+        Name of the time column, and its unit in seconds.
+    """
+
+    def __init__(
+        self, path: Path, columns: Sequence[str], time_column: str = TIME_COLUMN, time_factor: float = 1.0
+    ) -> None:
+        self._columns = (time_column, *columns)
+        self._place = {name: place for place, name in enumerate(self._columns)}
+        self._factor = time_factor
+        self._rows: list[list[float | None]] = []
+        self._last_s: float | None = None
+        self._parquet: Any = None
+        self._stream: IO[str] | None = None
+        if path.suffix == ".parquet":
+            require_extra("tables")
+            import pyarrow as pa
+            from pyarrow import parquet
+
+            self._schema = pa.schema([(name, pa.float64()) for name in self._columns])
+            self._parquet = parquet.ParquetWriter(path, self._schema, compression="zstd")
+        else:
+            self._stream = path.open("w", newline="", encoding="utf-8")
+            self._csv = csv.writer(self._stream, delimiter="\t" if path.suffix == ".tsv" else ",")
+            self._csv.writerow(self._columns)
+
+    def close(self) -> None:
+        """Write the remaining rows and close the file."""
+        self._flush()
+        if self._parquet is not None:
+            self._parquet.close()
+        if self._stream is not None:
+            self._stream.close()
+
+    def write(self, time_s: float, values: Sequence[tuple[str, float]]) -> None:
+        """Add values at an instant; values of the same instant share a row."""
+        if time_s != self._last_s:
+            if len(self._rows) >= ROWS_PER_BATCH:
+                self._flush()
+            self._rows.append([time_s / self._factor, *[None] * (len(self._columns) - 1)])
+            self._last_s = time_s
+        for name, value in values:
+            self._rows[-1][self._place[name]] = value
+
+    def read(self, reading: Reading) -> None:
+        """Add a reading of sensors."""
+        self.write(reading.time_s, list(zip((source.label for source in reading.sources), reading.values, strict=True)))
+
+    def _flush(self) -> None:
+        rows, self._rows, self._last_s = self._rows, [], None
+        if self._parquet is not None and rows:
+            import pyarrow as pa
+
+            arrays = [pa.array(column, pa.float64()) for column in zip(*rows, strict=True)]
+            self._parquet.write_batch(pa.RecordBatch.from_arrays(arrays, schema=self._schema))
+        elif rows:
+            self._csv.writerows([["" if cell is None else repr(cell) for cell in row] for row in rows])
+
+
+def sensor_table(path: Path, sensors: MeasurementMap) -> TableWriter:
+    """Return a writer of a table with the channels of a sensors file, which is also the map of the table."""
+    columns = [channel.source.label for channel in sensors.channels]
+    return TableWriter(path, columns, sensors.time.column or TIME_COLUMN, TIME_UNITS[sensors.time.unit])

@@ -8,19 +8,18 @@ import re
 from codecs import getincrementaldecoder
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from difflib import get_close_matches
-from itertools import pairwise
+from io import SEEK_END, TextIOWrapper
+from itertools import islice, pairwise
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mech_twin.errors import MeasurementError
 from mech_twin.files.input_file import TABLE_SUFFIXES, opened_input
 from mech_twin.measurements.blocks import EPOCH_S, NO_DELAYS, Array, Block, SourceColumn
-from mech_twin.measurements.measurement_map import TIME_COLUMN, MeasurementMap, Source, TimeSource
-from mech_twin.measurements.sensors import Reading
+from mech_twin.measurements.measurement_map import TIME_COLUMN, Source, TimeSource
 from mech_twin.measurements.units import TIME_UNITS, is_unit, time_unit_in, unit_in
-from mech_twin.process.closing import Closing
 from mech_twin.process.dependencies import require_extra
 
 if TYPE_CHECKING:
@@ -32,8 +31,9 @@ HEAD_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 20
 BATCH_ROWS = 1 << 16
 NO_VALUE = ("", "-", "--", "---", "na", "n/a", "#n/a", "null", "none")  # in any case, with a blank at either end
+ROW = re.compile(r"Row #(\d+)")
 WRONG_CELL = re.compile(
-    r"CSV column #(\d+): Row #(\d+): CSV conversion error to double: invalid value '(.*)'", re.DOTALL
+    r"CSV column #(\d+): line (\d+): CSV conversion error to double: invalid value '(.*)'", re.DOTALL
 )
 MOST_NAMED = 12  # columns listed in an error message
 
@@ -158,8 +158,8 @@ class TableReader:
             else:
                 yield from self._text.batches(names)
         except (pa.ArrowException, OSError) as error:
-            wrong = self._text and self._text.wrong_cell(error)
-            raise MeasurementError(self.path, wrong or f"cannot be read as a table: {_first_line(error)}") from error
+            told = str(error) if self._text is None else self._text.told(str(error))
+            raise MeasurementError(self.path, f"cannot be read as a table: {_first_line(told)}") from error
 
 
 class _TextForm:
@@ -169,7 +169,7 @@ class _TextForm:
         self._path = path
         try:
             with opened_input(path) as stream:
-                head = stream.read(HEAD_BYTES)
+                head = stream.read(HEAD_BYTES).rstrip(b"\x00")  # a file system may leave them where power failed
         except OSError as error:
             raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
         if b"\x00" in head:
@@ -207,12 +207,17 @@ class _TextForm:
         import pyarrow as pa
         from pyarrow import csv as arrow_csv
 
+        cut = self._unended_line()
         reader = arrow_csv.open_csv(
             self._path,
             read_options=arrow_csv.ReadOptions(
                 use_threads=False, block_size=BLOCK_BYTES, skip_rows=self._skipped, column_names=list(self.columns)
             ),
-            parse_options=arrow_csv.ParseOptions(delimiter=self._delimiter, ignore_empty_lines=True),
+            parse_options=arrow_csv.ParseOptions(
+                delimiter=self._delimiter,
+                ignore_empty_lines=True,
+                invalid_row_handler=lambda row: "skip" if row.text == cut else "error",
+            ),
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=names,
                 column_types=dict.fromkeys(names, pa.float64()),
@@ -223,16 +228,29 @@ class _TextForm:
         with reader:
             yield from reader
 
-    def wrong_cell(self, error: Exception) -> str | None:
-        """Return what is wrong with the cell that an error is about; None for other errors."""
-        found = WRONG_CELL.search(str(error))
+    def _unended_line(self) -> str | None:
+        """Return the last line of the file if no line end follows: one with too few cells was cut while written."""
+        with opened_input(self._path) as stream:
+            stream.seek(-min(HEAD_BYTES, stream.seek(0, SEEK_END)), SEEK_END)
+            return re.split(r"[\r\n]", stream.read().decode("utf-8", "replace"))[-1] or None
+
+    def told(self, error: str) -> str:
+        """Return what is said of an error of Arrow: the column and line of a cell, where it is about one."""
+        text = ROW.sub(lambda row: f"line {self._line(int(row[1]))}", error)
+        found = WRONG_CELL.search(text)
         if found is None:
-            return None
-        column, row, value = found.groups()
+            return text
+        column, line, value = found.groups()
         return (
-            f"column {self.columns[int(column)]!r}, row {row}, value {value!r}: expected a number with decimal sign "
+            f"column {self.columns[int(column)]!r}, line {line}, value {value!r}: expected a number with decimal sign "
             f"{self._decimal!r} or a word such as n/a; dates are read from Parquet only"
         )
+
+    def _line(self, row: int) -> int:
+        """Return the line of a row as Arrow counts rows: each line above the numbers, then all that are not empty."""
+        with TextIOWrapper(opened_input(self._path), encoding="latin-1") as text:
+            counted = (line for line, content in enumerate(text, 1) if line <= self._skipped or content != "\n")
+            return next(islice(counted, row - 1, None), row)
 
 
 def _decoded(head: bytes) -> str:
@@ -300,83 +318,5 @@ def _numbers(column: Any, path: Path, name: str) -> tuple[Array, Any]:
     return np.asarray(column.cast(pa.float64(), safe=False).fill_null(0.0), dtype=np.float64), known
 
 
-def _first_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
-
-
-ROWS_PER_BATCH = 1 << 16
-WRITTEN_SUFFIXES = (".parquet", ".csv", ".tsv")
-
-
-class TableWriter(Closing):
-    """A table in progress; rows are written in batches, in order of time.
-
-    Parameters
-    ----------
-    path : Path
-        File to write: Parquet, CSV or TSV.
-    columns : sequence of str
-        Columns besides the time.
-    time_column, time_factor : str, float
-        Name of the time column, and its unit in seconds.
-    """
-
-    def __init__(
-        self, path: Path, columns: Sequence[str], time_column: str = TIME_COLUMN, time_factor: float = 1.0
-    ) -> None:
-        self._columns = (time_column, *columns)
-        self._place = {name: place for place, name in enumerate(self._columns)}
-        self._factor = time_factor
-        self._rows: list[list[float | None]] = []
-        self._last_s: float | None = None
-        self._parquet: Any = None
-        self._stream: IO[str] | None = None
-        if path.suffix == ".parquet":
-            require_extra("tables")
-            import pyarrow as pa
-            from pyarrow import parquet
-
-            self._schema = pa.schema([(name, pa.float64()) for name in self._columns])
-            self._parquet = parquet.ParquetWriter(path, self._schema, compression="zstd")
-        else:
-            self._stream = path.open("w", newline="", encoding="utf-8")
-            self._csv = csv.writer(self._stream, delimiter="\t" if path.suffix == ".tsv" else ",")
-            self._csv.writerow(self._columns)
-
-    def close(self) -> None:
-        """Write the remaining rows and close the file."""
-        self._flush()
-        if self._parquet is not None:
-            self._parquet.close()
-        if self._stream is not None:
-            self._stream.close()
-
-    def write(self, time_s: float, values: Sequence[tuple[str, float]]) -> None:
-        """Add values at an instant; values of the same instant share a row."""
-        if time_s != self._last_s:
-            if len(self._rows) >= ROWS_PER_BATCH:
-                self._flush()
-            self._rows.append([time_s / self._factor, *[None] * (len(self._columns) - 1)])
-            self._last_s = time_s
-        for name, value in values:
-            self._rows[-1][self._place[name]] = value
-
-    def read(self, reading: Reading) -> None:
-        """Add a reading of sensors."""
-        self.write(reading.time_s, list(zip((source.label for source in reading.sources), reading.values, strict=True)))
-
-    def _flush(self) -> None:
-        rows, self._rows, self._last_s = self._rows, [], None
-        if self._parquet is not None and rows:
-            import pyarrow as pa
-
-            arrays = [pa.array(column, pa.float64()) for column in zip(*rows, strict=True)]
-            self._parquet.write_batch(pa.RecordBatch.from_arrays(arrays, schema=self._schema))
-        elif rows:
-            self._csv.writerows([["" if cell is None else repr(cell) for cell in row] for row in rows])
-
-
-def sensor_table(path: Path, sensors: MeasurementMap) -> TableWriter:
-    """Return a writer of a table with the channels of a sensors file, which is also the map of the table."""
-    columns = [channel.source.label for channel in sensors.channels]
-    return TableWriter(path, columns, sensors.time.column or TIME_COLUMN, TIME_UNITS[sensors.time.unit])
+def _first_line(error: Exception | str) -> str:
+    return " ".join(str(error).split())[:300]

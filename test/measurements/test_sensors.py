@@ -18,8 +18,8 @@ from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import MeasuredRun, read_run
-from mech_twin.measurements.sensors import Reading, SensorBench
-from mech_twin.measurements.tables import TableReader, sensor_table
+from mech_twin.measurements.sensors import Reading, SensorBench, sensor_table
+from mech_twin.measurements.tables import TableReader
 from mech_twin.measurements.units import UNITS, machine_columns
 from mech_twin.samples import Frame
 

@@ -173,10 +173,10 @@ def test_epoch_times_keep_their_resolution(tmp_path: Path) -> None:
         ("", ("is empty",)),
         ("a,b\n", ("no line of numbers",)),
         ("a b\n1.5 2.5\n", ("no line of numbers", "comma, semicolon or tab")),
-        ("t,x\n0,1\n1,two\n2,3\n", ("column 'x', row 3, value 'two'", "expected a number", "'.'")),
-        ("t,y,x\n0,1,2\n1,2,3\n2,3,1.#QNAN\n", ("column 'x', row 4, value '1.#QNAN'", "expected a number")),
-        ("t,y,x\n2026-11-03T08:00:00,1,2\n", ("column 't', row 2, value '2026-11-03T08:00:00'", "dates")),
-        ("t;x\n0;1\n1,5;2.5\n", ("column 'x', row 3, value '2.5'", "decimal sign ','")),
+        ("t,x\n0,1\n1,two\n2,3\n", ("column 'x', line 3, value 'two'", "expected a number", "'.'")),
+        ("t,y,x\n0,1,2\n1,2,3\n2,3,1.#QNAN\n", ("column 'x', line 4, value '1.#QNAN'", "expected a number")),
+        ("t,y,x\n2026-11-03T08:00:00,1,2\n", ("column 't', line 2, value '2026-11-03T08:00:00'", "dates")),
+        ("t;x\n0;1\n1,5;2.5\n", ("column 'x', line 3, value '2.5'", "decimal sign ','")),
         ("t,x\n0,1\n1,2,3\n2,3\n", ("columns",)),
         ("t,y\n0,1\n1,2\n", ("no column 'x'", "'t', 'y'")),
         ("\x00\x01\x02", ("no text",)),
@@ -189,6 +189,27 @@ def test_a_bad_table_is_refused_in_one_line(text: str, words: tuple[str, ...], t
         read(path, ("x",), TimeSource(column="t"))
     assert "\n" not in str(refused.value)
     assert all(word in str(refused.value) for word in (str(path), *words))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_an_error_names_the_line_of_the_file_whatever_lines_are_empty(end: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    above = ["of a rig,", "", "t,x", "0,1", "", "", "1,2"]
+    for wrong, words in (("2,two", "line 8, value 'two'"), ("2", "line 8: Expected 2 columns, got 1: 2")):
+        path.write_text(end.join([*above, wrong, "3,4", ""]), encoding="utf-8", newline="")
+        with pytest.raises(MeasurementError, match=words):
+            read(path, ("x",), TimeSource(column="t", unit="s"))
+
+
+@pytest.mark.parametrize("cut", ["9.0,1", "9", "\0" * 5000])
+def test_a_last_row_that_was_cut_while_written_is_left_out(cut: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y\n" + "".join(f"{row},{row},0\n" for row in range(9)) + cut, encoding="utf-8")
+    ((times, values),) = read(path, ("x",), TimeSource(column="t", unit="s"))
+    assert times.tolist() == values.tolist() == list(range(9))
+    path.write_text(f"{path.read_text(encoding='utf-8')}\n9,9,0\n", encoding="utf-8")
+    with pytest.raises(MeasurementError, match="line 11: Expected 3 columns|is no text"):
+        read(path, ("x",), TimeSource(column="t", unit="s"))
 
 
 def test_a_long_table_is_read_in_bounded_memory(tmp_path: Path) -> None:
