@@ -115,16 +115,14 @@ class TableReader:
         """Yield the samples of these columns; see `RunReader.blocks`."""
         names = [self._column(source.column or source.label) for source in sources]
         clock = self._column(time.column or TIME_COLUMN)
-        factor, origin_s = TIME_UNITS[self._clocks.get(clock, time.unit)], None
+        factor, origin = TIME_UNITS[self._clocks.get(clock, time.unit)], None
         for batch in self._batches(list(dict.fromkeys((clock, *names)))):
             times, known = _numbers(batch[clock], self.path, clock)
             stamped = known & np.isfinite(times)
-            if not stamped.all():
-                times, known = np.where(stamped, times, np.nan), np.ones(len(known), dtype=bool)
-            if origin_s is None and stamped.any():
+            if origin is None and stamped.any():
                 first_s = float(times[stamped][0]) * factor
-                origin_s = float(np.floor(first_s)) if abs(first_s) > EPOCH_S else 0.0
-            stamps = (times - (origin_s or 0.0) / factor) * factor
+                origin = round(np.floor(first_s) / factor) if abs(first_s) > EPOCH_S else 0
+            stamps = np.where(stamped, _numbers(batch[clock], self.path, clock, origin or 0)[0] * factor, np.nan)
             for place, name in enumerate(names):
                 values, known = _numbers(batch[name], self.path, name)
                 yield Block(place, stamps[known], values[known], NO_DELAYS)
@@ -306,16 +304,19 @@ def _is_time(kind: Any) -> bool:
     return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
 
 
-def _numbers(column: Any, path: Path, name: str) -> tuple[Array, Any]:
-    """Return a column as floats, and a mask of the cells with a value."""
+def _numbers(column: Any, path: Path, name: str, origin: int = 0) -> tuple[Array, Any]:
+    """Return a column less an origin as floats, and a mask of the cells with a value; of whole numbers exactly."""
     import pyarrow as pa
+    from pyarrow import compute
 
     if _is_time(column.type):
         column = column.cast(pa.int64())
     if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_boolean(column.type)):
         raise MeasurementError(path, f"column {name!r} holds {column.type}, expected numbers")
     known = ~np.asarray(column.is_null(), dtype=bool)
-    return np.asarray(column.cast(pa.float64(), safe=False).fill_null(0.0), dtype=np.float64), known
+    if origin and pa.types.is_integer(column.type):  # nanoseconds since 1970 have more digits than a float
+        column, origin = compute.subtract(column.cast(pa.int64(), safe=False), origin), 0
+    return np.asarray(column.cast(pa.float64(), safe=False).fill_null(0.0), dtype=np.float64) - origin, known
 
 
 def _first_line(error: Exception | str) -> str:

@@ -167,6 +167,16 @@ def test_epoch_times_keep_their_resolution(tmp_path: Path) -> None:
     assert times.tolist() == [i * 0.25 for i in range(8)]
 
 
+@pytest.mark.parametrize("kind", [pa.timestamp("ns"), pa.int64(), pa.uint64()])
+def test_whole_nanoseconds_since_1970_are_exact(kind: Any, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    first_ns = 1_764_380_000_000_000_000
+    stamps = pa.array([first_ns + each for each in (1, 50_001, 100_001, 0)]).cast(kind)
+    pq.write_table(pa.table({"t_ns": stamps, "x": [0.0, 1.0, 2.0, 3.0]}), path)
+    ((times, _),) = read(path, ("x",), TableReader(path).proposed_time())
+    assert np.diff(times) == pytest.approx([50e-6, 50e-6, -100.001e-6], rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -208,7 +218,7 @@ def test_a_last_row_that_was_cut_while_written_is_left_out(cut: str, tmp_path: P
     ((times, values),) = read(path, ("x",), TimeSource(column="t", unit="s"))
     assert times.tolist() == values.tolist() == list(range(9))
     path.write_text(f"{path.read_text(encoding='utf-8')}\n9,9,0\n", encoding="utf-8")
-    with pytest.raises(MeasurementError, match="line 11: Expected 3 columns|is no text"):
+    with pytest.raises(MeasurementError, match=r"line 11: Expected 3 columns|is no text"):
         read(path, ("x",), TimeSource(column="t", unit="s"))
 
 
