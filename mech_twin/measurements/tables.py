@@ -311,7 +311,8 @@ def _numbers(column: Any, path: Path, name: str, origin: int = 0) -> tuple[Array
 
     if _is_time(column.type):
         column = column.cast(pa.int64())
-    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_boolean(column.type)):
+    kinds = (pa.types.is_floating, pa.types.is_integer, pa.types.is_boolean, pa.types.is_decimal)
+    if not any(known(column.type) for known in kinds):
         raise MeasurementError(path, f"column {name!r} holds {column.type}, expected numbers")
     known = ~np.asarray(column.is_null(), dtype=bool)
     if origin and pa.types.is_integer(column.type):  # nanoseconds since 1970 have more digits than a float

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 import tracemalloc
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +72,14 @@ def test_parquet_gives_the_numbers_and_leaves_out_empty_cells(tmp_path: Path) ->
     assert values[0] == 1.0
     assert np.isnan(values[1])
     assert counted.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_decimals_of_a_database_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    cells = [Decimal("0.125"), Decimal("1.25"), None]
+    pq.write_table(pa.table({"t": cells[:2] + [Decimal("2.5")], "x": cells}), path)
+    ((times, values),) = read(path, ("x",), TimeSource(column="t"))
+    assert (times.tolist(), values.tolist()) == ([0.125, 1.25], [0.125, 1.25])
 
 
 def test_a_decimal_comma_in_any_row_of_the_head_is_the_decimal_sign(tmp_path: Path) -> None:
