@@ -172,19 +172,20 @@ class _TextForm:
             raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
         if b"\x00" in head:
             raise MeasurementError(path, "is no text; expected a table of numbers with a header line")
-        lines = _decoded(head).splitlines()
+        lines = _decoded(head).splitlines(keepends=True)
         if len(head) == HEAD_BYTES:
             lines = lines[:-1]
         if not lines:
             raise MeasurementError(path, "is empty" if not head else f"has no line end in {HEAD_BYTES} bytes")
         self._delimiter = _delimiter(lines)
-        every = list(csv.reader(lines, delimiter=self._delimiter))
+        reader = csv.reader(lines, delimiter=self._delimiter)
+        ends, every = zip(*((reader.line_num, row) for row in reader), strict=True)  # a name in quotes may have lines
         rows = every[:50]
         first = next((i for i, row in enumerate(rows) if _most(row, _is_number)), None)
         if first is None:
             expected = "expected numbers (a date is none) with comma, semicolon or tab between them"
             raise MeasurementError(path, f"has no line of numbers in most cells in its first 50 lines; {expected}")
-        self._skipped = first
+        self._skipped = (0, *ends)[first]
         cells = len(rows[first])
         data = (cell for row in every[first:] for cell in row)
         comma = self._delimiter != "," and any("," in cell and _is_number(cell) for cell in data)
@@ -276,9 +277,10 @@ def _most(row: list[str], test: Callable[[str], bool]) -> bool:
     return sum(map(test, cells)) > len(cells) / 2
 
 
-def _names(above: list[list[str]]) -> list[str]:
+def _names(above: Sequence[list[str]]) -> list[str]:
     """Return the names in the last row with any above the numbers; those above a row of units, with the units."""
-    *others, names = [[cell.strip() for cell in row] for row in above if any(map(str.strip, row))] or [[]]
+    filled = [[" ".join(map(str.strip, cell.splitlines())).strip() for cell in row] for row in above if any(row)]
+    *others, names = [row for row in filled if any(row)] or [[]]
     if not (others and len(others[-1]) == len(names) and _most(names, is_unit)):
         return names
     return [f"{name} [{unit.strip('()[]')}]" if unit else name for name, unit in zip(others[-1], names, strict=True)]

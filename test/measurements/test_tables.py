@@ -77,7 +77,7 @@ def test_parquet_gives_the_numbers_and_leaves_out_empty_cells(tmp_path: Path) ->
 def test_decimals_of_a_database_are_numbers(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     cells = [Decimal("0.125"), Decimal("1.25"), None]
-    pq.write_table(pa.table({"t": cells[:2] + [Decimal("2.5")], "x": cells}), path)
+    pq.write_table(pa.table({"t": [*cells[:2], Decimal("2.5")], "x": cells}), path)
     ((times, values),) = read(path, ("x",), TimeSource(column="t"))
     assert (times.tolist(), values.tolist()) == ([0.125, 1.25], [0.125, 1.25])
 
@@ -101,6 +101,15 @@ def test_a_word_for_a_missing_number_is_no_sample_and_no_header(word: str, tmp_p
     assert times.tolist() == [2.0]
     assert values.tolist() == [4.0, 5.0]
     assert np.array_equal(others, [np.nan, 7.0], equal_nan=True)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_a_name_of_several_lines_in_quotes_is_one_name(end: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(end.join(["rig 3,", f'"Time {end}(ms)","angle{end}(deg)"', "0,1", "1,2", ""]), newline="")
+    assert TableReader(path).columns == ("Time (ms)", "angle (deg)")
+    ((times, values),) = read(path, ("angle (deg)",), TableReader(path).proposed_time())
+    assert (times.tolist(), values.tolist()) == ([0.0, 0.001], [1.0, 2.0])
 
 
 def test_a_row_of_units_stands_behind_the_names_above_it(tmp_path: Path) -> None:
