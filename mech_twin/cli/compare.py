@@ -34,6 +34,7 @@ from mech_twin.studies.run_comparison import (
     columns_apart,
     compared,
     drawn_side_by_side,
+    require_one_machine,
 )
 from mech_twin.studies.simulation import Simulation
 from mech_twin.view.bench.link import BenchLink, OverlayLink
@@ -81,6 +82,7 @@ def _compared(
     """Return both sides, each seen as it is read or computed, and what differs."""
     sees: list[See] = [lambda machine, frame: None] * 2 if overlay is None else [overlay.first.see, overlay.second.see]
     are_recorded = [name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES for name in names]
+    require_one_machine(names, [_machine_name(name, at) for name, at in zip(names, are_recorded, strict=True)])
     request = zip(are_recorded, names, sees, strict=True)
     recorded = [_recorded(Path(name), see) if is_recorded else None for is_recorded, name, see in request]
     if duration_s is not None and None not in recorded:
@@ -113,6 +115,19 @@ def configured_machine(name: str) -> Machine:
     if not kind:
         raise CommandError(f"{config}: key 'machine' is missing; expected one of {', '.join(CATALOGUE)}, or a page")
     return built_machine(kind, config)
+
+
+def _machine_name(name: str, is_recorded: bool) -> str:
+    """Return the machine of a side, before anything long is read or computed."""
+    if not is_recorded:
+        return configured_machine(name).name
+    settle_domain()
+    from mech_twin.recording.bag_reader import open_bag
+    from mech_twin.recording.bag_samples import BagSamples
+    from mech_twin.studies.resimulation import ConfigurationHistory
+
+    with open_bag(Path(name)) as reader:
+        return ConfigurationHistory(BagSamples(reader).descriptions(), name).machine_at(0).name
 
 
 def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
@@ -154,6 +169,9 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
         raise CommandError(f"{bag}: holds no whole step")
     if incomplete:
         say(f"{bag}: {incomplete} incomplete steps left out")
+    if history.changes:
+        times = f"{history.changes} time{'' if history.changes == 1 else 's'}"
+        say(f"{bag}: parameters changed {times} during the run; the settings are those at its start")
     return _side(str(bag), machine, simulation)
 
 

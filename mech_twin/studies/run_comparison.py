@@ -68,6 +68,12 @@ class Comparison:
         return tuple(number for number in self.numbers if not number.relative <= self.tolerance)
 
 
+def require_one_machine(labels: Sequence[str], machines: Sequence[str]) -> None:
+    """Raise a StudyError where the machines of two sides differ."""
+    if machines[0] != machines[1]:
+        raise StudyError(f"A ({labels[0]}) is {machines[0]}, B ({labels[1]}) {machines[1]}; expected one machine")
+
+
 def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) -> Comparison:
     """Return the comparison of two sides.
 
@@ -82,10 +88,7 @@ def compared(first: ComparedRun, second: ComparedRun, tolerance: float = 0.0) ->
     StudyError
         If the machines differ, or the tolerance is not a number from 0 to 1.
     """
-    if first.machine != second.machine:
-        raise StudyError(
-            f"A ({first.label}) is {first.machine}, B ({second.label}) {second.machine}; expected one machine"
-        )
+    require_one_machine((first.label, second.label), (first.machine, second.machine))
     real_number("tolerance", tolerance, "0 to 1, a part of the larger of two numbers", 0.0, 1.0)
     summaries = first.summary, second.summary
     settings = _paired(dict(leaves(first.configuration)), dict(leaves(second.configuration)))

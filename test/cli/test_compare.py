@@ -72,3 +72,20 @@ def test_what_cannot_be_compared_is_one_line(second, said):
     assert found.code == 2
     assert len(found.err.strip().splitlines()) == 1
     assert said in found.err
+
+
+def test_two_machines_are_told_apart_before_either_is_read_or_computed(monkeypatch, ros_domain, tmp_path):
+    bag = tmp_path / "bag"
+    assert mech_twin("simulate", "compaction_press", "--duration", "0.01", "--bag", bag).code == 0
+    for side in ("_simulated", "_recorded"):
+        monkeypatch.setattr(f"mech_twin.cli.compare.{side}", lambda *_: pytest.fail("read or computed in vain"))
+    found = mech_twin("compare", bag, "winding_drum")
+    assert (found.code, "expected one machine" in found.err) == (2, True)
+
+
+def test_a_change_during_a_recorded_run_is_said(ros_domain, tmp_path):
+    bag = tmp_path / "bag"
+    change = ("--change", "working_force.peak_n=-20%@0.1")
+    assert mech_twin("simulate", "compaction_press", "--duration", "0.2", "--bag", bag, *change).code == 0
+    found = mech_twin("compare", bag, "compaction_press")
+    assert f"{bag}: parameters changed 1 time during the run; the settings are those at its start" in found.err
