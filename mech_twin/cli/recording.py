@@ -44,7 +44,10 @@ GROUPS = {  # by what a topic's path begins with, below the machine's namespace;
 
 
 def show_info(request: InfoVerb) -> None:
-    """Print messages per topic, loss counters, files and problems; with a map, the quality of channels."""
+    """Print messages per topic, loss counters, files and problems; with a map, the quality of channels.
+
+    Exit with 1 if every chunk is to be verified and anything is damaged.
+    """
     bag = request.bag
     if request.given_map is not None:
         from mech_twin.cli.measured import examine_by_file
@@ -52,30 +55,35 @@ def show_info(request: InfoVerb) -> None:
         examine_by_file(request, request.given_map)
         return
     if is_page(str(bag)):
-        if request.as_csv or request.wide:
-            raise CommandError(f"--{'csv' if request.as_csv else 'wide'}: is of a recording's topics; a page has none")
+        options = {"csv": request.as_csv, "wide": request.wide, "verify": request.verify}
+        if given := [name for name, is_given in options.items() if is_given]:
+            raise CommandError(f"--{given[0]}: is of a recording's topics; a page has none")
         check_page(CheckVerb(page=str(bag), as_json=request.as_json))
         return
     if is_table(bag):
         raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
     settle_domain()
+    from mech_twin.recording.bag_directory import is_sqlite_bag
     from mech_twin.recording.bag_reader import about_bag
 
-    info, described = about_bag(bag, _described)
+    if request.verify and is_sqlite_bag(bag):
+        raise CommandError(f"--verify: {bag} is in sqlite3 storage, which has no checksums")
+    info, described = about_bag(bag, _described, verify=request.verify)
     document = info_record(info)
     if described is not None:
         document |= {"machine": described.name, "version": ", ".join(described.versions)}
     if request.as_json:
         print_json(document)
-        return
-    if request.as_csv:
+    elif request.as_csv:
         print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
-        return
-    name = document["machine"] if described is None else own_name(described.name, described.parameters)
-    _print_head(document, name)
-    _print_topics(document["topics"], request.wide)
-    _print_files(document["splits"])
-    say(*document["problems"], *shared_topics(info.counters))
+    else:
+        name = document["machine"] if described is None else own_name(described.name, described.parameters)
+        _print_head(document, name)
+        _print_topics(document["topics"], request.wide)
+        _print_files(document["splits"])
+        say(*document["problems"], *shared_topics(info.counters))
+    if request.verify and info.problems:
+        raise SystemExit(FOUND)
 
 
 def _print_files(splits: list[dict[str, Any]]) -> None:

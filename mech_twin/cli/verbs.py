@@ -217,11 +217,13 @@ class InfoVerb(Verb, answer="recording:show_info"):
     rules: ClassVar[Rules] = (
         Apart("given_map", "as_csv", "the quality of channels is a table for people, or --json"),
         Apart("given_map", "wide", "the quality of channels has one table"),
+        Apart("given_map", "verify", "a map reads every message of its channels"),
         Beside("config", ("given_map",), "a recording holds its own configuration"),
     )
     bag: BagOrTable
     given_map: MapFile = None
     config: Config = None
+    verify: bool = option("read every chunk and its checksum (exit code 1: damage)", False)
     wide: bool = option("all columns, whatever the width of the terminal", False)
     as_csv: bool = option("print the table of topics as CSV", False, "--csv")
     as_json: Json = False

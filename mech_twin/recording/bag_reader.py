@@ -272,17 +272,23 @@ def bag_info(path: Path | str) -> BagInfo:
     return about_bag(path, lambda reader: None)[0]
 
 
-def about_bag(path: Path | str, ask: Callable[[RecordingReader], Answer]) -> tuple[BagInfo, Answer]:
-    """Return the summary of a bag and the result of ``ask``; for a damaged bag those of its intact part."""
+def about_bag(
+    path: Path | str, ask: Callable[[RecordingReader], Answer], *, verify: bool = False
+) -> tuple[BagInfo, Answer]:
+    """Return the summary of a bag and the result of ``ask``; for a damaged bag those of its intact part.
+
+    The summary tells only of damage between the chunks; ``verify`` reads each and its checksum.
+    """
+    problems: tuple[str, ...] = ()
     try:
         with open_bag(path) as reader:
-            return reader.info, ask(reader)
+            if not verify:
+                return reader.info, ask(reader)
     except (UnfinishedBagError, DamagedBagError, MissingPartError) as error:
-        with open_bag(path, salvage=True) as reader:
-            found, answer = reader.info, ask(reader)
-        if found.problems:
-            return found, answer
-        return replace(found, problems=(str(error),)), answer
+        problems = (str(error),)
+    with open_bag(path, salvage=True) as reader:
+        found, answer = reader.info, ask(reader)
+    return replace(found, problems=found.problems or problems), answer
 
 
 def _files_of(path: Path, salvage: bool, problems: list[str]) -> tuple[list[Path], bool]:

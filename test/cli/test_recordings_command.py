@@ -39,6 +39,16 @@ def document(*words: str | Path) -> Any:
     return done.code, json.loads(done.out)
 
 
+def flipped(bag: Path, damaged: Path) -> Path:
+    """Write a copy in which one bit of the first chunk is another."""
+    content = bytearray((bag / "bag_0.mcap").read_bytes())
+    chunks = StreamReader(io.BytesIO(content), emit_chunks=True).records
+    messages = next(record.data for record in chunks if isinstance(record, Chunk))
+    content[content.index(messages) + len(messages) // 2] ^= 0x10
+    damaged.write_bytes(content)
+    return damaged
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("recordings") / "bag"
@@ -275,6 +285,18 @@ def test_info_tells_machine_counts_duration_losses_and_files(bag: Path) -> None:
     assert mech_twin("info", bag).code == 0
 
 
+def test_a_flipped_bit_is_found_and_its_loss_counted_where_every_chunk_is_read(bag: Path, tmp_path: Path) -> None:
+    damaged = flipped(bag, tmp_path / "damaged.mcap")
+    whole, seen = document("info", bag, "--verify"), document("info", damaged)
+    assert (whole[0], seen[0]) == (0, 0)
+    assert whole[1] == document("info", bag)[1]
+    code, found = document("info", damaged, "--verify")
+    assert (code, len(found["problems"]), found["finished"]) == (1, 1, True)
+    lost = whole[1]["message_count"] - found["message_count"]
+    assert lost == sum(topic["counters"].get("cut", 0) for topic in found["topics"].values()) > 0
+    assert f"closed, but not complete; {lost} cut" in mech_twin("info", damaged, "--verify").out
+
+
 def test_topics_stand_in_their_groups_below_any_namespace(bag: Path, tmp_path: Path) -> None:
     def moved(each: Entry) -> Iterable[Entry]:
         return (each._replace(topic=each.topic.replace(f"/{DRUM}/", "/plant/hall_2/")),)
@@ -344,12 +366,7 @@ def test_a_foreign_file_and_an_empty_bag_are_refused_in_one_line(verb: list[str]
 
 @pytest.mark.parametrize("verb", VERBS, ids=" ".join)
 def test_a_flipped_bit_is_refused_in_one_line(verb: list[str], bag: Path, tmp_path: Path) -> None:
-    damaged = tmp_path / "damaged.mcap"
-    content = bytearray((bag / "bag_0.mcap").read_bytes())
-    chunks = StreamReader(io.BytesIO(content), emit_chunks=True).records
-    messages = next(record.data for record in chunks if isinstance(record, Chunk))
-    content[content.index(messages) + len(messages) // 2] ^= 0x10
-    damaged.write_bytes(content)
+    damaged = flipped(bag, tmp_path / "damaged.mcap")
     verb = [str(tmp_path / word) if word.endswith(".rrd") else word for word in verb]
     run = in_a_process if verb == ["replay"] else mech_twin  # a replay gets as far as the damage
     assert_refused(run(verb[0], damaged, *verb[1:]), "damaged.mcap")
