@@ -101,7 +101,8 @@ def _run(
         say(f"recording {kept}to {directory}")
     say("starting (the first run compiles the numerical kernels, which takes up to a minute)")
     run_nodes = run_processes if request.processes else run_in_process
-    with kept_until_replaced(directory):
+    with kept_until_replaced(directory) as aside:
+        say(*aside)
         return run_nodes(request.machine, parameters, options, directory, destination, request.namespace)
 
 

@@ -75,7 +75,7 @@ def shadow_machine(request: ShadowVerb) -> None:
         say(f"following {setup.namespace}; estimates below /{own}/twin")
 
     with ExitStack() as stack:
-        stack.enter_context(kept_until_replaced(request.record))
+        say(*stack.enter_context(kept_until_replaced(request.record)))
         view = opened_view(request.view, request.view_port, stack)
         if view.link is not None:
             offered = ((reference, MONITOR_ORDERS), (wish, ADVISOR_ORDERS), (free, IDENTIFIER_ORDERS))

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
+from glob import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from tempfile import mkdtemp
@@ -277,26 +278,30 @@ def remove_recording(directory: Path) -> None:
 
 
 @contextmanager
-def kept_until_replaced(directory: Path | None) -> Iterator[None]:
+def kept_until_replaced(directory: Path | None) -> Iterator[list[str]]:
     """Keep the recording in this directory until another one stands there; put it back after a failure without one.
 
-    Where no directory can be made beside it, it is deleted at the beginning.
+    Where no directory can be made beside it, it is deleted at the beginning.  Yields a line on each recording that is
+    kept beside the directory: this one, and those that killed runs were to replace.
     """
     files = _recording_files(directory) if directory is not None and _occupied(directory) else []
+    directory = None if directory is None else directory.absolute()
+    prefix = "" if directory is None else f".{directory.name}-replaced-"
+    left = [] if directory is None else sorted(directory.parent.glob(f"{escape(prefix)}*"))
+    kept = [f"{path}: an earlier recording, which a killed run was to replace" for path in left]
     if directory is None or not files:
-        yield
+        yield kept
         return
-    directory = directory.absolute()
     try:
-        aside = Path(mkdtemp(prefix=f".{directory.name}-", dir=directory.parent))
+        aside = Path(mkdtemp(prefix=prefix, dir=directory.parent))
     except OSError:
         remove_recording(directory)
-        yield
+        yield kept
         return
     for path in files:
         shutil.move(path, aside)
     try:
-        yield
+        yield [*kept, f"{aside}: the earlier recording, until this run has ended"]
     except BaseException:
         if not _occupied(directory):
             directory.mkdir(DIRECTORY_MODE, exist_ok=True)

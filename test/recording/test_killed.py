@@ -12,7 +12,9 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
+from bag_cases import counts, written
 
+from mech_twin.recording.bag_metadata import kept_until_replaced
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.recovery import recover
 
@@ -78,3 +80,30 @@ def test_killed_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_killed_at_random_moments(tmp_path: Path, seed: int) -> None:
     check(tmp_path, random.Random(seed).uniform(0.3, 1.2))
+
+
+REPLACING = """
+import os, sys
+from pathlib import Path
+from mech_twin.recording.bag_metadata import kept_until_replaced
+with kept_until_replaced(Path(sys.argv[1])) as kept:
+    print(*kept, sep="\\n", flush=True)
+    os.kill(os.getpid(), 9)
+"""
+
+
+def test_what_a_killed_run_was_to_replace_is_named_then_and_at_the_next_run(tmp_path: Path) -> None:
+    bag = written(tmp_path / "bag", 20)
+    killed = subprocess.run([sys.executable, "-c", REPLACING, str(bag)], stdout=subprocess.PIPE, text=True, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    place, _, words = killed.stdout.strip().partition(": ")
+    assert words == "the earlier recording, until this run has ended"
+    written(tmp_path / "bag", 10)
+    with kept_until_replaced(tmp_path / "bag") as kept:
+        written(tmp_path / "bag", 5)
+    assert kept[0] == f"{place}: an earlier recording, which a killed run was to replace"
+    with BagReader(place) as earlier, BagReader(bag) as present:
+        assert earlier.info.message_count == sum(counts(20).values())
+        assert present.info.message_count == sum(counts(5).values())
+    with kept_until_replaced(tmp_path / "other") as none:
+        assert none == []
