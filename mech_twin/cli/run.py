@@ -38,6 +38,7 @@ from mech_twin.studies.simulation import event_record
 if TYPE_CHECKING:
     from mech_twin.nodes.exchange.base_node import RunOptions
     from mech_twin.nodes.run.composition import Outcome
+    from mech_twin.studies.simulation import RunMetrics
 
 
 def run_machine(request: RunVerb) -> None:
@@ -69,9 +70,26 @@ def run_machine(request: RunVerb) -> None:
         _write(request, parameters, outcome, directory)
         remarks = catalogue_entry(request.machine).build(parameters).remarks(outcome.metrics.numbers())
         say(*(f"warning: {remark}" for remark in remarks))
-        report_losses(directory)
+        report_losses(directory, known=() if options.snapshot_s else ended_early(directory, outcome.metrics))
         if request.hold:
             hold_view(view.page)
+
+
+def ended_early(directory: Path | None, metrics: RunMetrics) -> list[str]:
+    """Return a line where a recording ends before its run: no counter tells what all topics lack alike."""
+    if directory is None or not directory.exists() or metrics.last is None:
+        return []
+    from mech_twin.nodes.roles.recorder_node import UNDER_WAY
+    from mech_twin.recording.bag_reader import bag_info
+    from mech_twin.recording.errors import BagError
+
+    try:
+        info = bag_info(directory)
+    except BagError:  # `report_losses` says it
+        return []
+    end_s, last_s = (info.start_ns or 0) * 1e-9 + info.duration_s, metrics.last.linkage.time_s
+    lagging = f"{directory}: ends at {end_s:.6g} s, the run at {last_s:.6g} s: the recorder did not keep up"
+    return [lagging] if last_s - end_s > (UNDER_WAY + 0.5) * metrics.machine.coupling_step_s else []
 
 
 def _of_page(request: RunVerb, parameters: Parameters) -> RunVerb:

@@ -6,13 +6,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from bag_cases import string_cdr
+from bag_cases import string_cdr, written
 from small_disk import small_disk
 
 from mech_twin.cli.failure import LOSS_EXIT_CODE, messages_in, report_losses
 from mech_twin.cli.recording import show_info
+from mech_twin.cli.run import ended_early
 from mech_twin.cli.verbs import InfoVerb
+from mech_twin.engine.run import frames
+from mech_twin.parameters.load import machine as built_machine
 from mech_twin.recording.bag_writer import BagWriter
+from mech_twin.studies.simulation import RunMetrics
 
 
 def test_a_recording_on_a_full_disk_is_not_called_complete(
@@ -50,3 +54,14 @@ def test_a_run_that_recorded_nothing_lost_nothing(tmp_path: Path) -> None:
     report_losses(None)
     report_losses(tmp_path / "none")
     assert messages_in(None) == messages_in(tmp_path / "none") == {}
+
+
+@pytest.mark.parametrize(("run_steps", "said"), [(100, False), (102, False), (103, True)])
+def test_a_recording_that_ends_before_its_run_is_said_in_both_times(run_steps: int, said: bool, tmp_path: Path) -> None:
+    bag = written(tmp_path / "bag", 100)
+    machine = built_machine("compaction_press")
+    metrics = RunMetrics(lambda: machine)
+    *_, metrics.last = frames(machine, (run_steps - 1) * machine.coupling_step_s)
+    expected = f"{bag}: ends at 0.099 s, the run at {(run_steps - 1) * 1e-3:g} s: the recorder did not keep up"
+    assert ended_early(bag, metrics) == [expected] * said
+    assert ended_early(None, metrics) == ended_early(tmp_path / "none", metrics) == []
