@@ -319,4 +319,6 @@ def _better_elsewhere(
             FOLLOWS, own.correlation + CLEARLY
         ):
             return f"it follows as {other.name} does, are they swapped?"
+    if zero is not None and following(turn, pair.channel.name, pair.crank_rad, pair.values).correlation >= FOLLOWS:
+        return f"it does with another zero of {turn.crank}; expected `zero: per_run` there if it is unknown"
     return ""

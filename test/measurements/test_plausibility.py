@@ -146,6 +146,13 @@ def test_a_run_of_another_machine_is_named(motion: dict[str, Array], turn: Model
     the_line(implausible(other, turn, UNITS), COLUMNS[1], "does not follow", "another machine")
 
 
+def test_an_unknown_zero_of_the_crank_is_named_and_not_another_machine(
+    motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    mounted = with_values(measured(motion, *COLUMNS[:2]), COLUMNS[0], lambda x: x + 1.6)
+    the_line(implausible(mounted, turn, UNITS), COLUMNS[1], "does not follow", f"another zero of {COLUMNS[0]}")
+
+
 def test_a_position_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     columns = ("linkage.crank.position", "linkage.rod_1.position", "linkage.cart_1.position")
     turned = with_values(measured(motion, *columns), columns[2], np.negative)
