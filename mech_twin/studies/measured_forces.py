@@ -61,6 +61,7 @@ def guided_samples(
 class Compared:
     """A measured channel compared with the model in the same motion.
 
+    The rms of a measurement whose zero says nothing, a position or one under a zero that was found, is about its mean.
     ``found`` are its zero (channel's unit), gain and lag (s) as the comparison found them, where the map knows none.
     """
 
@@ -73,7 +74,7 @@ class Compared:
 
     @property
     def share(self) -> float:
-        """Rms difference over the rms of the measurement about its mean."""
+        """Rms difference over the rms of the measurement."""
         return self.rms / self.rms_measured if self.rms_measured > 0.0 else float(self.rms > 0.0)
 
 
@@ -169,6 +170,6 @@ def _nearest(channel: MeasuredChannel, measured: Array, expected: Array) -> Comp
     spread = measured.std() * expected.std()
     together = float(np.mean((measured - measured.mean()) * (expected - expected.mean())))
     rms = float(np.sqrt(np.mean((measured - expected) ** 2)))
-    return Compared(
-        channel.name, len(measured), rms, float(measured.std()), together / float(spread) if spread else 0.0, found
-    )
+    own_zero = not isinstance(about.zero, str) and not channel.name.endswith(".position")
+    size = float(np.sqrt(np.mean(measured**2)) if own_zero else measured.std())
+    return Compared(channel.name, len(measured), rms, size, together / float(spread) if spread else 0.0, found)

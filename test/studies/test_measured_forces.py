@@ -209,6 +209,15 @@ def test_a_sensor_that_stands_still_is_off_by_its_whole_size() -> None:
         assert np.isfinite([found.rms, found.correlation]).all()
 
 
+def test_the_size_of_a_speed_is_that_above_standstill_and_of_a_position_that_of_its_motion() -> None:
+    run = run_of(0.0)
+    times, slider = run.channels[0].times_s, run.channels[-1]
+    speed = 15.708 + 0.0157 * (-1.0) ** np.arange(len(times))
+    steady, moved = compared(run, measured(times, "linkage.crank.velocity", speed, {}), replace(slider))
+    assert (steady.rms_measured, steady.share) == pytest.approx((15.708, 1e-3), rel=2e-2)
+    assert moved.rms_measured == pytest.approx(slider.values.std())
+
+
 def test_a_channel_of_another_time_is_left_out_for_that_reason(turn: ModelTurn) -> None:
     run = run_of(0.0)
     late = replace(run.channels[-1], times_s=run.channels[-1].times_s + 1e6)
