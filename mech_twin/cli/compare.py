@@ -154,7 +154,8 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
         history = ConfigurationHistory(samples.descriptions(), str(bag))
         machine = history.machine_at(0)
         simulation = Simulation(machine)
-        with progress(BagSamples(reader, machine.coupling_step_s).steps(), samples.count, str(bag)) as steps:
+        read = BagSamples(reader, machine.coupling_step_s)
+        with progress(read.steps(), samples.count, str(bag)) as steps:
             incomplete, whole = 0, 0
             for known in steps:
                 frame = known.frame(machine.body is not None)
@@ -169,6 +170,7 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
         raise CommandError(f"{bag}: holds no whole step")
     if incomplete:
         say(f"{bag}: {incomplete} incomplete steps left out")
+    say(*(f"{bag}: {number} recorded samples not used: {reason}" for reason, number in read.unused.items()))
     if history.changes:
         times = f"{history.changes} time{'' if history.changes == 1 else 's'}"
         say(f"{bag}: parameters changed {times} during the run; the settings are those at its start")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from command_line import mech_twin
+from recordings import altered_bag
 
 BAGS = Path(__file__).parents[2] / "bags"
 CONFIG = Path(__file__).parents[2] / "config"
@@ -89,3 +90,11 @@ def test_a_change_during_a_recorded_run_is_said(ros_domain, tmp_path):
     assert mech_twin("simulate", "compaction_press", "--duration", "0.2", "--bag", bag, *change).code == 0
     found = mech_twin("compare", bag, "compaction_press")
     assert f"{bag}: parameters changed 1 time during the run; the settings are those at its start" in found.err
+
+
+def test_recorded_samples_that_are_not_used_are_said(ros_domain, tmp_path):
+    bag = tmp_path / "bag"
+    assert mech_twin("simulate", "compaction_press", "--duration", "0.1", "--bag", bag).code == 0
+    twice = altered_bag(bag, tmp_path / "twice", lambda entry: (entry, entry))
+    found = mech_twin("compare", twice, bag)
+    assert (found.code, found.err) == (0, f"{twice}: 303 recorded samples not used: repeated\n")
