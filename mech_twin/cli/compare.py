@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -59,7 +60,8 @@ def compare_sides(request: CompareVerb) -> None:
     names = [_meant(request.first), _meant(request.second)]
     with ExitStack() as stack:
         overlay = None if request.view == NO_VIEW else Overlay(stack, request.view_port, names)
-        sides, found = _compared(names, request.tolerance, request.duration_s, overlay)
+        shown = overlay is not None or picture is not None
+        sides, found = _compared(names, request.tolerance, request.duration_s, overlay, shown=shown)
         if picture is not None:
             _draw(sides, picture, columns, force=request.force)
         if request.as_json:
@@ -77,19 +79,20 @@ def compare_sides(request: CompareVerb) -> None:
 
 
 def _compared(
-    names: Sequence[str], tolerance: float, duration_s: float | None, overlay: Overlay | None
+    names: Sequence[str], tolerance: float, duration_s: float | None, overlay: Overlay | None, *, shown: bool
 ) -> tuple[list[ComparedRun], Comparison]:
-    """Return both sides, each seen as it is read or computed, and what differs."""
+    """Return both sides, each seen as it is read or computed, and what differs; their samples if they are shown."""
     sees: list[See] = [lambda machine, frame: None] * 2 if overlay is None else [overlay.first.see, overlay.second.see]
     are_recorded = [name not in CATALOGUE and Path(name).suffix not in YAML_SUFFIXES for name in names]
     require_one_machine(names, [_machine_name(name, at) for name, at in zip(names, are_recorded, strict=True)])
     request = zip(are_recorded, names, sees, strict=True)
-    recorded = [_recorded(Path(name), see) if is_recorded else None for is_recorded, name, see in request]
+    recorded = [_recorded(Path(name), see, shown) if is_recorded else None for is_recorded, name, see in request]
     if duration_s is not None and None not in recorded:
         raise CommandError(f"--duration {duration_s:g}: two recordings have their own length; expected a configuration")
     durations = [side.samples["time_s"][-1] for side in recorded if side is not None]
     run_for = duration_s if duration_s is not None else min(durations, default=USUAL_DURATION_S)
-    sides = [known or _simulated(name, run_for, see) for known, name, see in zip(recorded, names, sees, strict=True)]
+    every = zip(recorded, names, sees, strict=True)
+    sides = [known or _simulated(name, run_for, see, shown) for known, name, see in every]
     return sides, compared(sides[0], sides[1], tolerance)
 
 
@@ -130,19 +133,47 @@ def _machine_name(name: str, is_recorded: bool) -> str:
         return ConfigurationHistory(BagSamples(reader).descriptions(), name).machine_at(0).name
 
 
-def _simulated(name: str, duration_s: float, see: See) -> ComparedRun:
+class _Side:
+    """One side as it is read or computed; all its samples are kept only if they are shown."""
+
+    def __init__(self, label: str, machine: Machine, see: See, shown: bool) -> None:
+        self._label, self._machine, self._see, self._shown = label, machine, see, shown
+        self._simulation = Simulation(machine)
+        self._ends_s: deque[float] = deque(maxlen=2)
+
+    def take(self, frame: Frame) -> None:
+        """Add a frame."""
+        self._simulation.observe(frame)
+        self._ends_s.append(frame.linkage.time_s)
+        if self._shown:
+            self._simulation.trajectory.append(frame)
+        self._see(self._machine, frame)
+
+    def run(self) -> ComparedRun:
+        """Return what is compared; without samples that are shown, its last two times."""
+        simulation, machine = self._simulation, self._machine
+        return ComparedRun(
+            self._label,
+            machine.name,
+            configuration_tree(machine.parameters),
+            simulation.summary(),
+            tuple(broken_lines(simulation.residuals(), machine.coupling_step_s)),
+            simulation.trajectory.columns() if self._shown else {"time_s": list(self._ends_s)},
+            shown_units(machine),
+        )
+
+
+def _simulated(name: str, duration_s: float, see: See, shown: bool) -> ComparedRun:
     """Return a configuration, or a machine as installed, run from rest."""
     machine = configured_machine(name)
-    simulation = Simulation(machine)
+    side = _Side(name, machine, see, shown)
     with progress(frames(machine, duration_s), steps_for(machine, duration_s) + 1, name) as run:
         for frame in run:
-            simulation.observe(frame)
-            simulation.trajectory.append(frame)
-            see(machine, frame)
-    return _side(name, machine, simulation)
+            side.take(frame)
+    return side.run()
 
 
-def _recorded(bag: Path, see: See) -> ComparedRun:
+def _recorded(bag: Path, see: See, shown: bool) -> ComparedRun:
     """Return a recording; of an incomplete step nothing is used."""
     settle_domain()
     from mech_twin.recording.bag_reader import open_bag
@@ -153,7 +184,7 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
         samples = BagSamples(reader)
         history = ConfigurationHistory(samples.descriptions(), str(bag))
         machine = history.machine_at(0)
-        simulation = Simulation(machine)
+        side = _Side(str(bag), machine, see, shown)
         read = BagSamples(reader, machine.coupling_step_s)
         with progress(read.steps(), samples.count, str(bag)) as steps:
             incomplete, whole = 0, 0
@@ -162,9 +193,7 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
                 if frame is None:
                     incomplete += 1
                     continue
-                simulation.observe(frame)
-                simulation.trajectory.append(frame)
-                see(machine, frame)
+                side.take(frame)
                 whole += 1
     if not whole:
         raise CommandError(f"{bag}: holds no whole step")
@@ -174,19 +203,7 @@ def _recorded(bag: Path, see: See) -> ComparedRun:
     if history.changes:
         times = f"{history.changes} time{'' if history.changes == 1 else 's'}"
         say(f"{bag}: parameters changed {times} during the run; the settings are those at its start")
-    return _side(str(bag), machine, simulation)
-
-
-def _side(label: str, machine: Machine, simulation: Simulation) -> ComparedRun:
-    return ComparedRun(
-        label,
-        machine.name,
-        configuration_tree(machine.parameters),
-        simulation.summary(),
-        tuple(broken_lines(simulation.residuals(), machine.coupling_step_s)),
-        simulation.trajectory.columns(),
-        shown_units(machine),
-    )
+    return side.run()
 
 
 def _say_lengths(sides: Sequence[ComparedRun]) -> None:

@@ -10,6 +10,8 @@ import pytest
 from command_line import mech_twin
 from recordings import altered_bag
 
+from mech_twin.engine.trajectory import Trajectory
+
 BAGS = Path(__file__).parents[2] / "bags"
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -98,3 +100,10 @@ def test_recorded_samples_that_are_not_used_are_said(ros_domain, tmp_path):
     twice = altered_bag(bag, tmp_path / "twice", lambda entry: (entry, entry))
     found = mech_twin("compare", twice, bag)
     assert (found.code, found.err) == (0, f"{twice}: 303 recorded samples not used: repeated\n")
+
+
+def test_a_comparison_without_a_picture_keeps_no_samples(monkeypatch, tmp_path):
+    kept = []
+    monkeypatch.setattr(Trajectory, "append", lambda own, frame: kept.append(frame))
+    assert mech_twin("compare", "compaction_press", "compaction_press", "--duration", 0.1).code == 0
+    assert not kept
