@@ -217,16 +217,24 @@ def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
     """Compare the speed of the crank with the model's: its sense, and its size within a wide factor."""
     if isinstance(crank.channel.gain, str):
         return []
-    duration_s, usual = float(crank.times_s[-1] - crank.times_s[0]), turn.speed_rad_per_s
-    speed = float(crank.values[-1] - crank.values[0]) / duration_s
-    usually = float(np.median(np.diff(crank.values) / np.diff(crank.times_s)))
+    intervals, moved, usual = np.diff(crank.times_s), np.diff(crank.values), turn.speed_rad_per_s
+    speed = float(moved.sum() / intervals.sum())
+    regular = intervals <= LONG_INTERVAL / crank.quality.rate_hz
+    without_gaps = float(moved[regular].sum() / intervals[regular].sum())
+    slowest, fastest = abs(usual) / SPEED_FACTOR, abs(usual) * SPEED_FACTOR
+    if abs(speed) < slowest < abs(without_gaps) < fastest:
+        gap = int(np.argmax(intervals))
+        words = f"but for a gap of {intervals[gap]:.4g} s after {crank.times_s[gap]:.6g} s: two clocks, or two runs?"
+        turning = f"{crank.name} turns at {without_gaps:.4g} rad/s {words} Cut the run there"
+        return [] if _gaps_without_motion(crank) else [turning]
+    usually = float(np.median(moved / intervals))
     if abs(usually) > SPEED_FACTOR * abs(usual):
         speed = usually  # an angle that starts anew at each turn, in another unit, has hardly any mean speed
     turning = f"{crank.name} turns at {speed:.4g} rad/s, the model at {usual:.4g}"
     if (beyond := next((each for each in TIME_FACTORS if 0.5 < each * abs(speed / usual) < 2.0), None)) is not None:
         apart = f"{beyond:g} times too far apart" if beyond > 1.0 else f"{1.0 / beyond:g} times too close"
         return [f"{turning}: the stamps are {apart}, is the unit of the time wrong?"]
-    if not 1.0 / SPEED_FACTOR < abs(speed / usual) < SPEED_FACTOR:
+    if not slowest < abs(speed) < fastest:
         return [f"{turning}{_fitting_unit(crank, 'rad', abs(speed), abs(usual), SPEED_FACTOR)}"]
     return [] if speed * usual > 0.0 else [f"{turning}: expected sign {-crank.channel.sign}"]
 

@@ -153,6 +153,16 @@ def test_an_unknown_zero_of_the_crank_is_named_and_not_another_machine(
     the_line(implausible(mounted, turn, UNITS), COLUMNS[1], "does not follow", f"another zero of {COLUMNS[0]}")
 
 
+@pytest.mark.parametrize("before", [1, 40])
+def test_a_few_stamps_of_another_clock_are_no_wrong_unit_of_the_time(
+    before: int, motion: dict[str, Array], turn: ModelTurn
+) -> None:
+    crank = measured(motion, COLUMNS[0]).channels[0]
+    since_1970 = np.concatenate([crank.times_s[:before], crank.times_s[before:] + 1.7e9])
+    run = MeasuredRun(Path("run"), (replace(crank, times_s=since_1970),))
+    the_line(implausible(run, turn, UNITS), COLUMNS[0], "gap of 1.7e+09 s", "Cut the run there")
+
+
 def test_a_position_of_the_wrong_sign_is_named(motion: dict[str, Array], turn: ModelTurn) -> None:
     columns = ("linkage.crank.position", "linkage.rod_1.position", "linkage.cart_1.position")
     turned = with_values(measured(motion, *columns), columns[2], np.negative)
