@@ -44,7 +44,7 @@ class UnfinishedBagError(BagError):
     """The recording was never closed, or is still being written."""
 
     def __init__(self, file: Path | str, reason: str) -> None:
-        super().__init__(file, f"{reason}; if no recorder is running, salvage it: mech-twin recover {file} OUT")
+        super().__init__(file, f"{reason}; if no recorder is running, {salvage(file)}")
 
 
 class DamagedBagError(BagError):
@@ -55,8 +55,10 @@ class DamagedBagError(BagError):
 
 
 def salvage(bag: Path | str) -> str:
-    """Return the remedy for a bag that `recover` supports."""
-    return f"salvage the intact part: mech-twin recover {bag} OUT"
+    """Return the remedy for a bag that `recover` supports; for a file of a directory that is the whole bag."""
+    directory = Path(bag).parent
+    whole = directory if Path(bag).is_file() and (directory / "metadata.yaml").exists() else bag
+    return f"salvage the intact part: mech-twin recover {whole} OUT"
 
 
 class OutsideBagError(BagError):

@@ -18,7 +18,13 @@ from rosbags.highlevel import AnyReader
 from mech_twin.files.input_file import UnboundedYamlError, bounded_yaml
 from mech_twin.recording.bag_reader import BagReader, bag_info
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.errors import BagExistsError, DamagedBagError, MissingBagError, UnwritableDirectoryError
+from mech_twin.recording.errors import (
+    BagExistsError,
+    DamagedBagError,
+    MissingBagError,
+    UnfinishedBagError,
+    UnwritableDirectoryError,
+)
 from mech_twin.recording.record_file import RecordFile
 from mech_twin.recording.recovery import RecoveryReport, recover
 
@@ -263,3 +269,13 @@ def test_aliases_in_the_quality_of_service_of_a_topic_are_not_expanded(tmp_path:
         plain.finish()
     recover(file, tmp_path / "out")
     assert (tmp_path / "out" / "metadata.yaml").stat().st_size < 10_000
+
+
+def test_the_remedy_for_a_damaged_file_salvages_the_whole_bag(tmp_path: Path) -> None:
+    bag = written(tmp_path / "bag", 300, split_duration_s=0.1, chunk_bytes=4000)
+    file, alone = bag / "bag_1.mcap", tmp_path / "alone.mcap"
+    for path in (file, alone):
+        path.write_bytes(file.read_bytes()[:8000])
+    for opened, whole in ((bag, bag), (file, bag), (alone, alone)):
+        with pytest.raises(UnfinishedBagError, match=f": mech-twin recover {whole} OUT"):
+            BagReader(opened)
