@@ -39,11 +39,12 @@ class Entry:
         model: type[Parameters] = self._module().PARAMETERS
         return model
 
-    @property
-    def build(self) -> Callable[[Parameters], Machine]:
-        """The function that builds the machine from its parameters."""
-        function: Callable[[Parameters], Machine] = self._module().build
-        return function
+    def build(self, parameters: Parameters) -> Machine:
+        """Return the machine of these parameters."""
+        if not isinstance(parameters, self.parameters):
+            raise TypeError(f"expected {self.parameters.__name__} parameters, got {type(parameters).__name__}")
+        machine: Machine = self._module().build(parameters)
+        return machine
 
     @property
     def capabilities(self) -> Capabilities:

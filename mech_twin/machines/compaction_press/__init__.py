@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
 from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics
@@ -16,11 +15,8 @@ from mech_twin.roles import Capabilities, Machine
 PARAMETERS = CompactionPress
 
 
-def build(parameters: Parameters) -> Machine:
+def build(p: CompactionPress) -> Machine:
     """Return the compaction press of these parameters."""
-    if not isinstance(parameters, CompactionPress):
-        raise TypeError(f"expected CompactionPress parameters, got {type(parameters).__name__}")
-    p = parameters
     press, stroke = press_constants(p)
     motor, transmission = p.drive_roles()
     start_speed, command = p.start_speed_and_command()

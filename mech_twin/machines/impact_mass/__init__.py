@@ -6,7 +6,6 @@ from __future__ import annotations
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
 from mech_twin.machines.impact_mass.forces import StopReaction
 from mech_twin.machines.impact_mass.metrics import cycle_metrics, position_metrics
@@ -20,11 +19,8 @@ from mech_twin.roles import Capabilities, Machine, no_remarks
 PARAMETERS = ImpactMass
 
 
-def build(parameters: Parameters) -> Machine:
+def build(p: ImpactMass) -> Machine:
     """Return the impact mass of these parameters."""
-    if not isinstance(parameters, ImpactMass):
-        raise TypeError(f"expected ImpactMass parameters, got {type(parameters).__name__}")
-    p = parameters
     step_s = p.coupling.step_s
     linkage = MassOnStop(
         p.mass_kg,

@@ -7,7 +7,6 @@ import math
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics, tool_gauge
@@ -22,11 +21,8 @@ from mech_twin.roles import BodyRole, Capabilities, Machine, no_remarks
 PARAMETERS = BreakerParameters
 
 
-def build(parameters: Parameters) -> Machine:
+def build(p: BreakerParameters) -> Machine:
     """Return the breaker of these parameters."""
-    if not isinstance(parameters, BreakerParameters):
-        raise TypeError(f"expected BreakerParameters, got {type(parameters).__name__}")
-    p = parameters
     constants, curve, step_s = breaker(p), motor_constants(p.motor), p.coupling.step_s
     body: BodyRole = DrivenBody(constants, step_s)
     if constants.held:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from functools import partial
 from math import radians
 
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import KlossDrive
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
@@ -24,11 +23,8 @@ from mech_twin.roles import Capabilities, Machine
 PARAMETERS = RollerFormer
 
 
-def build(parameters: Parameters) -> Machine:
+def build(p: RollerFormer) -> Machine:
     """Return the roller former of these parameters."""
-    if not isinstance(parameters, RollerFormer):
-        raise TypeError(f"expected RollerFormer parameters, got {type(parameters).__name__}")
-    p = parameters
     former, count, step_s = former_of(p), p.carts.count, p.coupling.step_s
     linkage = FormerLinkage(
         former,

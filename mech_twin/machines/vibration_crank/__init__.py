@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
 from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
@@ -17,11 +16,9 @@ from mech_twin.roles import Capabilities, LinkageRole, Machine
 PARAMETERS = VibrationCrank
 
 
-def build(parameters: Parameters) -> Machine:
+def build(p: VibrationCrank) -> Machine:
     """Return the vibration crank of these parameters."""
-    if not isinstance(parameters, VibrationCrank):
-        raise TypeError(f"expected VibrationCrank parameters, got {type(parameters).__name__}")
-    p, s = parameters, slider_crank_constants(parameters)
+    s = slider_crank_constants(p)
     motor, transmission = p.drive_roles()
     start_speed, command = p.start_speed_and_command()
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")

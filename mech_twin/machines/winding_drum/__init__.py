@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.drives import PrescribedSpeed
 from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
 from mech_twin.machines.winding_drum.drum_row import ENDED
@@ -17,10 +16,8 @@ from mech_twin.roles import Capabilities, Machine
 PARAMETERS = WindingDrum
 
 
-def build(parameters: Parameters) -> Machine:
+def build(parameters: WindingDrum) -> Machine:
     """Return the winding drum of these parameters."""
-    if not isinstance(parameters, WindingDrum):
-        raise TypeError(f"expected WindingDrum parameters, got {type(parameters).__name__}")
     constants = package_constants(parameters, parameters.direction == "winding")
     first, last = parameters.radii_m
     fraction = parameters.supply.initial_fraction
