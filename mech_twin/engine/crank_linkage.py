@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isnan
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage, failed
+from mech_twin.engine.compiled_roles import CompiledLinkage, failed
 from mech_twin.engine.compiled_steps import Work, linkage_step, step_of, work_room
 from mech_twin.engine.crank_motion import (
     ANGLE,
@@ -83,7 +83,6 @@ from mech_twin.engine.sample_vectors import (
     MOTOR_JOINTS,
     REGIME,
     EventLayout,
-    ForceLayout,
     LinkageLayout,
 )
 from mech_twin.engine.tableaus import DORMAND_PRINCE_5
@@ -91,7 +90,7 @@ from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample
 
-RESIDUAL, LIMIT = "drive_torque_routes", 1e-10
+FORCE_RESIDUALS, FORCE_LIMITS = ("drive_torque_routes",), {"drive_torque_routes": 1e-10}
 NO_TORQUE = -5
 FAILURES = {
     TOO_MANY: f"more than {MOST_PIECES} changes of regime; expected fewer: shorten coupling.step_s, or soften friction "
@@ -127,23 +126,6 @@ def route_miss(drive_nm: float, torque_nm: float, inertia: float, memory: Memory
     """
     scale = max(scale_nm, abs(torque_nm), inertia * abs(memory.crank_acceleration_rad_per_s2), 1e-9)
     return (drive_nm - torque_nm - memory.friction_torque_nm) / scale
-
-
-class CrankForces(CompiledForces):
-    """Pin forces from the equilibrium of the links; the residual is `route_miss`."""
-
-    QUANTITIES: ClassVar[tuple[str, ...]]
-    pins: tuple[str, ...]
-
-    @property
-    def residual_limits(self) -> Mapping[str, float]:
-        """Limit of the residual: relative difference of the two computations of the drive torque."""
-        return {RESIDUAL: LIMIT}
-
-    @cached_property
-    def layout(self) -> ForceLayout:
-        """Row of the samples."""
-        return ForceLayout(self.pins, self.QUANTITIES, (RESIDUAL,))
 
 
 def failures_at(step_s: float) -> tuple[str, ...]:

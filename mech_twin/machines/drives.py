@@ -15,15 +15,12 @@ same rate.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from math import pi
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, NamedTuple, Self
 
 from pydantic import field_validator, model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
-from mech_twin.engine.compiled_roles import CompiledMotor
 from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.coupling import Coupling
 from mech_twin.engine.crank_state import ShaftFriction, Transmission
@@ -34,8 +31,8 @@ from mech_twin.engine.sample_vectors import (
     MOTOR_JOINTS,
     REGIME,
     Array,
-    MotorLayout,
 )
+from mech_twin.engine.step_roles import EffortStepMotor, StepMotor
 from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.friction_and_gear import Friction, Gear
 from mech_twin.parts.induction_motor import (
@@ -165,8 +162,8 @@ class DrivenCrank(Parameters):
         step_s, rate = self.coupling.step_s, self.supply.rate_per_s
         curve = self.motor_curve
         if curve is None or self.motor is None or self.gear is None:
-            return PrescribedSpeed(self.drive.speed_rad_per_s, rate, step_s), None
-        role = KlossDrive(curve, self.gear.ratio, rate, step_s, direction=self.direction)
+            return prescribed_speed_motor(self.drive.speed_rad_per_s, rate, step_s), None
+        role = kloss_motor_role(KlossMotor(curve, self.gear.ratio, rate, step_s, self.direction))
         return role, Transmission(self.gear.ratio, self.gear.efficiency, self.motor.rotor_inertia_kg_m2, curve)
 
     def start_speed_and_command(self) -> tuple[float, float]:
@@ -205,7 +202,21 @@ def _shaft_time_s(motor: InductionMotorParameters, gear: Gear, friction: Frictio
 
 
 class SpeedDrive(NamedTuple):
-    """Constants of `PrescribedSpeed`; ``let_go`` is -1 if the linkage always follows the drive."""
+    """Constants of a motor that drives a joint at a prescribed speed.
+
+    Attributes
+    ----------
+    speed : float
+        Speed at full command, in the unit of the driven joint per second.
+    rate_per_s : float
+        Largest change of the command in a second (1/s); times ``speed`` that of the speed.
+    step_s : float
+        Coupling step (s).
+    driven : int
+        Place of the joint among those of the linkage.
+    let_go : int
+        Regime in which the linkage no longer follows the drive, which then runs freely at its command; -1 for none.
+    """
 
     speed: float
     rate_per_s: float
@@ -226,55 +237,33 @@ def prescribed_speed(model: SpeedDrive, linkage: Array, target: float, out: Arra
     out[MOTOR_JOINTS], out[MOTOR_JOINTS + 1], out[MOTOR_JOINTS + 2] = linkage[joint], speed, linkage[joint + 2]
 
 
-@dataclass(frozen=True)
-class PrescribedSpeed(CompiledMotor):
-    """Motor that drives a joint at a prescribed speed, with whatever effort that requires.
-
-    Attributes
-    ----------
-    speed : float
-        Speed at full command, in the unit of the driven joint per second.
-    rate_per_s : float
-        Largest change of the command in a second (1/s); times ``speed`` that of the speed.
-    step_s : float
-        Coupling step (s).
-    driven : str
-        Joint of the linkage that it drives.
-    let_go : int or None
-        Regime in which the linkage no longer follows the drive, which then runs freely at its command.
-    linkage_joints : tuple of str
-        Joints of the linkage, at least up to the driven one.
-    """
-
-    speed: float
-    rate_per_s: float
-    step_s: float
-    driven: str = "crank"
-    let_go: int | None = None
-    joints: tuple[str, ...] = ("motor",)
-    linkage_joints: tuple[str, ...] = ("crank",)
-
-    @cached_property
-    def model(self) -> SpeedDrive:
-        """Constants of the kernel."""
-        let_go = -1 if self.let_go is None else self.let_go
-        place = self.linkage_joints.index(self.driven)
-        return SpeedDrive(float(self.speed), float(self.rate_per_s), float(self.step_s), place, let_go)
-
-    @cached_property
-    def layout(self) -> MotorLayout:
-        """Row of the samples."""
-        return MotorLayout(self.joints)
+def prescribed_speed_motor(speed: float, rate_per_s: float, step_s: float) -> StepMotor:
+    """Return the motor that drives the crank at a prescribed speed (rad/s), with whatever effort that requires."""
+    return StepMotor(SpeedDrive(speed, rate_per_s, step_s, 0, -1), ("motor",))
 
 
 class KlossMotor(NamedTuple):
-    """Constants of `KlossDrive`."""
+    """Constants of an induction motor behind a gear: its torque is a function of speed and supply.
+
+    Attributes
+    ----------
+    motor : MotorConstants
+        Torque against slip.
+    ratio : float
+        Motor speed over the speed of the driven shaft, the linkage's first joint.
+    rate_per_s : float
+        Largest change of the supply fraction in a second (1/s).
+    step_s : float
+        Coupling step (s).
+    direction : float
+        +1, or -1 where the phases are swapped so that the machine runs backward; the command takes this sign.
+    """
 
     motor: MotorConstants
     ratio: float
     rate_per_s: float
     step_s: float
-    direction: float
+    direction: float = 1.0
 
 
 @kernel
@@ -297,43 +286,6 @@ def kloss_motor(model: KlossMotor, linkage: Array, target: float, out: Array) ->
     fill_motor(model, linkage[COMMAND], linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], target, out)
 
 
-@dataclass(frozen=True)
-class KlossDrive(CompiledMotor):
-    """Induction motor behind a gear: its torque is a function of speed and supply, without a state of its own.
-
-    Attributes
-    ----------
-    motor : MotorConstants
-        Torque against slip.
-    ratio : float
-        Motor speed over the speed of the driven shaft, the linkage's first joint.
-    rate_per_s : float
-        Largest change of the supply fraction in a second (1/s).
-    step_s : float
-        Coupling step (s).
-    direction : float
-        +1, or -1 where the phases are swapped so that the machine runs backward; the command takes this sign.
-    """
-
-    motor: MotorConstants
-    ratio: float
-    rate_per_s: float
-    step_s: float
-    direction: float = 1.0
-    joints: tuple[str, ...] = ("rotor",)
-
-    @property
-    def effort_limit(self) -> float:
-        """Largest torque that can be commanded (N m): the breakdown torque."""
-        return float(self.motor.breakdown_torque_nm)
-
-    @cached_property
-    def model(self) -> Any:
-        """Constants of the kernel."""
-        rates = (float(self.ratio), float(self.rate_per_s), float(self.step_s), float(self.direction))
-        return KlossMotor(self.motor, *rates)
-
-    @cached_property
-    def layout(self) -> MotorLayout:
-        """Row of the samples."""
-        return MotorLayout(self.joints)
+def kloss_motor_role(model: KlossMotor) -> EffortStepMotor:
+    """Return the motor role; the largest torque that can be commanded is the breakdown torque (N m)."""
+    return EffortStepMotor(model, ("rotor",), float(model.motor.breakdown_torque_nm))

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from crank_drives import PRESS_KLOSS, VIBRATION_CRANK_KLOSS
 
-from mech_twin.machines.drives import KlossDrive, PrescribedSpeed
+from mech_twin.machines.drives import KlossMotor, kloss_motor_role, prescribed_speed_motor
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
 from mech_twin.samples import LinkageSample, Named
@@ -41,13 +41,13 @@ def led(drive, speed, command, steps):
 
 @pytest.mark.parametrize(("old", "new"), [(30.0, 60.0), (60.0, 30.0), (30.0, -30.0)])
 def test_a_changed_rated_speed_is_reached_at_the_rate_of_the_supply(old, new):
-    speeds = led(PrescribedSpeed(new, 2.0, 0.001), old, 1.0, 1100)
+    speeds = led(prescribed_speed_motor(new, 2.0, 0.001), old, 1.0, 1100)
     assert speeds[-1] == new
     assert max(abs(b - a) for a, b in pairwise(speeds)) <= 2.0 * abs(new) * 0.001 * (1.0 + 1e-6)
 
 
 def test_an_unchanged_rated_speed_follows_the_command_exactly():
-    drive = PrescribedSpeed(31.4, 2.0, 0.001)
+    drive = prescribed_speed_motor(31.4, 2.0, 0.001)
     speed, command = 0.0, 0.0
     for _ in range(600):
         motor = drive.respond(linkage(speed, command), 1.0)
@@ -57,7 +57,8 @@ def test_an_unchanged_rated_speed_follows_the_command_exactly():
 
 
 def test_a_reversed_motor_is_the_mirror_of_the_motor():
-    forward, backward = KlossDrive(MOTOR, 4.8, 2.0, 0.001), KlossDrive(MOTOR, 4.8, 2.0, 0.001, direction=-1.0)
+    drive = KlossMotor(MOTOR, 4.8, 2.0, 0.001)
+    forward, backward = kloss_motor_role(drive), kloss_motor_role(drive._replace(direction=-1.0))
     for speed, command in ((0.0, 0.5), (31.0, 1.0), (-3.0, 0.2), (40.0, 0.9)):
         one = forward.respond(linkage(speed, command), 1.0)
         two = backward.respond(linkage(-speed, -command), 1.0)
@@ -67,7 +68,7 @@ def test_a_reversed_motor_is_the_mirror_of_the_motor():
 
 
 def test_swapping_the_phases_takes_the_supply_through_zero_at_its_rate():
-    drive = KlossDrive(MOTOR, 4.8, 2.0, 0.001, direction=-1.0)
+    drive = kloss_motor_role(KlossMotor(MOTOR, 4.8, 2.0, 0.001, direction=-1.0))
     command, seen = 1.0, []
     for _ in range(1001):
         command = drive.respond(linkage(31.0, command), 1.0).command

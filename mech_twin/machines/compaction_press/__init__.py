@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from functools import partial
 
+from mech_twin.engine.crank_linkage import FORCE_LIMITS
+from mech_twin.engine.step_roles import StepForces
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
 from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.roles import PressForces, press_linkage
+from mech_twin.machines.compaction_press.roles import ACTS_ON, FORCES, LoadedPress, press_linkage
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress
@@ -39,7 +41,7 @@ def build(p: CompactionPress) -> Machine:
         p.coupling.step_s,
         motor,
         linkage,
-        PressForces(press, float(abs(torque).max())),
+        StepForces(LoadedPress(press, float(abs(torque).max())), FORCES, ACTS_ON, FORCE_LIMITS),
         None,
         lambda sample, _: drawing(press, sample),
         partial(cycle_metrics, p),

@@ -6,15 +6,13 @@ The forces (every pin, gains, reduced quantities) follow from the linkage's samp
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from math import nan
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import Work, force_step, step_of
-from mech_twin.engine.crank_linkage import CrankForces, CrankLinkage, route_miss
+from mech_twin.engine.crank_linkage import FORCE_RESIDUALS, CrankLinkage, route_miss
 from mech_twin.engine.crank_state import NO_FRICTION, Boundary, Resisting, ShaftFriction, Transmission, memory_of
-from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
 from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.machines.compaction_press.cycle import gains, regime_at
 from mech_twin.machines.compaction_press.dynamics import (
@@ -116,20 +114,9 @@ def press_forces(
     return 0
 
 
-@dataclass(frozen=True)
-class PressForces(CrankForces):
-    """Every pin force from one equilibrium of the dyad, then the crank; pins named as in every four-bar."""
-
-    QUANTITIES: ClassVar = QUANTITIES
-    press: Press
-    moment_scale: float
-    pins: tuple[str, ...] = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
-    acts_on: tuple[str, ...] = ("crank", "plate", "plate", "pendulum")
-
-    @cached_property
-    def model(self) -> LoadedPress:
-        """Constants of the kernel."""
-        return LoadedPress(self.press, float(self.moment_scale))
+# every pin force from one equilibrium of the dyad, then the crank; pins named as in every four-bar
+FORCES = ForceLayout(("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing"), QUANTITIES, FORCE_RESIDUALS)
+ACTS_ON = ("crank", "plate", "plate", "pendulum")
 
 
 def press_boundaries(stroke: Stroke, first: str, gives_back: bool = True) -> tuple[Boundary, ...]:

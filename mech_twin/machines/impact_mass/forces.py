@@ -23,12 +23,8 @@ into one contact.  Source: Walton and Braun, J. Rheology 30 (1986) 949, the hyst
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, NamedTuple
 
-from mech_twin.engine.compiled_roles import CompiledForces
 from mech_twin.engine.compiled_steps import Work, force_step, step_of
 from mech_twin.engine.sample_vectors import (
     KIND,
@@ -161,7 +157,13 @@ def hardest_contact(model: Stop, memory: Any, log: Array, count: int) -> Contact
 def stop_reaction(
     model: Stop, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
 ) -> int:
-    """Fill ``out`` with the stop's reaction on the mass, its impulse in this step and its mean over the last period."""
+    """Fill ``out`` with the stop's reaction on the mass, its impulse in this step and its mean over the last period.
+
+    The stop can only push, along -x.  Over a periodic motion its mean force equals the mean force of the generator,
+    since the momentum of the mass is periodic.  With a contact stiffness the quantities hold peak force, contact time
+    and loss of the hardest impact of the step; 0 without an impact, or at a rigid stop.  Mass and restitution are those
+    of the step, from the memory: a live change is not applied in retrospect.
+    """
     memory, force = memory_of(linkage), linkage[LINKAGE_JOINTS + 2]
     reaction = max(force, 0.0) if memory.mode_1 == STUCK else 0.0
     last_impulse_ns = memory.last_period_impulse_m_per_s * memory.mass_kg
@@ -190,35 +192,6 @@ def stop_reaction(
     return 0
 
 
-@dataclass(frozen=True)
-class StopReaction(CompiledForces):
-    """The force analysis: the stop's impulse in the step, its force on a resting mass, its mean over a period.
-
-    The stop can only push, along -x.  Over a periodic motion its mean force equals the mean force of the generator,
-    since the momentum of the mass is periodic.  With a contact stiffness the quantities hold peak force, contact time
-    and loss of the hardest impact of the step; 0 without an impact, or at a rigid stop.  Mass and restitution are those
-    of the step, from the memory: a live change is not applied in retrospect.
-    """
-
-    times_s: tuple[float, float]
-    step_s: float
-    contact_stiffness_n_per_m: float | None = None
-    of_unit_speed: tuple[float, float] | None = None
-    pins: tuple[str, ...] = ("stop",)
-    acts_on: tuple[str, ...] = ("mass",)
-    residual_limits: Mapping[str, float] = field(default_factory=dict)
-
-    @cached_property
-    def model(self) -> Stop:
-        """Constants of the kernel."""
-        stiffness = self.contact_stiffness_n_per_m
-        period_s, phase1_s = map(float, self.times_s)
-        force, contact_s = self.of_unit_speed or (0.0, 0.0)
-        stiff, waves = stiffness is not None, self.of_unit_speed is not None
-        return Stop(period_s, phase1_s, float(self.step_s), stiff, float(stiffness or 0.0), waves, force, contact_s)
-
-    @cached_property
-    def layout(self) -> ForceLayout:
-        """Row of the samples."""
-        stiff = self.contact_stiffness_n_per_m is not None or self.of_unit_speed is not None
-        return ForceLayout(self.pins, StopQuantities._fields, (), EventLayout(KIND_NAMES, CONTACTS), stiff)
+def force_layout(reads_events: bool) -> ForceLayout:
+    """Return the row of the force analysis; events matter where they have a contact."""
+    return ForceLayout(("stop",), StopQuantities._fields, (), EventLayout(KIND_NAMES, CONTACTS), reads_events)

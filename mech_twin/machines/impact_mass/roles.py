@@ -6,13 +6,11 @@ Their kernels work on rows of numbers, whose memory from step to step is named h
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from mech_twin.engine.addresses import record_at, record_of
-from mech_twin.engine.compiled_roles import CompiledLinkage, CompiledMotor
+from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import LOG_FULL, Work, linkage_step, motor_step, step_of
 from mech_twin.engine.sample_vectors import (
     COMMAND,
@@ -23,8 +21,8 @@ from mech_twin.engine.sample_vectors import (
     Array,
     EventLayout,
     LinkageLayout,
-    MotorLayout,
 )
+from mech_twin.engine.step_roles import EffortStepMotor
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.impact_mass.dynamics import (
     FREE_REGIME,
@@ -35,7 +33,6 @@ from mech_twin.machines.impact_mass.dynamics import (
     STUCK_REGIME,
     ImpactSystem,
     MassMotion,
-    impact_system,
     initial_motion,
 )
 from mech_twin.machines.impact_mass.step import (
@@ -241,69 +238,40 @@ def mass_on_stop(
     return done.found if done.found <= len(log) else LOG_FULL
 
 
-@dataclass(frozen=True)
-class ForceGenerator(CompiledMotor):
-    """The motor role: the present force and both levels, all times the supply command.
+def force_generator(model: Generator) -> EffortStepMotor:
+    """Return the motor role: the present force and both levels, all times the supply command.
 
     The mass uses these levels, so the forces reach it only through the sample (or the topic).
     """
-
-    phase1_force_n: float
-    phase2_force_n: float
-    rate_per_s: float
-    step_s: float
-    joints: tuple[str, ...] = ("generator", "phase_1_level", "phase_2_level")
-
-    @property
-    def effort_limit(self) -> float:
-        """Largest force that can be commanded (N): the larger level."""
-        return float(max(abs(self.phase1_force_n), abs(self.phase2_force_n)))
-
-    @cached_property
-    def model(self) -> Generator:
-        """Constants of the kernel."""
-        return Generator(*map(float, (self.phase1_force_n, self.phase2_force_n, self.rate_per_s, self.step_s)))
-
-    @cached_property
-    def layout(self) -> MotorLayout:
-        """Row of the samples."""
-        return MotorLayout(self.joints)
+    largest = max(abs(model.phase1_force_n), abs(model.phase2_force_n))
+    return EffortStepMotor(model, ("generator", "phase_1_level", "phase_2_level"), largest)
 
 
 @dataclass(frozen=True)
 class MassOnStop(CompiledLinkage):
     """The linkage role: the mass, simulated exactly from event to event."""
 
-    mass_kg: float
-    stop_m: float
-    restitution: float
-    chatter_cutoff: float
-    times_s: tuple[float, float]
+    model: StoppedMass
     step_s: float
     start_levels_n: tuple[float, float]
     start_fraction: float
     start_position_m: float
     start_velocity_m_per_s: float
-    joints: tuple[str, ...] = ("mass",)
-    coordinates: tuple[str, ...] = ("mass",)
-    regimes: tuple[str, ...] = REGIME_NAMES
-    residual_limits: Mapping[str, float] = field(default_factory=lambda: RESIDUAL_LIMITS)
-
-    def system(self, levels_n: tuple[float, float]) -> ImpactSystem:
-        """Return the constants of the motion under these force levels (N)."""
-        level1, level2 = levels_n
-        accelerations = (level1 / self.mass_kg, level2 / self.mass_kg)
-        return impact_system(self.times_s, accelerations, self.restitution, self.chatter_cutoff)
+    joints = ("mass",)
+    coordinates = ("mass",)
+    regimes = REGIME_NAMES
+    residual_limits = RESIDUAL_LIMITS
+    layout = LinkageLayout(("mass",), MassMemory._fields, BalanceResiduals._fields, EventLayout(KIND_NAMES, CONTACTS))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the mass in its configured state, the force at the start of its first phase."""
-        level1, level2 = self.start_levels_n
-        levels = (self.start_fraction * level1, self.start_fraction * level2)
-        system = self.system(levels)
-        motion = initial_motion(self.stop_m - self.start_position_m, self.start_velocity_m_per_s, system)
+        levels, mass_kg = [self.start_fraction * level for level in self.start_levels_n], self.model.mass_kg
+        first, second = (level / mass_kg for level in levels)
+        system = self.model.system._replace(acceleration1=first, acceleration2=second)
+        motion = initial_motion(self.model.stop_m - self.start_position_m, self.start_velocity_m_per_s, system)
         counts = RunningCounts(*(0.0,) * len(RunningCounts._fields))
         acting = (system.acceleration1, system.acceleration2, system.restitution)
-        memory = MassMemory(*motion, *counts, *acting, float(step), self.mass_kg)
+        memory = MassMemory(*motion, *counts, *acting, float(step), mass_kg)
         return LinkageSample(
             step,
             step * self.step_s,
@@ -316,14 +284,3 @@ class MassOnStop(CompiledLinkage):
             Named(MassMemory._fields, tuple(memory)),
             Named(BalanceResiduals._fields, tuple(BalanceResiduals(0.0, 0.0))),
         )
-
-    @cached_property
-    def model(self) -> StoppedMass:
-        """Constants of the kernel."""
-        return StoppedMass(self.system((0.0, 0.0)), float(self.mass_kg), float(self.stop_m), float(self.step_s))
-
-    @cached_property
-    def layout(self) -> LinkageLayout:
-        """Row of the samples."""
-        events = EventLayout(KIND_NAMES, CONTACTS)
-        return LinkageLayout(self.joints, MassMemory._fields, BalanceResiduals._fields, events)

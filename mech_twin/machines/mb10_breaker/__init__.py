@@ -11,7 +11,8 @@ from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
 from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics, tool_gauge
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerForces, BreakerLinkage, BreakerMotor, DrivenBody
+from mech_twin.machines.mb10_breaker.roles import Body, BreakerLinkage, DrivenBody, breaker_forces_role, breaker_motor
+from mech_twin.machines.mb10_breaker.rows import LedBreaker
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver, blow_energy
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parts.induction_motor import motor_constants
@@ -24,22 +25,17 @@ PARAMETERS = BreakerParameters
 def build(p: BreakerParameters) -> Machine:
     """Return the breaker of these parameters."""
     constants, curve, step_s = breaker(p), motor_constants(p.motor), p.coupling.step_s
-    body: BodyRole = DrivenBody(constants, step_s)
+    body: BodyRole = DrivenBody(Body(constants), step_s)
     if constants.held:
         body = HalfSineBody(p.body, p.excitation, step_s)
+    start_rad, start_command = math.radians(p.linkage.initial_crank_deg), p.supply.initial_fraction
     return Machine(
         name="mb10_breaker",
         parameters=p,
         coupling_step_s=step_s,
-        motor=BreakerMotor(constants, curve, p.supply.rate_per_s, step_s),
-        linkage=BreakerLinkage(
-            constants,
-            math.radians(p.linkage.initial_crank_deg),
-            p.supply.initial_fraction,
-            step_s,
-            curve,
-        ),
-        forces=BreakerForces(constants),
+        motor=breaker_motor(constants, curve, p.supply.rate_per_s, step_s),
+        linkage=BreakerLinkage(LedBreaker(constants, curve, step_s), step_s, start_rad, start_command),
+        forces=breaker_forces_role(constants),
         body=body,
         draw=drawing(constants, p.linkage.striker_angle_deg),
         report=lambda: static_metrics(p, constants),

@@ -8,15 +8,13 @@ impulses that the force analysis gives at each event and step end, and the linka
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from functools import cached_property
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledBody, CompiledForces, CompiledLinkage
+from mech_twin.engine.compiled_roles import CompiledBody, CompiledLinkage
 from mech_twin.engine.compiled_steps import body_step, step_of
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
@@ -31,9 +29,10 @@ from mech_twin.engine.sample_vectors import (
     LinkageLayout,
     row_of,
 )
+from mech_twin.engine.step_roles import EffortStepMotor, StepForces
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.drives import KlossDrive, KlossMotor
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, Breaker
+from mech_twin.machines.drives import KlossMotor, kloss_motor_role
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, TURN, Breaker
 from mech_twin.machines.mb10_breaker.forces import QUANTITIES, pin_forces
 from mech_twin.machines.mb10_breaker.joint_laws import CONTACTS
 from mech_twin.machines.mb10_breaker.rows import (
@@ -73,86 +72,35 @@ CONTACT, FLYING, HANGING = 0, 1, 2
 LED_ANGLE, LED_RATE = (QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s"))
 
 
-class BreakerMotor(KlossDrive):
-    """The motor, on the frame or on the body, whose gear turns the crank.
-
-    Parameters
-    ----------
-    breaker : Breaker
-        Constants.
-    motor : MotorConstants
-        Torque against slip.
-    rate_per_s : float
-        Largest change of the supply fraction in a second.
-    step_s : float
-        Coupling step.
-    """
-
-    def __init__(self, breaker: Breaker, motor: MotorConstants, rate_per_s: float, step_s: float) -> None:
-        super().__init__(motor, breaker.ratio, rate_per_s, step_s)
-        drive = KlossMotor(motor, breaker.ratio, float(rate_per_s), float(step_s), self.direction)
-        vars(self)["model"] = GearedMotor(drive, breaker.frame_drive)
-
-
+@dataclass(frozen=True)
 class BreakerLinkage(CompiledLinkage):
-    """The crank-rocker, its drive and, where the body is led, the body with it.
+    """The crank-rocker, its drive and, where the body is led, the body with it."""
 
-    Parameters
-    ----------
-    breaker : Breaker
-        Constants.
-    initial_crank_rad : float
-        Crank angle at the start.
-    initial_command : float
-        Supply fraction in force at the start.
-    step_s : float
-        Coupling step.
-    curve : MotorConstants
-        The motor's torque against slip.
-    """
-
+    model: LedBreaker
+    step_s: float
+    initial_crank_rad: float
+    initial_command: float
     joints = JOINTS
     coordinates = EventSide._fields
     regimes = ("rest", "flight", "held")
     failures = FAILURES
     layout = LinkageLayout(JOINTS, BreakerMemory._fields, RESIDUALS, EVENTS)
 
-    def __init__(
-        self,
-        breaker: Breaker,
-        initial_crank_rad: float,
-        initial_command: float,
-        step_s: float,
-        curve: MotorConstants,
-    ) -> None:
-        self.step_s = step_s
-        self._b = breaker
-        self._initial = initial_crank_rad % (2.0 * math.pi)
-        self._command = float(initial_command)
-        self._curve = curve
-        self.residual_limits: Mapping[str, float] = MappingProxyType(
-            {
-                "loop_closure_m": 1e-12,
-                "energy_balance": 1e-9,
-                "momentum_balance": 1e-9,
-                "coupling_defect": DEFECT * max(1.0, (step_s / USUAL_STEP_S) ** 2),
-            }
-        )
+    @property
+    def residual_limits(self) -> dict[str, float]:
+        """Limits of the residuals."""
+        defect = DEFECT * max(1.0, (self.step_s / USUAL_STEP_S) ** 2)
+        return dict(zip(RESIDUALS, (1e-12, 1e-9, 1e-9, defect), strict=True))
 
     @property
     def processor_only(self) -> str:
         """Why its steps cannot run on a graphics processor; empty if they can."""
-        return "a blow as a wave makes the cells of its rods" if self._b.waves else ""
-
-    @cached_property
-    def model(self) -> LedBreaker:
-        """Constants of the kernel."""
-        return LedBreaker(self._b, self._curve, float(self.step_s))
+        return "a blow as a wave makes the cells of its rods" if self.model.breaker.waves else ""
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""
         out = np.empty(self.layout.size)
-        start_row(self._b, self._initial, self._command, out)
+        start_row(self.model.breaker, self.initial_crank_rad % TURN, self.initial_command, out)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
 
     def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
@@ -160,38 +108,35 @@ class BreakerLinkage(CompiledLinkage):
 
         The crank's acceleration is linear in the torque, so two evaluations give the torque for the measured one.
         """
-        q, u, acceleration, phi, p = motion
-        off = phi is not None and phi > 0.0 and not self._b.held
-        regime = HELD if self._b.held else FLIGHT if off else REST
+        b, (q, u, acceleration, phi, p) = self.model.breaker, motion
+        off = phi is not None and phi > 0.0 and not b.held
+        regime = HELD if b.held else FLIGHT if off else REST
         body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
-        idle, loaded = (pin_forces(self._b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
+        idle, loaded = (pin_forces(b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
         at_rest = BreakerState(*(0.0 for _ in BreakerState._fields))
-        angle = q % (2.0 * math.pi)
+        angle = q % TURN
         state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
         y, out = np.array(state), np.empty(self.layout.size)
         out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory()
-        total, torque = total_of(self._b, named(y)), float((acceleration - idle) / (loaded - idle))
-        fill_row(self._b, y, regime, total, torque, self._command, 0.0, 0.0, out)
+        total, torque = total_of(b, named(y)), float((acceleration - idle) / (loaded - idle))
+        fill_row(b, y, regime, total, torque, self.initial_command, 0.0, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 
 
-class BreakerForces(CompiledForces):
-    """Every pin, the moment on the body and its impulses, from the joint states alone.
+PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
+FORCES = ForceLayout(PINS, QUANTITIES, FORCE_RESIDUALS, EVENTS, reads_events=True)
 
-    Parameters
-    ----------
-    breaker : Breaker
-        Constants.
-    """
 
-    pins = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
-    acts_on = ("crank", "coupler", "coupler", "rocker")
-    residual_limits: Mapping[str, float] = MappingProxyType(dict.fromkeys(FORCE_RESIDUALS, 1e-10))
-    model: LoadedBreaker
-    layout = ForceLayout(pins, QUANTITIES, FORCE_RESIDUALS, EVENTS, reads_events=True)
+def breaker_motor(breaker: Breaker, motor: MotorConstants, rate_per_s: float, step_s: float) -> EffortStepMotor:
+    """Return the motor, on the frame or on the body, whose gear turns the crank."""
+    drive = kloss_motor_role(KlossMotor(motor, breaker.ratio, rate_per_s, step_s))
+    return replace(drive, model=GearedMotor(drive.model, breaker.frame_drive))
 
-    def __init__(self, breaker: Breaker) -> None:
-        self.model = LoadedBreaker(breaker)
+
+def breaker_forces_role(breaker: Breaker) -> StepForces:
+    """Return every pin, the moment on the body and its impulses, from the joint states alone."""
+    acts_on, limits = ("crank", "coupler", "coupler", "rocker"), dict.fromkeys(FORCE_RESIDUALS, 1e-10)
+    return StepForces(LoadedBreaker(breaker), FORCES, acts_on, limits)
 
 
 class Body(NamedTuple):
@@ -233,27 +178,17 @@ def follow_linkage(
     return 0
 
 
+@dataclass(frozen=True)
 class DrivenBody(CompiledBody):
-    """The body role for the excitation ``from_forces``.
+    """The body role for the excitation ``from_forces``."""
 
-    Parameters
-    ----------
-    breaker : Breaker
-        Constants.
-    step_s : float
-        Coupling step.
-    """
-
+    model: Body
+    step_s: float
     joints = ("body",)
     regimes = ("rest", "flight", "hanging")
-    residual_limits: Mapping[str, float] = MappingProxyType({})
-    model: Body
+    residual_limits = MappingProxyType[str, float]({})
     layout = BodyLayout(joints, (), ())
-    force_layout = BreakerForces.layout
-
-    def __init__(self, breaker: Breaker, step_s: float) -> None:
-        self.step_s = step_s
-        self.model = Body(breaker)
+    force_layout = FORCES
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its collar."""

@@ -22,7 +22,7 @@ from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.impacts import blow_contact, fading
 from mech_twin.machines.mb10_breaker.metrics import blow_metrics, is_seated
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import BreakerForces
+from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.friction_and_gear import passed_on
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
@@ -92,7 +92,7 @@ class BodyCycle:
         return found
 
 
-PEAKS = tuple(f"{pin}_between_blows_peak_n" for pin in BreakerForces.pins)
+PEAKS = tuple(f"{pin}_between_blows_peak_n" for pin in PINS)
 STRUCK = ("crank_bearing", "rocker_bearing")  # whose impulses of a blow are told
 
 

@@ -6,17 +6,19 @@ from __future__ import annotations
 from functools import partial
 from math import radians
 
-from mech_twin.machines.drives import KlossDrive
+from mech_twin.engine.step_roles import StepForces
+from mech_twin.machines.drives import KlossMotor, kloss_motor_role
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
+from mech_twin.machines.roller_former.former_row import CoupledFormer
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import (
-    FormerForces,
     FormerLinkage,
-    FormerQuantities,
+    LoadedFormer,
+    force_layout,
+    force_limits,
     joint_names,
     loaded_bodies,
-    pin_names,
 )
 from mech_twin.roles import Capabilities, Machine
 
@@ -27,23 +29,20 @@ def build(p: RollerFormer) -> Machine:
     """Return the roller former of these parameters."""
     former, count, step_s = former_of(p), p.carts.count, p.coupling.step_s
     linkage = FormerLinkage(
-        former,
+        CoupledFormer(former, step_s),
         step_s,
         radians(p.start.crank_deg),
         p.start.speed_fraction * p.synchronous_crank_speed_rad_per_s,
         p.supply.initial_fraction,
         joint_names(count),
     )
-    rod_forces = tuple(f"rod_force_{i}_n" for i in range(1, count + 1))
-    forces = FormerForces(former, pin_names(count), loaded_bodies(count), (*FormerQuantities._fields, *rod_forces))
-
     return Machine(
         "roller_former",
         p,
         step_s,
-        KlossDrive(former.motor, former.ratio, p.supply.rate_per_s, step_s),
+        kloss_motor_role(KlossMotor(former.motor, former.ratio, p.supply.rate_per_s, step_s)),
         linkage,
-        forces,
+        StepForces(LoadedFormer(former), force_layout(count), loaded_bodies(count), force_limits(former.bank)),
         None,
         lambda sample, _: former_drawing(former, sample),
         partial(former_metrics, p, former),

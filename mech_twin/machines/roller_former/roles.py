@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Linkage and force analysis of the roller former; its motor is the shared `KlossDrive`.
+"""Linkage and force analysis of the roller former; its motor is the shared induction motor behind a gear.
 
 The linkage has inertias, elastic drive and all carts.  The forces of rods, guides, coupling and frame follow from
 angles, rates and efforts of the joints.
@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledForces, CompiledLinkage
+from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import Work, force_step, step_of, work_room
 from mech_twin.engine.sample_vectors import BODY_MOMENT, PINS, EventLayout, ForceLayout, LinkageLayout
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
-from mech_twin.machines.roller_former.cart_parameters import REVERSING
+from mech_twin.machines.roller_former.cart_parameters import REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, Modes, at_motor, may_stick, state_array
 from mech_twin.machines.roller_former.former_row import (
@@ -259,34 +259,19 @@ def fill_forces(
     return 0
 
 
-@dataclass(frozen=True)
-class FormerForces(CompiledForces):
-    """Rod forces, guide reactions, coupling moment and shaking force; a map without state."""
+def force_layout(count: int) -> ForceLayout:
+    """Return the row of the force analysis of so many carts."""
+    rods = tuple(f"rod_force_{i}_n" for i in range(1, count + 1))
+    return ForceLayout(pin_names(count), (*FormerQuantities._fields, *rods), ("drive_torque_routes",))
 
-    former: Former
-    pins: tuple[str, ...]
-    acts_on: tuple[str, ...]
-    names: tuple[str, ...]
 
-    @property
-    def residual_limits(self) -> dict[str, float]:
-        """Limit of the two routes; the expansion's transfer function misses the linkage's by up to 0.19 r (r/l)^3.
+def force_limits(bank: CartBank) -> dict[str, float]:
+    """Return the limit of the two routes; the expansion's transfer function misses the linkage's by 0.19 r (r/l)^3.
 
-        That is ``r/l sin psi cos psi (1/cos beta - 1)`` at the largest r/l with which it is allowed; 0.16 where r/l is
-        small.
-        """
-        miss = MOST_MISSED * self.former.bank.ratio**3 if self.former.bank.expanded else 0.0
-        return {"drive_torque_routes": max(1e-10, miss)}
-
-    @cached_property
-    def model(self) -> LoadedFormer:
-        """Constants of the kernel."""
-        return LoadedFormer(self.former)
-
-    @cached_property
-    def layout(self) -> ForceLayout:
-        """Row of the samples."""
-        return ForceLayout(self.pins, self.names, ("drive_torque_routes",))
+    That is ``r/l sin psi cos psi (1/cos beta - 1)`` at the largest r/l with which it is allowed; 0.16 where r/l is
+    small.
+    """
+    return {"drive_torque_routes": max(1e-10, MOST_MISSED * bank.ratio**3 if bank.expanded else 0.0)}
 
 
 class FormerJoints(NamedTuple):
@@ -315,26 +300,21 @@ def joints_of(values: tuple[float, ...]) -> FormerJoints:
 class FormerLinkage(CompiledLinkage):
     """Both inertias, the elastic drive and all carts; it holds all mechanical state."""
 
-    former: Former
+    model: CoupledFormer
     step_s: float
     start_crank_rad: float
     start_speed_rad_per_s: float
     start_command: float
     joints: tuple[str, ...]
-    coordinates: tuple[str, ...] = ("crank", "twist")
-    regimes: tuple[str, ...] = REGIMES
-    failures: tuple[str, ...] = FAILURES
+    coordinates = ("crank", "twist")
+    regimes = REGIMES
+    failures = FAILURES
 
     @property
     def residual_limits(self) -> dict[str, float]:
         """Limits of the residuals; the series expansion has an error of (r/l)^4/8 of the rod's length."""
-        open_rod = max(1e-12, 0.2 * self.former.bank.ratio**4 if self.former.bank.expanded else 0.0)
-        return {"energy_balance": 1e-8, "rod_length": open_rod}
-
-    @cached_property
-    def model(self) -> CoupledFormer:
-        """Constants of the kernel."""
-        return CoupledFormer(self.former, float(self.step_s))
+        bank = self.model.former.bank
+        return {"energy_balance": 1e-8, "rod_length": max(1e-12, 0.2 * bank.ratio**4 if bank.expanded else 0.0)}
 
     @cached_property
     def layout(self) -> LinkageLayout:
@@ -346,8 +326,8 @@ class FormerLinkage(CompiledLinkage):
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine in its initial state: untwisted, the load on or still off as configured."""
         y = state_array(self.start_crank_rad, self.start_speed_rad_per_s)
-        modes, out = start_modes(self.former, self.start_speed_rad_per_s), np.empty(self.layout.size)
-        start_row(self.former, y, modes, float(self.start_command), out)
+        former, out = self.model.former, np.empty(self.layout.size)
+        start_row(former, y, start_modes(former, self.start_speed_rad_per_s), self.start_command, out)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
 
 

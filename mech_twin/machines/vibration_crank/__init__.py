@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from functools import partial
 
-from mech_twin.engine.crank_linkage import CrankLinkage
+from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS, CrankLinkage
+from mech_twin.engine.sample_vectors import ForceLayout
+from mech_twin.engine.step_roles import StepForces
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
 from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
-from mech_twin.machines.vibration_crank.roles import ShakingCrank, SliderCrankForces
+from mech_twin.machines.vibration_crank.roles import QUANTITIES, LoadedCrank, ShakingCrank
 from mech_twin.machines.vibration_crank.slider_crank import BOOM
 from mech_twin.roles import Capabilities, LinkageRole, Machine
 
@@ -36,11 +38,13 @@ def build(p: VibrationCrank) -> Machine:
     ).at_rated_speed(p.full_speed_rad_per_s)
     metrics = cycle_metrics(p, s)
     weights = s.gravity * (s.rotating_mass * s.crank_m + s.counter_mass * s.counter_m)
-    forces = SliderCrankForces(
-        s,
-        max(metrics["drive_torque_peak_nm"], weights),
-        ("crank_bearing", "crank_pin", "follower_pin", ground[0]),
+    pins = ("crank_bearing", "crank_pin", "follower_pin", ground[0])
+    scale = max(metrics["drive_torque_peak_nm"], weights)
+    forces = StepForces(
+        LoadedCrank(s, s._replace(counter_mass=0.0), scale),
+        ForceLayout(pins, QUANTITIES, FORCE_RESIDUALS),
         ("crank", "rod", ground[1], ground[1]),
+        FORCE_LIMITS,
     )
     return Machine(
         "vibration_crank",

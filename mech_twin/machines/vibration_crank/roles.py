@@ -7,15 +7,13 @@ Its force analysis gives every pin force and the force on the frame, from the li
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.engine.compiled_steps import Work, force_step, step_of
-from mech_twin.engine.crank_linkage import CrankForces, route_miss
+from mech_twin.engine.crank_linkage import route_miss
 from mech_twin.engine.crank_state import (
     mechanism_drive_moment,
     mechanism_load_speed,
@@ -93,22 +91,6 @@ def crank_forces(
         out[i] = numbers[i]
     out[len(numbers)] = route_miss(at.moment, torque, inertia, memory, model.moment_scale_nm)
     return 0
-
-
-@dataclass(frozen=True)
-class SliderCrankForces(CrankForces):
-    """Every pin force from equilibrium of follower, rod and crank."""
-
-    QUANTITIES: ClassVar = QUANTITIES
-    mechanism: SliderCrank
-    moment_scale: float
-    pins: tuple[str, ...]
-    acts_on: tuple[str, ...]
-
-    @cached_property
-    def model(self) -> LoadedCrank:
-        """Constants of the kernel."""
-        return LoadedCrank(self.mechanism, self.mechanism._replace(counter_mass=0.0), float(self.moment_scale))
 
 
 class ShakingCrank(NamedTuple):

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from functools import partial
 
-from mech_twin.machines.drives import PrescribedSpeed
+from mech_twin.engine.step_roles import StepForces, StepMotor
+from mech_twin.machines.drives import SpeedDrive
 from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
-from mech_twin.machines.winding_drum.drum_row import ENDED
+from mech_twin.machines.winding_drum.drum_row import ENDED, Drum, LoadedDrum
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import JOINTS, DrumForces, DrumLinkage
+from mech_twin.machines.winding_drum.roles import FORCES, JOINTS, DrumLinkage, drum_layout
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = WindingDrum
@@ -19,33 +20,18 @@ PARAMETERS = WindingDrum
 def build(parameters: WindingDrum) -> Machine:
     """Return the winding drum of these parameters."""
     constants = package_constants(parameters, parameters.direction == "winding")
-    first, last = parameters.radii_m
+    (first, last), step_s, speed = parameters.radii_m, parameters.coupling.step_s, parameters.yarn_speed_m_per_s
     fraction = parameters.supply.initial_fraction
-    linkage = DrumLinkage(
-        constants,
-        parameters.coupling.step_s,
-        first,
-        last,
-        fraction * parameters.yarn_speed_m_per_s,
-        fraction,
-        "full" if parameters.direction == "winding" else "empty",
-    )
-    motor = PrescribedSpeed(
-        parameters.yarn_speed_m_per_s,
-        parameters.rate_per_s,
-        parameters.coupling.step_s,
-        "yarn",
-        ENDED,
-        linkage_joints=JOINTS,
-    )
-
+    layout = drum_layout("full" if parameters.direction == "winding" else "empty")
+    linkage = DrumLinkage(Drum(constants, first, last, step_s), step_s, fraction * speed, fraction, layout)
+    drive = SpeedDrive(speed, parameters.rate_per_s, step_s, JOINTS.index("yarn"), ENDED)
     return Machine(
         "winding_drum",
         parameters,
-        parameters.coupling.step_s,
-        motor,
+        step_s,
+        StepMotor(drive, ("motor",)),
         linkage,
-        DrumForces(constants, first),
+        StepForces(LoadedDrum(constants, first), FORCES, ("package",), {"drive_torque_routes": 1e-10}),
         None,
         lambda sample, _: package_drawing(constants, sample),
         partial(package_metrics, parameters, constants),

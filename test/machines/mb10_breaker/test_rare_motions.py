@@ -283,7 +283,7 @@ def residuals_of(overrides, command, duration_s=0.5):
 
 def deepest_m(built, run):
     """Return how deep in the tool the striker is, at most, at the end of a step."""
-    b = built.linkage._b
+    b = built.linkage.model.breaker
     gaps = [
         b.tool_radius_m * frame.body.position[0]
         + frame.linkage.memory["tool_travel_m"]
@@ -422,7 +422,7 @@ def test_crank_that_strikes_backward_stands_on_the_tool_by_statics():
     assert max(worst_margin(built, frame)[0] for frame in run) <= 1.0
     assert deepest_m(built, run) < 1e-10
     assert [event.kind for frame in run for event in frame.linkage.events].count("stalled") == 1
-    b, last = built.linkage._b, run[-1]
+    b, last = built.linkage.model.breaker, run[-1]
     crank = last.linkage.joint("crank")
     assert crank.velocity == 0.0
     slope = striker(b, crank.position)[1]

@@ -35,7 +35,7 @@ LOADED = {"start.load_from_fraction": 0.0}
 def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]) -> np.ndarray:
     """Return the state after a run with motor and mechanism solved together, rated supply."""
     linkage = machine_for(carts, overrides).linkage
-    start, former = linkage.start(), linkage.former
+    start, former = linkage.start(), linkage.model.former
     y = state_array(joints_of(start.position).crank, joints_of(start.velocity).crank)
     memory = FormerMemory(*start.memory.values)
     senses, load = (memory.direction_1, memory.drive_direction_1), (memory.load_on_1 > 0.0, memory.load_share_1)
@@ -160,7 +160,7 @@ def test_a_slow_frequency_ramp_starts_it_under_load_too():
 @pytest.mark.parametrize("load", ["resist", "reversing"])
 def test_at_rest_the_load_holds_the_shaft_up_to_its_size(load):
     machine = machine_for(2, {**LOADED, "load": load, "start.crank_deg": 40.0, "supply.initial_fraction": 0.01})
-    limit = load_moment(machine.linkage.former.bank, np.radians(40.0), 1.0)
+    limit = load_moment(machine.linkage.model.former.bank, np.radians(40.0), 1.0)
     for frame in frames(machine, 0.5, lambda step: 0.01):
         linkage = frame.linkage
         assert machine.linkage.regimes[linkage.regime] == "held"
@@ -291,7 +291,7 @@ def test_the_expansion_misses_the_linkage_by_no_more_than_its_transfer_function_
     """Cart by cart: also where their inertia moments cancel in the sum, near dead centres and opposite each other."""
     expanded = {"kinematics": "expanded", "load": "none", "carts.crank_m": crank_m, "carts.offsets_deg": offsets_deg}
     machine = machine_for(2, {**expanded, "carts.rod_mass_kg": 1.0})
-    former, limit = machine.linkage.former, machine.forces.residual_limits["drive_torque_routes"]
+    former, limit = machine.linkage.model.former, machine.forces.residual_limits["drive_torque_routes"]
     *_, residual = former_forces(
         former, crank_rad, 100.0, 100.0, (0.0, 0.0, 0.0), np.zeros(2), CartForces(*np.zeros((5, 2)))
     )
@@ -332,7 +332,7 @@ def test_a_small_crank_in_dry_friction_of_its_shaft_keeps_its_residuals():
 
 
 def test_a_crank_that_stands_after_several_turns_in_one_section_of_its_start_is_timed_without_it() -> None:
-    former, speed = machine_for(3, {}).linkage.former._replace(coulomb_nm=1e9), 5e4
+    former, speed = machine_for(3, {}).linkage.model.former._replace(coulomb_nm=1e9), 5e4
     y = state_array(0.0, speed)
     _, _, steady = start_motion(former, (1.0, 1.0), 10.0, 0.5, y, start_modes(former, speed))
     assert y[0] > 4.0 * np.pi and y[2] == 0.0

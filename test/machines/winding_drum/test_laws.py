@@ -87,7 +87,7 @@ def test_package_ends_at_the_time_the_area_gives(direction, kind):
     (event,) = [event for sample in samples for event in sample.events]
     assert event.kind == kind
     assert event.time_s == pytest.approx(pi * (0.3**2 - 0.08**2) / 0.02 / 5.0, rel=1e-12)
-    assert samples[-1].position[2] == drum.linkage.end_radius_m
+    assert samples[-1].position[2] == drum.linkage.model.end_radius_m
     assert drum.linkage.regimes[samples[-1].regime] == "ended"
     assert samples[-1].velocity[0] == event.post[0].velocity  # let go, it turns on
     assert worst["area_balance"] < 1e-12
@@ -328,7 +328,7 @@ def test_energy_balances_where_a_layer_is_less_than_the_radius_resolves():
     keys |= {"layer_thickness_m": 1e-6, "package_density_kg_per_m3": 8e4, "drum_inertia_kg_m2": 0.5}
     keys |= {"yarn_speed_m_per_s": 560.0, "yarn_acceleration_m_per_s2": 171.5, "direction": "winding"}
     drum, samples, worst = last_frames({**keys, "supply.initial_fraction": 0.0, "coupling.step_s": 3.8e-3}, 0.2)
-    package, last = drum.linkage.package, samples[-1]
+    package, last = drum.linkage.model.package, samples[-1]
     told = package_inertia(package, wound_at(package, last.position[2])) - package.drum_inertia
     layers = 1e-6 * last.position[1] / pi  # R^2 - c^2, by hand
     wound = 0.5 * pi * 8e4 * 4.55 * layers * (layers + 2.0 * 1.65**2)
