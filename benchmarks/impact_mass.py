@@ -21,8 +21,15 @@ import numpy as np
 from comparison import Table, in_turn, measure, ratio
 from scipy.integrate import solve_ivp
 
-from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
-from mech_twin.machines.impact_mass.dynamics import IMPACT, impact_system, initial_motion, next_event
+from mech_twin.kernels.kernel import kernel
+from mech_twin.machines.impact_mass.dynamics import (
+    IMPACT,
+    ImpactSystem,
+    MassMotion,
+    impact_system,
+    initial_motion,
+    next_event,
+)
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 from literature.impact_reference import number, walk
@@ -98,14 +105,24 @@ def largest_error(times: list[float], exact: list[float]) -> str:
     return f"{error:.1e} s, {len(times)} of {len(exact)} impacts"
 
 
+@kernel
+def walked(motion: MassMotion, system: ImpactSystem, events: int) -> tuple[MassMotion, float]:
+    """Return the motion after a number of events, and the impacts among them."""
+    impacts = 0.0
+    for _ in range(events):
+        event, motion = next_event(motion, system)
+        impacts += event.impacts
+    return motion, impacts
+
+
 def speed() -> Table:
     """Return impacts a second of both in the stable motion."""
     system, start = started(STEADY)
-    impacts = event_batch(start, system, empty_tally(start), EVENTS, 1e9)[1].impacts
+    impacts = walked(start, system, EVENTS)[1]
     theirs = len(peer_times(STEADY))
     times = in_turn(
         {
-            "ours": lambda: event_batch(start, system, empty_tally(start), EVENTS, 1e9),
+            "ours": lambda: walked(start, system, EVENTS),
             "theirs": lambda: peer_times(STEADY),
         },
         ROUNDS,
@@ -132,17 +149,19 @@ def errors() -> Table:
 def memory() -> Table:
     """Return speed and growth of memory over ten million events."""
     system, motion = started(STEADY)
-    tally, rates = empty_tally(motion), []
-    event_batch(motion, system, tally, 10, 1e9)
+    rates = []
+    walked(motion, system, 10)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for _ in range(MEMORY_BLOCKS):
         begun = time.process_time()
-        motion, tally = event_batch(motion, system, tally, EVENTS, 1e12)
+        motion, _ = walked(motion, system, EVENTS)
         rates.append(EVENTS / (time.process_time() - begun))
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     how = "Events one after the other, without an end to memory's growth if there were one."
     columns = ("events", "a second, slowest million", "fastest million", "memory grew by")
-    return Table(how, columns, [(f"{tally.events:.0f}", f"{min(rates):.2g}", f"{max(rates):.2g}", f"{grown} KiB")])
+    return Table(
+        how, columns, [(str(EVENTS * MEMORY_BLOCKS), f"{min(rates):.2g}", f"{max(rates):.2g}", f"{grown} KiB")]
+    )
 
 
 def measured() -> list[Table]:

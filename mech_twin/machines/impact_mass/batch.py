@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Long event-driven simulation: millions of events in constant memory, and the long-run outcome of initial states."""
+"""Long event-driven simulation: periods one after the other in constant memory, and what becomes of initial states."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from mech_twin.machines.impact_mass.dynamics import (
     CHATTER_END,
     FLIGHT,
     IMPACT,
-    PHASE_CHANGE,
-    RELEASE,
     ImpactSystem,
     MassMotion,
     initial_motion,
@@ -23,59 +21,6 @@ from mech_twin.machines.impact_mass.dynamics import (
 )
 
 AT_REST, LEFT, WANDERING = -1, -2, -3  # fates of a start that does not reach the cycle
-
-
-class Tally(NamedTuple):
-    """Statistics of a simulation: events by kind, velocity and impact speed ranges (0, 0: none), stop impulse/mass."""
-
-    events: float
-    impacts: float
-    chatter_ends: float
-    releases: float
-    phases: float
-    least_velocity_m_per_s: float
-    largest_velocity_m_per_s: float
-    impulse_m_per_s: float
-    least_blow_m_per_s: float
-    largest_blow_m_per_s: float
-    last_impact_period: float
-    last_impact_tau_s: float
-
-
-@kernel
-def empty_tally(motion: MassMotion) -> Tally:
-    """Return the tally before the first event."""
-    v = motion.velocity_m_per_s
-    return Tally(0.0, 0.0, 0.0, 0.0, 0.0, v, v, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@kernel
-def event_batch(
-    motion: MassMotion, system: ImpactSystem, tally: Tally, events: int, periods: float
-) -> tuple[MassMotion, Tally]:
-    """Return motion and tally after a number of events, or at the start of period number ``periods`` if sooner."""
-    count, impacts, ends, releases, phases, low, high, impulse, least, most, last, last_tau = tally
-    for _ in range(events):
-        if motion.period >= periods:
-            break
-        event, motion = next_event(motion, system)
-        count += 1.0
-        low = min(low, event.pre_m_per_s, event.post_m_per_s)
-        high = max(high, event.pre_m_per_s, event.post_m_per_s)
-        if event.impacts > 0.0:
-            impacts += event.impacts
-            impulse += event.impulse_per_mass
-            least = event.pre_m_per_s if most == 0.0 else min(least, event.pre_m_per_s)
-            most = max(most, event.pre_m_per_s)
-            last, last_tau = event.period, event.tau_s
-        elif event.kind == CHATTER_END:
-            ends += 1.0
-            impulse += event.impulse_per_mass
-        elif event.kind == RELEASE:
-            releases += 1.0
-        elif event.kind == PHASE_CHANGE:
-            phases += 1.0
-    return motion, Tally(count, impacts, ends, releases, phases, low, high, impulse, least, most, last, last_tau)
 
 
 class PeriodOutcome(NamedTuple):
@@ -152,16 +97,6 @@ def settled_at(
 
 
 @kernel
-def collapse_period(motion: MassMotion, system: ImpactSystem, limit: float) -> tuple[MassMotion, float]:
-    """Return the last motion, and the number of the period (from 0) from which it rests for ever, -1 if none."""
-    while motion.period < limit:
-        if rests_for_good(motion, system):
-            return motion, motion.period
-        motion = next_event(motion, system)[1]
-    return motion, -1.0
-
-
-@kernel
 def fates(
     gaps_m: NDArray[np.float64],
     velocities_m_per_s: NDArray[np.float64],
@@ -176,26 +111,3 @@ def fates(
         start = initial_motion(gaps_m[i], velocities_m_per_s[i], system)
         found[i] = settled_at(start, system, target, tolerances, limit)
     return found
-
-
-class SingleBlows(NamedTuple):
-    """Periods in a row with exactly one impact and no rest, and the least and largest speed of it (m/s; 0 if none)."""
-
-    periods: int
-    least_m_per_s: float
-    largest_m_per_s: float
-
-
-@kernel
-def single_blows(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, SingleBlows]:
-    """Return the motion after a number of one-impact periods, or after the first other period, and their statistics."""
-    least, largest = 0.0, 0.0
-    for number in range(periods):
-        period = next_period(motion, system)
-        motion = period.motion
-        if period.impacts != 1.0 or period.chatter_ends > 0.0:
-            return motion, SingleBlows(number, least, largest)
-        speed = period.largest_blow_m_per_s
-        least = speed if number == 0 else min(least, speed)
-        largest = max(largest, speed)
-    return motion, SingleBlows(periods, least, largest)

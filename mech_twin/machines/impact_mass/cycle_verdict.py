@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, SingleBlows, collapse_period, fates, single_blows
-from mech_twin.machines.impact_mass.dynamics import FLIGHT, ImpactSystem, MassMotion, initial_motion
+from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, fates
+from mech_twin.machines.impact_mass.dynamics import FLIGHT, ImpactSystem, MassMotion, initial_motion, rests_for_good
 from mech_twin.machines.impact_mass.metrics import admissible
 from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.regimes import GOING, recorded
 
 BORDER = 1e-9  # of a phase: a blow this near the change of the force stands on the border of existence
 NEAR = 1e-6  # of the stroke and of the blow's speed: a start this near the cycle at three period starts is at it
@@ -156,29 +157,16 @@ def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float)
 def endurance(parameters: ImpactMass, periods: int) -> Endurance:
     """Return the number of one-impact periods from the configured start, and the period in which the mass rests."""
     p, system = parameters, parameters.system
-    start = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
-    held = _held(start, system, periods)
-    rest = _rest_period(start, system, periods) + 1 if held.periods < periods else 0
-    return Endurance(p.period_s, periods, held.periods, rest, held.least_m_per_s, held.largest_m_per_s)
-
-
-def _held(motion: MassMotion, system: ImpactSystem, periods: int) -> SingleBlows:
-    """Return the single blows from a motion on, counted in batches."""
-    motion, total = single_blows(motion, system, min(periods, BATCH_PERIODS))
-    asked = BATCH_PERIODS
-    while total.periods == asked < periods:
-        batch = min(periods - asked, BATCH_PERIODS)
-        motion, more = single_blows(motion, system, batch)
-        least = min(total.least_m_per_s, more.least_m_per_s) if more.periods else total.least_m_per_s
-        largest = max(total.largest_m_per_s, more.largest_m_per_s)
-        total, asked = SingleBlows(total.periods + more.periods, least, largest), asked + batch
-    return total
-
-
-def _rest_period(motion: MassMotion, system: ImpactSystem, periods: int) -> int:
-    """Return the period (from 0) in which the mass comes to rest for good, or -1 before so many, walked in batches."""
-    for limit in (*range(BATCH_PERIODS, periods, BATCH_PERIODS), periods):
-        motion, found = collapse_period(motion, system, float(limit))
-        if found >= 0.0:
-            return int(found)
-    return -1
+    motion = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
+    walked, ended, ends, single, blows, held = 0, GOING, False, True, [0.0, 0.0], 0
+    while walked < periods and ended == GOING:
+        motion, ended, count, table = recorded(motion, system, min(periods - walked, BATCH_PERIODS))
+        others = np.flatnonzero((table.impacts[:count] != 1.0) | (table.chatter_ends[:count] > 0.0))
+        alone = table.hardest_m_per_s[: others[0] if len(others) else count] if single else np.empty(0)
+        if len(alone):
+            blows = [min(blows[0] if held else np.inf, alone.min()), max(blows[1], alone.max())]
+        single, held, walked = single and not len(others), held + len(alone), walked + count
+        ends = bool(table.chatter_ends[count - 1] > 0.0) if count else ends
+    since = walked - 1 if ends else walked  # a series that ended within a period, or a rest from its start
+    rests = since < periods and rests_for_good(motion, system)
+    return Endurance(p.period_s, periods, held, since + 1 if rests else 0, float(blows[0]), float(blows[1]))

@@ -17,7 +17,6 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import complete_frame, next_frame, restarted
 from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build
-from mech_twin.machines.impact_mass.batch import empty_tally, event_batch
 from mech_twin.machines.impact_mass.dynamics import (
     IMPACTS_SUMMED,
     KIND_NAMES,
@@ -31,6 +30,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     next_event_until,
     rests_for_good,
 )
+from mech_twin.machines.impact_mass.regimes import recorded
 from mech_twin.parameters.load import machine, machine_parameters
 
 
@@ -140,11 +140,11 @@ def test_the_first_two_periods_agree_with_sixty_digits(r, share, a1, a2, gap, v)
 def test_the_event_walk_has_no_drift_over_a_million_periods():
     system = impact_system((0.05, 0.035), (1000.0, -500.0), 0.3, 0.0)
     motion = initial_motion(0.5, 0.0, system)
-    motion, _ = event_batch(motion, system, empty_tally(motion), 10_000, 100.0)
+    motion = recorded(motion, system, 100)[0]
     early = events_of(system, motion, 20)[0]
-    motion, tally = event_batch(motion, system, empty_tally(motion), 100_000_000, 300_100.0)
+    motion, _, _, table = recorded(motion, system, 300_000)
     late = events_of(system, motion, 20)[0]
-    assert tally.impacts == 300_000 * 23
+    assert table.impacts.sum() == 300_000 * 23
     assert [(e[0], *e[2:]) for e in early] == [(e[0], *e[2:]) for e in late]
 
 
