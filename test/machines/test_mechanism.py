@@ -198,7 +198,7 @@ def test_a_foreign_reader_of_the_description_finds_every_frame_where_it_is(name:
 MASSES: dict[str, Callable[[Any], float]] = {
     "mb10_breaker": lambda p: sum(getattr(p.linkage, f"{link}_mass_kg") for link in LINKS) + p.tool.mass_kg,
     "compaction_press": lambda p: p.links.crank.mass_kg + p.links.plate.mass_kg + p.links.pendulum.mass_kg,
-    "vibration_crank": lambda p: p.masses.reciprocating + p.masses.rotating + p.balance.counterweight_kg,
+    "vibration_crank": lambda p: p.masses.reciprocating + p.masses.rotating + p.counterweight_kg,
     "impact_mass": lambda p: p.mass_kg,
     "roller_former": lambda p: p.carts.count * (p.carts.mass_kg + p.carts.rod_mass_kg),
     "winding_drum": lambda p: 0.0,

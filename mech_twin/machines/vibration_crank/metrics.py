@@ -27,8 +27,6 @@ from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider
 from mech_twin.machines.vibration_crank.slider_crank import (
     BOOM,
     SliderCrank,
-    balanced_mass,
-    derived_counterweight,
     drive_moment,
     follower,
     pin_forces,
@@ -155,11 +153,7 @@ def polar_diagram(parameters: VibrationCrank) -> dict[float, Array]:
 
 def balanced(parameters: VibrationCrank, fraction: float) -> SliderCrank:
     """Return the constants with the counterweight derived for a balancing fraction."""
-    masses, radius = parameters.masses, parameters.counterweight.radius_m
-    mass = derived_counterweight(
-        masses.rotating, balanced_mass(masses, parameters.load_ratio), fraction, parameters.crank_m, radius
-    )
-    return slider_crank_constants(parameters)._replace(counter_mass=mass)
+    return slider_crank_constants(parameters)._replace(counter_mass=parameters.balancing_kg(fraction))
 
 
 def lanchester_metrics(s: SliderCrank, speed: float) -> dict[str, float]:

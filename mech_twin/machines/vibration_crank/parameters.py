@@ -15,11 +15,10 @@ from mech_twin.machines.vibration_crank.slider_crank import (
     BOOM,
     FINITE_ROD,
     INFINITE_ROD,
-    Balance,
     Counterweight,
     MovingMasses,
     SliderCrank,
-    balance,
+    balanced_mass,
 )
 from mech_twin.parts.four_bar import OPEN, FourBar, smallest_transmission_angle
 
@@ -102,9 +101,15 @@ class VibrationCrank(DrivenCrank):
         return self
 
     @property
-    def balance(self) -> Balance:
-        """Masses in force: at the load, a boom's load counts with its arm."""
-        return balance(self.masses, self.counterweight, self.crank_m, self.load_ratio)
+    def counterweight_kg(self) -> float:
+        """Mass of the counterweight in force (kg): the given one, or that of its balancing fraction."""
+        given, fraction = self.counterweight.mass_kg, self.counterweight.balancing_fraction
+        return self.balancing_kg(fraction) if given is None else given
+
+    def balancing_kg(self, fraction: float) -> float:
+        """Return m_p = (m_r + kappa m_s) r/r_p (kg) for a balancing fraction kappa."""
+        swinging = balanced_mass(self.masses, self.load_ratio)
+        return (self.masses.rotating + fraction * swinging) * self.crank_m / self.counterweight.radius_m
 
     @property
     def load_ratio(self) -> float | None:
@@ -115,9 +120,8 @@ class VibrationCrank(DrivenCrank):
 def slider_crank_constants(parameters: VibrationCrank) -> SliderCrank:
     """Return the constants of the kernels."""
     p = parameters
-    masses = p.balance
     kind = INFINITE_ROD if isinf(p.rod_m) else FINITE_ROD
-    joint, load, arm = masses.reciprocating_kg, 0.0, (0.0, 0.0, 1.0, 1.0, 1.0)
+    joint, load, arm = p.masses.reciprocating, 0.0, (0.0, 0.0, 1.0, 1.0, 1.0)
     if p.boom is not None:
         kind, joint, load = BOOM, p.masses.at_rod_joint, p.masses.carried
         side = 1.0 if p.boom.side == "left" else -1.0
@@ -131,8 +135,8 @@ def slider_crank_constants(parameters: VibrationCrank) -> SliderCrank:
         *arm,
         joint,
         load,
-        masses.rotating_kg,
-        masses.counterweight_kg,
+        p.masses.rotating,
+        p.counterweight_kg,
         p.counterweight.radius_m,
         p.working_force_n,
         GRAVITY,

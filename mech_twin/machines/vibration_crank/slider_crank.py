@@ -91,20 +91,6 @@ class Counterweight(Parameters):
     density_kg_per_m3: float = quantity("kg/m3", "density", ge=1.0, le=1e5)
 
 
-class Balance(NamedTuple):
-    """Masses in force: reciprocating, rotating, counterweight (kg), and the counterweight's volume (m3)."""
-
-    reciprocating_kg: float
-    rotating_kg: float
-    counterweight_kg: float
-    volume_m3: float
-
-
-def derived_counterweight(rotating: float, reciprocating: float, fraction: float, crank: float, radius: float) -> float:
-    """Return m_p = (m_r + kappa m_s) r/r_p (kg)."""
-    return (rotating + fraction * reciprocating) * crank / radius
-
-
 def balanced_mass(masses: MovingMasses, load_ratio: float | None) -> float:
     """Return the mass (kg) whose force at the crank pin the counterweight balances in part: m_s, or m_j + kb m_t.
 
@@ -113,17 +99,6 @@ def balanced_mass(masses: MovingMasses, load_ratio: float | None) -> float:
     if load_ratio is None:
         return masses.reciprocating
     return masses.at_rod_joint + load_ratio * masses.carried
-
-
-def balance(
-    masses: MovingMasses, counterweight: Counterweight, crank_m: float, load_ratio: float | None = None
-) -> Balance:
-    """Return the masses in force; ``load_ratio`` is that of a boom."""
-    mass = counterweight.mass_kg
-    if mass is None:
-        swinging, fraction = balanced_mass(masses, load_ratio), counterweight.balancing_fraction
-        mass = derived_counterweight(masses.rotating, swinging, fraction, crank_m, counterweight.radius_m)
-    return Balance(masses.reciprocating, masses.rotating, mass, mass / counterweight.density_kg_per_m3)
 
 
 class SliderCrank(NamedTuple):
