@@ -42,7 +42,6 @@ def test_rational_preload_range(k, settled, returned):
     found = preload_range(body_at(0.3), k)
     assert found.settled == pytest.approx(settled, abs=5e-5)
     assert found.returned == pytest.approx(returned, abs=5e-6)
-    assert found.never_lifts == 1.0
 
 
 def test_past_the_upper_threshold_residual_bounces_leave_a_few_micrometres_and_none_at_one():

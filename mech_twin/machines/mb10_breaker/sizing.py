@@ -185,7 +185,7 @@ def swing_curve(
     rates_n_per_m: Iterable[float],
     preload_deflection_m: float = 0.0,
 ) -> tuple[SwingRegime, ...]:
-    """Return the swing at each spring rate, without a collar; its statement must stand beside every figure of these.
+    """Return the swing at each spring rate, without a collar; its kind must stand beside every figure of these.
 
     Parameters
     ----------

@@ -164,7 +164,6 @@ def test_undamped_motion_from_rest_beats_and_stays_within_its_bound():
     body = body_at(1.37)
     regime = swing_regime(body)
     assert regime.kind == "beat"
-    assert "never settles" in regime.statement
     tops = [largest_angle(body, amplitudes_of_cycle(body, cycle))[1] for cycle in range(400)]
     assert max(tops) <= regime.largest_angle_rad + 1e-12
     assert max(tops) > regime.largest_angle_rad - 1e-3 * (regime.largest_angle_rad + body.rest_angle)

@@ -17,8 +17,7 @@ RATES = [rate_at(ratio) for ratio in (0.1, 0.3, 0.7, 1.0, 1.5, 2.5)]
 def test_without_preload_amplitude_falls_and_force_rises_between_resonances():
     points = swing_curve(*parameters(), RATES)
     assert [math.isinf(point.amplitude_rad) for point in points] == [False, False, False, True, False, False]
-    assert "resonance k = 1 omega" in points[3].statement
-    assert all("never settles" in point.statement for point in points if point.kind == "beat")
+    assert [point.kind for point in points] == ["beat", "beat", "beat", "grows", "beat", "beat"]
     soft = points[0]
     # a soft spring: the mean pressing moment balances the mean of the load, 2 H/(mu T) ... P = 2 |H|/(pi l) (T - t1)/T
     assert soft.periodic_force_n == pytest.approx(2.0 * 60.0 / math.pi * 0.1 / 0.2, rel=0.03)

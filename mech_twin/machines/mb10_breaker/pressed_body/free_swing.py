@@ -138,8 +138,6 @@ class SwingRegime:
     kind : str
         ``periodic`` (damped: settles to it), ``beat`` (undamped from rest: never settles), ``grows`` (resonance),
         ``silent resonance`` (k a multiple of the cycle frequency on which the load has no effect).
-    statement : str
-        The same in words, to stand beside any figure.
     periodic_angle_rad, periodic_force_n : float
         Largest angle and pressing force of the periodic regime; inf where there is none.
     amplitude_rad : float
@@ -149,7 +147,6 @@ class SwingRegime:
     """
 
     kind: str
-    statement: str
     periodic_angle_rad: float
     periodic_force_n: float
     amplitude_rad: float
@@ -167,29 +164,22 @@ def swing_regime(body: PressedBody) -> SwingRegime:
     start = amplitudes(body, 0.0, 0.0)
     if mapping.resonant:
         growth = growth_per_cycle(body)
-        order = round(body.k * body.period / (2.0 * math.pi))
         silent = growth <= SILENT * body.amplitude / (body.inertia * body.mu**2)
         top = largest_angle(body, start)[1] if silent else math.inf
-        words = (
-            f"k = {order} omega, where the load adds nothing over a cycle: every cycle repeats the first"
-            if silent
-            else f"resonance k = {order} omega: grows by {growth:.4g} rad each cycle, no steady regime"
-        )
         force = pressing_force(body, top)
         kind = "silent resonance" if silent else "grows"
-        return SwingRegime(kind, words, top, force, math.inf, top, force)
+        return SwingRegime(kind, top, force, math.inf, top, force)
     rest = mapping.fixed_point
     top = largest_angle(body, rest)[1]
     if body.damping > 0.0:
         highest = max(largest_angle(body, amplitudes_of_cycle(body, cycle))[1] for cycle in range(_memory(body)))
         highest = max(highest, top)
-        kind, words = "periodic", "damped: settles to the periodic regime"
+        kind = "periodic"
     else:
         highest = top + abs(start - rest)
         kind = "beat"
-        words = f"undamped from rest: never settles, beats about the periodic regime by {abs(start - rest):.4g} rad"
     forces = pressing_force(body, top), pressing_force(body, highest)
-    return SwingRegime(kind, words, top, forces[0], abs(rest), highest, forces[1])
+    return SwingRegime(kind, top, forces[0], abs(rest), highest, forces[1])
 
 
 def _memory(body: PressedBody) -> int:

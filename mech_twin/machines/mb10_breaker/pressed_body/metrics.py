@@ -101,14 +101,12 @@ def cycle_metrics(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece,
 class SteadyMetrics:
     """Metrics of the steady cycle, or the worst of the cycles if the motion does not become steady.
 
-    ``repeats_after`` is the number of cycles after which the motion repeats, 0 if it does not within the cycles tried;
-    ``statement`` says so in words.
+    ``repeats_after`` is the number of cycles after which the motion repeats, 0 if it does not within the cycles tried.
     """
 
     metrics: CycleMetrics
     repeats_after: int
     cycles: int
-    statement: str
 
 
 def steady_metrics(body: PressedBody) -> SteadyMetrics:
@@ -126,12 +124,10 @@ def steady_metrics(body: PressedBody) -> SteadyMetrics:
         states.append((piece.angle, piece.rate / body.k))
         for back in range(1, min(LONGEST_REPEAT, cycle) + 1):
             if _same(states[-1], states[-1 - back]):
-                words = "steady: every cycle alike" if back == 1 else f"repeats every {back} cycles; the worst is given"
-                return SteadyMetrics(_worst(cycles[-back:]), back, cycle, words)
+                return SteadyMetrics(_worst(cycles[-back:]), back, cycle)
         piece, found = cycle_metrics(body, piece)
         cycles.append(found)
-    words = f"does not repeat within {PATIENCE} cycles; the worst of the last {PATIENCE // 2} is given"
-    return SteadyMetrics(_worst(cycles[PATIENCE // 2 :]), 0, PATIENCE, words)
+    return SteadyMetrics(_worst(cycles[PATIENCE // 2 :]), 0, PATIENCE)
 
 
 def _same(one: tuple[float, float], other: tuple[float, float]) -> bool:
@@ -201,7 +197,7 @@ def settled_after_blow(body: PressedBody) -> float:
 
 @dataclass(frozen=True)
 class PreloadRange:
-    """Preload ratios p = c a l/|H| between which the spring is rational.
+    """Preload ratios p = c a l/|H| from which on the spring is rational, up to 1: then the load lifts no more.
 
     Attributes
     ----------
@@ -210,13 +206,10 @@ class PreloadRange:
         cycle repeats exactly.
     returned : float
         Least p with which the first return is before the blow itself.
-    never_lifts : float
-        p = 1: the load no longer lifts the body; beyond it preload only costs.
     """
 
     settled: float
     returned: float
-    never_lifts: float = 1.0
 
 
 def preload_range(body: PressedBody, k: float | None = None) -> PreloadRange:

@@ -140,11 +140,6 @@ class PressedBody(NamedTuple):
     period: float  # T
     onset: float  # t1
 
-    @property
-    def preload_ratio(self) -> float:
-        """Preload moment over the peak of the load, p = c a l/|H|."""
-        return self.rate * self.deflection * self.arm / self.amplitude if self.amplitude > 0.0 else float("inf")
-
 
 def pressed_body(body: BodyParameters, excitation: ExcitationParameters) -> PressedBody:
     """Return the constants of the body under the approximated excitation.
