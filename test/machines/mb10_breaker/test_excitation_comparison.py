@@ -1,21 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """The two excitations side by side: their impulses follow from the motions they belong to."""
 
+import importlib.util
 import math
+from pathlib import Path
 
 import pytest
 
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import build
-from mech_twin.machines.mb10_breaker.published import assumed_pulse, compared_pulses, excitation_picture, pulse_summary
+from mech_twin.machines.mb10_breaker.published import assumed_pulse
 from mech_twin.parameters.load import machine_parameters
 
 PARAMETERS = machine_parameters("mb10_breaker")
+SPEC = importlib.util.spec_from_file_location(
+    "excitations", Path(__file__).parents[3] / "benchmarks/breaker_excitations.py"
+)
+EXCITATIONS = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(EXCITATIONS)
 
 
 @pytest.fixture(scope="module")
 def pulses():
-    return compared_pulses(PARAMETERS)
+    return EXCITATIONS.compared_pulses(PARAMETERS)
 
 
 def test_the_half_sine_carries_two_amplitudes_over_its_frequency(pulses):
@@ -51,6 +58,6 @@ def test_a_blow_impulse_given_to_the_half_sine_is_shown():
 
 def test_the_picture_and_the_summary_show_the_same_numbers(pulses):
     assumed, computed = pulses
-    caption = excitation_picture(assumed, computed).caption
+    caption = EXCITATIONS.excitation_picture(assumed, computed).caption
     assert f"blow {computed.blow_impulse_nms:.2f} N m s" in caption
-    assert f"{computed.moment_nm.max():.1f} N m" in pulse_summary("computed", computed)
+    assert f"{computed.moment_nm.max():.1f} N m" in EXCITATIONS.pulse_summary("computed", computed)
