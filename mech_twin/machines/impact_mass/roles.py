@@ -85,6 +85,8 @@ class MassMemory(NamedTuple):
 
 MEMORY = record_of(MassMemory)
 MEMORY_AT = LINKAGE_JOINTS + 3
+COUNTS_AT = MEMORY_AT + len(MassMotion._fields)
+ACTING_AT = COUNTS_AT + len(RunningCounts._fields)
 RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
 
 
@@ -95,56 +97,24 @@ def memory_of(row: Array) -> Any:
 
 
 @kernel
-def motion_of(memory: Any) -> MassMotion:
-    """Return the motion from its last event on."""
-    return MassMotion(
-        memory.anchor_period_1,
-        memory.anchor_tau_s,
-        memory.phase_1,
-        memory.anchor_gap_m,
-        memory.anchor_velocity_m_per_s,
-        memory.mode_1,
-        memory.series_number_1,
-        memory.series_speed_m_per_s,
-        memory.series_tau_s,
-    )
+def motion_of(row: Array) -> MassMotion:
+    """Return the motion from its last event on: the first numbers of the memory."""
+    m = row[MEMORY_AT:]
+    return MassMotion(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8])
 
 
 @kernel
-def counts_of(memory: Any) -> RunningCounts:
-    """Return the running counts."""
-    return RunningCounts(
-        memory.impacts_1,
-        memory.chatter_ends_1,
-        memory.period_impacts_1,
-        memory.last_period_impacts_1,
-        memory.period_impulse_m_per_s,
-        memory.last_period_impulse_m_per_s,
-        memory.step_impulse_m_per_s,
-    )
+def counts_of(row: Array) -> RunningCounts:
+    """Return the running counts: the numbers of the memory after the motion."""
+    c = row[COUNTS_AT:]
+    return RunningCounts(c[0], c[1], c[2], c[3], c[4], c[5], c[6])
 
 
 @kernel
-def fill_motion(motion: MassMotion, memory: Any) -> None:
-    """Write the motion into the memory; the rest is unchanged."""
-    memory.anchor_period_1, memory.anchor_tau_s, memory.phase_1 = motion.period, motion.tau_s, motion.phase
-    memory.anchor_gap_m, memory.anchor_velocity_m_per_s = motion.gap_m, motion.velocity_m_per_s
-    memory.mode_1, memory.series_number_1 = motion.mode, motion.series_number
-    memory.series_speed_m_per_s, memory.series_tau_s = motion.series_speed_m_per_s, motion.series_tau_s
-
-
-@kernel
-def fill_memory(motion: MassMotion, counts: RunningCounts, system: ImpactSystem, memory: Any) -> None:
-    """Write motion, counts and constants into the memory; origin, mass and energies are unchanged."""
-    fill_motion(motion, memory)
-    memory.impacts_1, memory.chatter_ends_1 = counts.impacts, counts.chatter_ends
-    memory.period_impacts_1, memory.last_period_impacts_1 = counts.period_impacts, counts.last_period_impacts
-    memory.period_impulse_m_per_s = counts.period_impulse_m_per_s
-    memory.last_period_impulse_m_per_s = counts.last_period_impulse_m_per_s
-    memory.step_impulse_m_per_s = counts.step_impulse_m_per_s
-    memory.phase1_acceleration_m_per_s2 = system.acceleration1
-    memory.phase2_acceleration_m_per_s2 = system.acceleration2
-    memory.restitution_1 = system.restitution
+def fill(numbers: tuple[float, ...], row: Array, place: int) -> None:
+    """Write numbers into a row, from a place on."""
+    for i in range(len(numbers)):
+        row[place + i] = numbers[i]
 
 
 class Generator(NamedTuple):
@@ -204,8 +174,8 @@ def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
     """Rewrite the motion in a linkage row as starting at this step instead of at its last event; it stays the same."""
     memory = memory_of(linkage)
     before = acted_before(model.system, memory)
-    motion = reanchored(motion_of(memory), before, before, step - memory.origin_step_1, model.step_s)
-    fill_motion(motion, memory)
+    motion = reanchored(motion_of(linkage), before, before, step - memory.origin_step_1, model.step_s)
+    fill(motion, linkage, MEMORY_AT)
 
 
 @step_of(linkage_step, StoppedMass)
@@ -216,16 +186,18 @@ def mass_on_stop(
     memory, levels = memory_of(linkage), (motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8])
     system = under_levels(model, levels[0], levels[1])
     steps, before = step - memory.origin_step_1, acted_before(system, memory)
-    motion = motion_of(memory)
+    motion = motion_of(linkage)
     if before != system:
         motion = reanchored(motion, before, system, steps, model.step_s)
-    counts = rescaled(counts_of(memory), memory.mass_kg / model.mass_kg)
+    counts = rescaled(counts_of(linkage), memory.mass_kg / model.mass_kg)
     origin_s, latest_s = memory.origin_step_1 * model.step_s, (step + 1) * model.step_s
     span = Span(origin_s, steps + 1.0, model.step_s, latest_s, model.mass_kg)
     done = mass_step(motion, system, counts, span, log)
     velocity, added_kg = linkage[LINKAGE_JOINTS + 1], model.mass_kg - memory.mass_kg
     after = memory_of(out)
-    fill_memory(done.motion, done.counts, system, after)
+    fill(done.motion, out, MEMORY_AT)
+    fill(done.counts, out, COUNTS_AT)
+    fill((system.acceleration1, system.acceleration2, system.restitution), out, ACTING_AT)
     after.origin_step_1, after.mass_kg = memory.origin_step_1, model.mass_kg
     after.step_drive_work_j = done.balance.drive_work_m2_per_s2 * model.mass_kg
     after.step_stop_loss_j = done.balance.stop_loss_m2_per_s2 * model.mass_kg
