@@ -9,7 +9,9 @@ from __future__ import annotations
 from math import cos, inf, sin
 from typing import Any, NamedTuple
 
-from mech_twin.engine.addresses import record_at, record_of
+import numpy as np
+
+from mech_twin.engine.addresses import record_at
 from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.laws import HOLD
 from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS
@@ -89,27 +91,14 @@ class DrumResiduals(NamedTuple):
     energy_balance: float
 
 
-MOTION, MEMORY, RESIDUALS = record_of(DrumMotion), record_of(DrumMemory), record_of(DrumResiduals)
-MEMORY_AT = len(DrumMotion._fields)
-RESIDUALS_AT = MEMORY_AT + len(DrumMemory._fields)
+NAMES = (*DrumMotion._fields, *DrumMemory._fields, *DrumResiduals._fields)
+ROW = np.dtype((np.record, [(name, np.float64) for name in NAMES]))
 
 
 @borrowing_kernel
-def motion_of(row: Array) -> Any:
-    """Return the first numbers of a linkage row as a record that shares them."""
-    return record_at(row, 0, MOTION)
-
-
-@borrowing_kernel
-def memory_of(row: Array) -> Any:
-    """Return the memory of a linkage row as a record that shares its numbers."""
-    return record_at(row, MEMORY_AT, MEMORY)
-
-
-@borrowing_kernel
-def residuals_of(row: Array) -> Any:
-    """Return the residuals of a linkage row as a record that shares its numbers."""
-    return record_at(row, RESIDUALS_AT, RESIDUALS)
+def named(row: Array) -> Any:
+    """Return a linkage row as a record that shares its numbers."""
+    return record_at(row, 0, ROW)
 
 
 class Drum(NamedTuple):
@@ -147,32 +136,32 @@ def turning_energy(model: Drum, yarn_m: float, omega: float) -> float:
 @kernel
 def fill_row(model: Drum, regime: int, command: float, out: Array) -> None:
     """Fill efforts and residuals of a row whose angle, rates, radius and memory are set."""
-    p, now, past, residuals = model.package, motion_of(out), memory_of(out), residuals_of(out)
+    p, now = model.package, named(out)
     radius, theta = now.radius_m, now.yarn_m_per_s
     now.regime, now.command = regime, command
     now.drum_nm, now.yarn_n, now.radius_m_per_s, now.radius_n = 0.0, 0.0, 0.0, 0.0
     if regime == RUNNING:
         now.radius_m_per_s = -p.layer_m * theta / radius
         wound = wound_by_yarn(p, model.start_radius_m, now.yarn_m, radius)
-        now.drum_nm = drive_torque(p, wound, now.drum_rad, theta, past.yarn_acceleration_m_per_s2)
+        now.drum_nm = drive_torque(p, wound, now.drum_rad, theta, now.yarn_acceleration_m_per_s2)
     first, last = model.start_radius_m, model.end_radius_m
     lost = first * first - radius * radius
-    residuals.area_balance = (lost - 2.0 * p.layer_m * now.yarn_m) / abs(first * first - last * last)
-    work = past.drive_work_j + past.gravity_work_j - past.friction_loss_j
-    turned_over = past.initial_energy_j + abs(past.drive_work_j) + past.friction_loss_j
+    now.area_balance = (lost - 2.0 * p.layer_m * now.yarn_m) / abs(first * first - last * last)
+    work = now.drive_work_j + now.gravity_work_j - now.friction_loss_j
+    turned_over = now.initial_energy_j + abs(now.drive_work_j) + now.friction_loss_j
     held = turning_energy(model, now.yarn_m, now.drum_rad_per_s)
-    past.largest_energy_j = max(past.largest_energy_j, held)
-    turned_over = max(turned_over, past.largest_energy_j)  # a stop gives the drive back what it gave
-    residuals.energy_balance = (past.initial_energy_j + work - held) / max(1.0, turned_over)
+    now.largest_energy_j = max(now.largest_energy_j, held)
+    turned_over = max(turned_over, now.largest_energy_j)  # a stop gives the drive back what it gave
+    now.energy_balance = (now.initial_energy_j + work - held) / max(1.0, turned_over)
 
 
 @kernel
 def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
     """Fill the row of the package at its initial radius, the yarn at a speed (m/s)."""
     out[:] = 0.0
-    omega, now, past = theta / tangent_arm(model.package, model.start_radius_m, 0.0), motion_of(out), memory_of(out)
+    omega, now = theta / tangent_arm(model.package, model.start_radius_m, 0.0), named(out)
     now.drum_rad_per_s, now.yarn_m_per_s, now.radius_m = omega, theta, model.start_radius_m
-    past.initial_energy_j = turning_energy(model, 0.0, omega)
+    now.initial_energy_j = turning_energy(model, 0.0, omega)
     fill_row(model, RUNNING, command, out)
 
 
@@ -192,7 +181,7 @@ def drum_step(
     y, regimes = work.numbers[:STATE_SIZE], work.marks[:2]
     for i in range(len(out)):
         out[i] = linkage[i]
-    now, past, regime = motion_of(out), memory_of(out), int(linkage[REGIME])
+    now, regime = named(out), int(linkage[REGIME])
     last, first, theta, a, left = wound_at(p, now.radius_m), wound_at(p, now.radius_m), 0.0, 0.0, inf
     regimes[SHAFT], regimes[YARN_ON] = sense_law(now.drum_rad_per_s), 0
     if regime == RUNNING:
@@ -207,9 +196,9 @@ def drum_step(
     if count < 0:
         return count
     now.drum_rad, now.drum_rad_per_s = y[ANGLE], y[SPEED]
-    past.drive_work_j = past.drive_work_j + y[DRIVE_WORK]
-    past.gravity_work_j = past.gravity_work_j + y[GRAVITY_WORK]
-    past.friction_loss_j = past.friction_loss_j + y[FRICTION_LOSS]
+    now.drive_work_j = now.drive_work_j + y[DRIVE_WORK]
+    now.gravity_work_j = now.gravity_work_j + y[GRAVITY_WORK]
+    now.friction_loss_j = now.friction_loss_j + y[FRICTION_LOSS]
     if regimes[YARN_ON] == 1:
         run = 0.5 * (theta + motor[MOTOR_JOINTS + 1]) * h
         now.yarn_m, now.yarn_m_per_s, now.radius_m = (
@@ -217,10 +206,10 @@ def drum_step(
             motor[MOTOR_JOINTS + 1],
             radius_after(p, first.radius_m, run),
         )
-        past.yarn_acceleration_m_per_s2 = a
+        now.yarn_acceleration_m_per_s2 = a
     elif regime == RUNNING:
         now.yarn_m, now.yarn_m_per_s, now.radius_m = now.yarn_m + left, 0.0, last.radius_m
-        past.yarn_acceleration_m_per_s2 = 0.0
+        now.yarn_acceleration_m_per_s2 = 0.0
     regime = RUNNING if regimes[YARN_ON] == 1 else STUCK if regimes[SHAFT] == HOLD else ENDED
     fill_row(model, regime, command, out)
     return count
@@ -236,7 +225,8 @@ def drum_forces(
     reaction accelerates the centre c of the package and carries its weight: c'' = -omega^2 c + alpha k x c with
     c = e (-sin(phi), cos(phi)).
     """
-    p, now, a = model.package, motion_of(linkage), memory_of(linkage).yarn_acceleration_m_per_s2
+    p, now = model.package, named(linkage)
+    a = now.yarn_acceleration_m_per_s2
     torque, theta, phi, radius, omega = now.drum_nm, now.yarn_m_per_s, now.drum_rad, now.radius_m, now.drum_rad_per_s
     wound = wound_at(p, radius)
     if now.regime == RUNNING:
