@@ -41,6 +41,18 @@ HEAD_ANGLES = 180  # of the crank, at which the striker's least effective mass i
 LARGEST_OVERTRAVEL = 0.5  # of the striker's stroke: the tool stands in its way in the first half of its way back
 
 
+def keep_at_most(key: str, value: float, most: float, why: str, unit: str = "", digits: int = 6) -> None:
+    """Raise for a value whose size is above a bound that follows from other numbers.
+
+    Raises
+    ------
+    ValueError
+        With key, bound, reason and value.
+    """
+    if abs(value) > most:
+        raise ValueError(f"{key} must be at most {upper(most, digits)}{unit}, {why}; got {value:g}")
+
+
 class LinkageParameters(Parameters):
     """The crank-rocker MO-10: lengths, masses and the arm that strikes."""
 
@@ -87,25 +99,14 @@ class LinkageParameters(Parameters):
     @model_validator(mode="after")
     def _masses_are_within_reach(self) -> LinkageParameters:
         reach = MOST_REACH * max(self.ground_m, self.coupler_m, self.rocker_m)
-        lengths = [f"{link}_centroid_{way}_m" for link in LINKS for way in ("along", "across")]
-        for key in lengths:
-            if abs(getattr(self, key)) > reach:
-                raise ValueError(
-                    f"{key} must be at most {upper(reach)} m either way, {MOST_REACH:g} times the longest link; "
-                    f"got {getattr(self, key):g}"
-                )
+        why = f"{MOST_REACH:g} times the longest link"
+        keep_at_most("striker_arm_m", self.striker_arm_m, reach, why, " m")
         for link in LINKS:
-            inertia, most = getattr(self, f"{link}_inertia_kg_m2"), getattr(self, f"{link}_mass_kg") * reach * reach
-            if inertia > most:
-                raise ValueError(
-                    f"{link}_inertia_kg_m2 must be at most {upper(most)}, {link}_mass_kg at {MOST_REACH:g} times the "
-                    f"longest link; got {inertia:g}"
-                )
-        if self.striker_arm_m > reach:
-            raise ValueError(
-                f"striker_arm_m must be at most {upper(reach)} m, {MOST_REACH:g} times the longest link; "
-                f"got {self.striker_arm_m:g}"
-            )
+            inertia, most = f"{link}_inertia_kg_m2", getattr(self, f"{link}_mass_kg") * reach * reach
+            keep_at_most(inertia, getattr(self, inertia), most, f"{link}_mass_kg at {why}")
+            for way in ("along", "across"):
+                centroid = f"{link}_centroid_{way}_m"
+                keep_at_most(centroid, getattr(self, centroid), reach, why, " m either way")
         return self
 
     @model_validator(mode="after")
@@ -227,7 +228,7 @@ class BreakerParameters(Parameters):
 
     @model_validator(mode="after")
     def _step_is_short_enough(self) -> BreakerParameters:
-        longest, why = min(
+        bounds = [
             (
                 LONGEST_TURN_RAD / self.synchronous_crank_rad_per_s,
                 f"{LONGEST_TURN_RAD:g} rad of the crank at synchronous speed",
@@ -236,7 +237,12 @@ class BreakerParameters(Parameters):
                 MOST_STIFFNESS * shaft_time_s(self),
                 f"{MOST_STIFFNESS:g} times inertia of rotor and crank over the steepest slope of the motor",
             ),
-        )
+        ]
+        if self.excitation.kind == "from_forces":
+            k = self.body.spring_arm_m * math.sqrt(self.body.spring_rate_n_per_m / self.body.inertia_kg_m2)
+            swing = f"{MOST_SWING_RAD:g} rad of the body's swing on body.spring_rate_n_per_m"
+            bounds.append((MOST_SWING_RAD / k, swing))
+        longest, why = min(bounds)
         if self.coupling.step_s > longest:
             raise ValueError(
                 f"coupling.step_s = {self.coupling.step_s:g} s must be at most {upper(longest, 4)} s: {why}"
@@ -244,62 +250,33 @@ class BreakerParameters(Parameters):
         return self
 
     @model_validator(mode="after")
-    def _crank_turns_the_linkage(self) -> BreakerParameters:
-        most = MOST_MOVED * self.shaft_inertia_kg_m2 / self.linkage.crank_m**2
-        moved = self.linkage.coupler_mass_kg + self.linkage.rocker_mass_kg
-        if moved > most:
-            raise ValueError(
-                f"linkage.coupler_mass_kg + linkage.rocker_mass_kg must be at most {upper(most)} kg, {MOST_MOVED:g} "
-                "times the inertia of crank and rotor over crank_m squared: the crank's speed would jump at the dead "
-                f"centres; got {moved:g}"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _body_can_be_followed(self) -> BreakerParameters:
-        k = self.body.spring_arm_m * math.sqrt(self.body.spring_rate_n_per_m / self.body.inertia_kg_m2)
-        if self.excitation.kind == "from_forces" and k * self.coupling.step_s > MOST_SWING_RAD:
-            raise ValueError(
-                f"coupling.step_s = {self.coupling.step_s:g} s must be at most {upper(MOST_SWING_RAD / k, 4)} s: "
-                f"{MOST_SWING_RAD:g} rad of the body's swing on body.spring_rate_n_per_m"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _friction_can_be_followed(self) -> BreakerParameters:
-        most = FASTEST_DECAY_PER_S * self.linkage.crank_inertia_kg_m2
-        if self.friction.viscous_nms_per_rad > most:
-            raise ValueError(
-                f"friction.viscous_nms_per_rad must be at most {upper(most, 4)}, {FASTEST_DECAY_PER_S:g}/s times "
-                f"linkage.crank_inertia_kg_m2; got {self.friction.viscous_nms_per_rad:g}"
-            )
+    def _motion_can_be_followed(self) -> BreakerParameters:
+        link, wall, shaft = self.linkage, self.tool.wall_force_n, self.shaft_inertia_kg_m2
+        keep_at_most(
+            "linkage.coupler_mass_kg + linkage.rocker_mass_kg",
+            link.coupler_mass_kg + link.rocker_mass_kg,
+            MOST_MOVED * shaft / link.crank_m**2,
+            f"{MOST_MOVED:g} times the inertia of crank and rotor over crank_m squared: the crank's speed would jump "
+            "at the dead centres",
+            " kg",
+        )
+        most = FASTEST_DECAY_PER_S * link.crank_inertia_kg_m2
+        why = f"{FASTEST_DECAY_PER_S:g}/s times linkage.crank_inertia_kg_m2"
+        keep_at_most("friction.viscous_nms_per_rad", self.friction.viscous_nms_per_rad, most, why, digits=4)
+        why = f"{FASTEST_STOP_RAD_PER_S2:g} rad/s2 of the inertia it stops"
         for key, torque, inertia in (
-            ("friction.coulomb_nm", self.friction.coulomb_nm, self.shaft_inertia_kg_m2),
+            ("friction.coulomb_nm", self.friction.coulomb_nm, shaft),
             ("body.friction.coulomb_nm", self.body.friction.coulomb_nm, self.body.inertia_kg_m2),
         ):
-            if torque > FASTEST_STOP_RAD_PER_S2 * inertia:
-                raise ValueError(
-                    f"{key} must be at most {upper(FASTEST_STOP_RAD_PER_S2 * inertia)} N m, "
-                    f"{FASTEST_STOP_RAD_PER_S2:g} rad/s2 of the inertia it stops; got {torque:g}"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _wall_stops_the_crank_in_time(self) -> BreakerParameters:
-        link = self.linkage
-        most = FASTEST_WALL_RAD_PER_S2 * self.shaft_inertia_kg_m2 * link.rocker_m / (link.striker_arm_m * link.crank_m)
-        if self.tool.wall_force_n > most:
-            raise ValueError(
-                f"tool.wall_force_n must be at most {upper(most)} N, {FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and "
-                f"rotor by way of the striker; got {self.tool.wall_force_n:g}"
-            )
-        most = FASTEST_TOOL_STOP_M_PER_S2 * self.tool.mass_kg
-        if self.tool.wall_force_n > most:
-            raise ValueError(
-                f"tool.wall_force_n must be at most {upper(most)} N, {FASTEST_TOOL_STOP_M_PER_S2:g} m/s2 of "
-                f"tool.mass_kg: what a lighter tool does in its wall is lost in rounding; got "
-                f"{self.tool.wall_force_n:g}"
-            )
+            keep_at_most(key, torque, FASTEST_STOP_RAD_PER_S2 * inertia, why, " N m")
+        most = FASTEST_WALL_RAD_PER_S2 * shaft * link.rocker_m / (link.striker_arm_m * link.crank_m)
+        why = f"{FASTEST_WALL_RAD_PER_S2:g} rad/s2 of crank and rotor by way of the striker"
+        keep_at_most("tool.wall_force_n", wall, most, why, " N")
+        why = (
+            f"{FASTEST_TOOL_STOP_M_PER_S2:g} m/s2 of tool.mass_kg: what a lighter tool does in its wall is lost in "
+            "rounding"
+        )
+        keep_at_most("tool.wall_force_n", wall, FASTEST_TOOL_STOP_M_PER_S2 * self.tool.mass_kg, why, " N")
         return self
 
     @model_validator(mode="after")
@@ -309,11 +286,9 @@ class BreakerParameters(Parameters):
                 f"excitation.kind from_forces needs body.contact one_sided, got '{self.body.contact}': without a "
                 "collar nothing seats the tool"
             )
-        if self.excitation.kind == "from_forces" and self.body.spring_rate_n_per_m > STIFFEST_N_PER_M:
-            raise ValueError(
-                f"body.spring_rate_n_per_m must be at most {STIFFEST_N_PER_M:g} N/m under excitation.kind from_forces: "
-                f"the body would bounce too often in a step; got {self.body.spring_rate_n_per_m:g}"
-            )
+        if self.excitation.kind == "from_forces":
+            why = "with excitation.kind from_forces: the body would bounce too often in a step"
+            keep_at_most("body.spring_rate_n_per_m", self.body.spring_rate_n_per_m, STIFFEST_N_PER_M, why, " N/m")
         if self.excitation.kind == "approximated" and self.body.friction.coulomb_nm > 0.0:
             raise ValueError(
                 "body.friction.coulomb_nm must be 0 under excitation.kind approximated: its closed form knows viscous "
