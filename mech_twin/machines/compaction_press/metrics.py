@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from math import degrees, hypot, pi
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from mech_twin.capabilities.faults import (
     share_of_key,
     varying_key,
 )
+from mech_twin.capabilities.sizing import Constraint
 from mech_twin.machines.compaction_press.cycle import (
     cycle_extremes,
     flywheel_metrics,
@@ -73,19 +74,6 @@ def operating(parameters: CompactionPress) -> tuple[OperatingVariable, ...]:
     """Return supply and layer."""
     layer = varying_key("layer", "force of the layer at the bottom", "working_force.peak_n", 0.1, "layer_force")
     return (*drive_variables(parameters.drive.kind), layer)
-
-
-class Check(NamedTuple):
-    """One of the paper's conditions: its value, its limit, and the margin (negative: it fails)."""
-
-    value: float
-    limit: float
-    margin: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether the condition is met."""
-        return self.margin >= 0.0
 
 
 def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
@@ -149,7 +137,7 @@ def working_quarter(press: Press) -> dict[str, float]:
     }
 
 
-def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
+def conditions(parameters: CompactionPress) -> tuple[Constraint, Constraint, Constraint]:
     """Return the paper's three closing conditions with their margins.
 
     gamma_max < 20 degrees; alpha near 90 degrees at the end of the working stroke; a flywheel, unless the machine
@@ -164,9 +152,9 @@ def conditions(parameters: CompactionPress) -> tuple[Check, ...]:
     if missing <= ROUNDING * parameters.flywheel.inertia_kg_m2:  # also of one that is sized to the last digit
         missing = 0.0
     return (
-        Check(gamma, GAMMA_LIMIT_DEG, GAMMA_LIMIT_DEG - gamma),
-        Check(alpha, 90.0 - ALPHA_TOLERANCE_DEG, alpha - (90.0 - ALPHA_TOLERANCE_DEG)),
-        Check(missing, 0.0, -missing),
+        Constraint("gamma_max_deg", gamma, GAMMA_LIMIT_DEG),
+        Constraint("alpha_at_bottom_deg", alpha, 90.0 - ALPHA_TOLERANCE_DEG, "above"),
+        Constraint("flywheel_missing_kg_m2", missing, 0.0),
     )
 
 
@@ -179,7 +167,7 @@ def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
     torque_min = extremes.torque_min_nm + parameters.drag_nm
     torques = torque_max, torque_min
     least, most = (degrees(angle) for angle in transmission_range(press))
-    gamma_check, alpha_check, flywheel_check = conditions(parameters)
+    gamma_check, alpha_check, flywheel_check = checks = conditions(parameters)
     mean = mean_torque(press, stroke, speed) + parameters.drag_nm
     return {
         "gamma_max_deg": gamma_check.value,
@@ -203,7 +191,7 @@ def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
         "alpha_at_bottom_deg": alpha_check.value,
         "alpha_margin_deg": alpha_check.margin,
         "flywheel_missing_kg_m2": flywheel_check.value,
-        "conditions_hold_1": 1.0 if gamma_check.holds and alpha_check.holds and flywheel_check.holds else 0.0,
+        "conditions_hold_1": float(all(check.margin >= 0.0 for check in checks)),
         **working_quarter(press),
     }
 

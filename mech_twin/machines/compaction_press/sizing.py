@@ -53,11 +53,7 @@ def sizing(
     kept, metrics = _shown(worst, flywheel, delta)
     chosen = varied(parameters, {"flywheel.inertia_kg_m2": flywheel})
     gamma, alpha, _ = conditions(varied(worst.parameters, {"flywheel.inertia_kg_m2": flywheel}))
-    constraints = (
-        Constraint("non_uniformity", kept, delta),
-        Constraint("gamma_max_deg", gamma.value, gamma.limit),
-        Constraint("alpha_at_bottom_deg", alpha.value, alpha.limit, "above"),
-    )
+    constraints = (Constraint("non_uniformity", kept, delta), gamma, alpha)
     where = f": fastest at {metrics['fastest_at_deg']:.2f} degrees, slowest at {metrics['slowest_at_deg']:.2f}"
     otherwise = "none: the press keeps the asked non-uniformity without a flywheel"
     worst_names = {f"worst_factor_of_{key}": factor for key, factor in worst.factors.items()}
