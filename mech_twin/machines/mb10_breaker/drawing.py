@@ -34,6 +34,7 @@ from mech_twin.capabilities.mechanism import (
     turning,
 )
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
+from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.parts.four_bar import position
 from mech_twin.samples import BodySample, LinkageSample, Shape
 
@@ -111,9 +112,6 @@ def _spring_end(b: Breaker, n: Point) -> Point:
 
 def _moved(point: Point, along: Point, by_m: float) -> Point:
     return point[0] + by_m * along[0], point[1] + by_m * along[1]
-
-
-PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
 
 
 def mechanism(b: Breaker, striker_angle_deg: float) -> FrameTree:

@@ -61,6 +61,7 @@ from mech_twin.machines.mb10_breaker.impacts import (
     strike_as_wave,
 )
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters, ToolParameters
+from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.four_bar import acute_angles, coefficients, link_angles, position
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
@@ -307,14 +308,11 @@ def position_metrics(p: BreakerParameters, b: Breaker, crank_rad: float) -> dict
         "motor_torque_nm": torque,
         "drive_torque_nm": found.drive,
         "drive_torque_routes_nm": found.drive_error,
-        "crank_bearing_x_n": found.o_x,
-        "crank_bearing_y_n": found.o_y,
-        "crank_pin_x_n": found.a_x,
-        "crank_pin_y_n": found.a_y,
-        "rocker_pin_x_n": found.b_x,
-        "rocker_pin_y_n": found.b_y,
-        "rocker_bearing_x_n": found.c_x,
-        "rocker_bearing_y_n": found.c_y,
+        **{
+            f"{pin}_{axis}_n": getattr(found, f"{letter}_{axis}")
+            for pin, letter in zip(PINS, "oabc", strict=True)
+            for axis in "xy"
+        },
         "body_moment_nm": found.moment,
         "collar_force_n": found.collar_moment / b.tool_radius_m,
         "spring_force_n": b.spring_rate_n_per_m * b.preload_m,

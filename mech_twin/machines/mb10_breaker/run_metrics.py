@@ -238,7 +238,8 @@ class BreakerObserver:
         own = () if frame.body is None else frame.body.events
         happened = (*frame.linkage.events, *own)
         events = sorted(happened, key=lambda event: event.time_s) if happened else happened
-        state = self._at_step(frame)
+        crank, body = (frame.linkage.velocity[place] for place in self._places(frame.linkage))
+        state = self._motor_state(crank, body, frame.motor.command)
         missed = self._missed_work(frame, state)
         for event in events:
             self._run_motor_to(event, frame, missed)
@@ -274,11 +275,6 @@ class BreakerObserver:
         speed = self._b.ratio * (crank_speed - self._b.frame_drive * body_speed)
         field = command * self._motor.synchronous_speed_rad_per_s
         return MotorState(motor_torque(self._motor, speed, command), speed, field - speed)
-
-    def _at_step(self, frame: Frame) -> MotorState:
-        crank, body = self._places(frame.linkage)
-        speeds = frame.linkage.velocity
-        return self._motor_state(speeds[crank], speeds[body], frame.motor.command)
 
     def _places(self, linkage: LinkageSample) -> tuple[int, int]:
         """Return where crank and body stand among the joints."""
