@@ -75,25 +75,17 @@ class ImpactMass(StopParameters, GeneratorParameters):
     coupling: Coupling = choice("coupling of the roles")
 
     @model_validator(mode="after")
-    def _start_before_the_stop(self) -> Self:
+    def _can_be_run(self) -> Self:
         if self.initial_position_m > self.stop_position_m:
             raise ValueError(
                 "initial_position_m <= stop_position_m does not hold: "
                 f"initial_position_m = {self.initial_position_m!r}, stop_position_m = {self.stop_position_m!r}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _few_periods_in_a_step(self) -> Self:
         if self.coupling.step_s > MOST_PERIODS_PER_STEP * self.period_s:
             raise ValueError(
                 f"coupling.step_s <= {MOST_PERIODS_PER_STEP:g} period_s does not hold: "
                 f"coupling.step_s = {self.coupling.step_s!r}, period_s = {self.period_s!r}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _stop_gives_one_rebound(self) -> Self:
         if self.stop.model == "rigid":
             return self
         if self.contact_stiffness_n_per_m is not None:

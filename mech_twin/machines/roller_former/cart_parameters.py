@@ -62,15 +62,10 @@ class CartParameters(Parameters):
 
     @model_validator(mode="after")
     def _possible(self) -> CartParameters:
-        if self.crank_m >= self.rod_m:
-            raise ValueError(
-                f"crank_m < rod_m needed for a full turn, got {self.crank_m} and {self.rod_m}; "
-                f"try rod_m >= {at_least(self.crank_m / LARGEST_RATIO):g} m"
-            )
         if self.crank_m > LARGEST_RATIO * self.rod_m:
             raise ValueError(
-                f"crank_m <= {LARGEST_RATIO} rod_m needed (the rod must not stand across the travel), "
-                f"got {self.crank_m} and {self.rod_m}"
+                f"crank_m <= {LARGEST_RATIO} rod_m needed for a full turn (the rod must not stand across the travel), "
+                f"got {self.crank_m} and {self.rod_m}; try rod_m >= {at_least(self.crank_m / LARGEST_RATIO):g} m"
             )
         for key in ("offsets_deg", "masses_kg", "states"):
             entries = getattr(self, key)

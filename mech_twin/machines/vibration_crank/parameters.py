@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from math import acos, degrees, hypot, inf, isinf
+from math import acos, degrees, inf, isinf
 from typing import Literal
 
 from pydantic import model_validator
@@ -20,7 +20,7 @@ from mech_twin.machines.vibration_crank.slider_crank import (
     SliderCrank,
     balanced_mass,
 )
-from mech_twin.parts.four_bar import OPEN, FourBar, smallest_transmission_angle
+from mech_twin.parts.four_bar import OPEN, FourBar, failing_inequality, smallest_transmission_angle
 
 GRAVITY = 9.80665
 LEAST_TRANSMISSION_DEG = 1.0
@@ -52,6 +52,8 @@ class VibrationCrank(DrivenCrank):
 
     @model_validator(mode="after")
     def _crank_turns(self) -> VibrationCrank:
+        if self.masses.reciprocating <= 0.0:
+            raise ValueError("masses: the reciprocating mass (tree, stand, half boom, half rod, extra) must not be 0")
         if self.rod_m != self.rod_m:
             raise ValueError("rod_m must be a length or infinite, got nan")
         if 1e4 < self.rod_m < inf:
@@ -73,31 +75,16 @@ class VibrationCrank(DrivenCrank):
             return self
         if isinf(self.rod_m):
             raise ValueError(f"rod_m must be finite (at most 1e4 m) where the boom is a rocker, got {self.rod_m:g}")
-        ground = hypot(self.boom.pivot_x_m, self.boom.pivot_y_m)
-        near, far = abs(ground - self.crank_m), ground + self.crank_m
-        if far >= self.boom.length_m + self.rod_m:
-            raise ValueError(
-                "the crank cannot make a full turn: |boom.pivot| + crank_m < boom.length_m + rod_m fails: "
-                f"{far:g} m < {self.boom.length_m + self.rod_m:g} m"
-            )
-        if near <= abs(self.boom.length_m - self.rod_m):
-            raise ValueError(
-                "the crank cannot make a full turn: ||boom.pivot| - crank_m| > |boom.length_m - rod_m| fails: "
-                f"{near:g} m > {abs(self.boom.length_m - self.rod_m):g} m"
-            )
         rocker = FourBar(self.crank_m, self.rod_m, self.boom.length_m, self.boom.pivot_x_m, self.boom.pivot_y_m, OPEN)
+        failing = failing_inequality(rocker)
+        if failing is not None:
+            raise ValueError(f"{failing}; rod_m is the coupler, boom.length_m the rocker, boom.pivot ends the ground")
         least = degrees(smallest_transmission_angle(rocker))
         if least < LEAST_TRANSMISSION_DEG:
             raise ValueError(
                 f"transmission angle of rod_m and boom.length_m >= {LEAST_TRANSMISSION_DEG:g} degree fails: "
                 f"{least:.3g} degrees"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _something_swings(self) -> VibrationCrank:
-        if self.masses.reciprocating <= 0.0:
-            raise ValueError("masses: the reciprocating mass (tree, stand, half boom, half rod, extra) must not be 0")
         return self
 
     @property

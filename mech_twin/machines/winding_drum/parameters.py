@@ -38,10 +38,6 @@ class WoundPackage(Parameters):
 
     @model_validator(mode="after")
     def _sizes_fit(self) -> WoundPackage:
-        if self.package_radius_m <= self.core_radius_m:
-            raise ValueError(
-                f"package_radius_m > core_radius_m fails: {self.package_radius_m} m > {self.core_radius_m} m"
-            )
         if self.package_radius_m < LEAST_WOUND * self.core_radius_m:
             raise ValueError(
                 f"package_radius_m >= {LEAST_WOUND:g} core_radius_m fails: "

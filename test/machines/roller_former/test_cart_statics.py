@@ -199,7 +199,7 @@ def test_changing_the_rail_costs_a_little_more():
 
 
 def test_a_rod_too_short_for_a_turn_is_refused_with_its_numbers():
-    with pytest.raises(ValidationError, match=r"crank_m < rod_m needed for a full turn, got 0.8 and 0.8"):
+    with pytest.raises(ValidationError, match=r"crank_m <= 0.98 rod_m needed for a full turn .*, got 0.8 and 0.8"):
         CartParameters(**{**GEOMETRY, "crank_m": 0.8})
 
 

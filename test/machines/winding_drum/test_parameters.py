@@ -82,8 +82,8 @@ def test_gravity_is_standard_bearings_are_smooth_and_yarn_unwinds_unless_said() 
 
 
 def test_the_package_is_larger_than_its_core_by_a_thousandth() -> None:
-    assert "package_radius_m > core_radius_m fails: 0.125 m > 0.125 m" in refusal(package_radius_m=0.125)
-    assert "package_radius_m > core_radius_m fails: 0.1 m > 0.125 m" in refusal(package_radius_m=0.1)
+    assert "package_radius_m >= 1.001 core_radius_m fails: 0.125 m >=" in refusal(package_radius_m=0.125)
+    assert "package_radius_m >= 1.001 core_radius_m fails: 0.1 m >=" in refusal(package_radius_m=0.1)
     least = 1.001 * 0.125
     assert drum(package_radius_m=least, layer_thickness_m=1e-5).package_radius_m == least
     below = math.nextafter(least, 0.0)
