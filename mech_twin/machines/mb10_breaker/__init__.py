@@ -8,7 +8,7 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
-from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics, tool_gauge
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import Body, BreakerLinkage, DrivenBody, breaker_forces_role, breaker_motor
@@ -27,7 +27,7 @@ def build(p: BreakerParameters) -> Machine:
     constants, curve, step_s = breaker(p), motor_constants(p.motor), p.coupling.step_s
     body: BodyRole = DrivenBody(Body(constants), step_s)
     if constants.held:
-        body = HalfSineBody(p.body, p.excitation, step_s)
+        body = half_sine_body(p.body, p.excitation, step_s)
     start_rad, start_command = math.radians(p.linkage.initial_crank_deg), p.supply.initial_fraction
     return Machine(
         name="mb10_breaker",

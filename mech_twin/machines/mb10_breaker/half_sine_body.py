@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -91,27 +92,10 @@ def memory_of(row: Array) -> Any:
 
 
 @kernel
-def piece_of(memory: Any) -> ContactPiece:
-    """Return the current piece of motion from a memory."""
-    return ContactPiece(
-        int(memory.cycle),
-        memory.piece_start_s,
-        memory.piece_angle_rad,
-        memory.piece_rate_rad_per_s,
-        int(memory.piece_regime),
-        int(memory.piece_loaded),
-        memory.series_rad_per_s,
-        memory.piece_end_s,
-        int(memory.piece_cause),
-    )
-
-
-@kernel
-def keep_piece(memory: Any, piece: ContactPiece) -> None:
-    """Write the current piece of motion into a memory."""
-    memory.cycle, memory.piece_start_s, memory.piece_angle_rad = piece.cycle, piece.start, piece.angle
-    memory.piece_rate_rad_per_s, memory.piece_regime, memory.piece_loaded = piece.rate, piece.regime, piece.loaded
-    memory.series_rad_per_s, memory.piece_end_s, memory.piece_cause = piece.series, piece.end, piece.cause
+def piece_of(row: Array) -> ContactPiece:
+    """Return the current piece of motion: the numbers of the memory after the first."""
+    m = row[MEMORY_AT + 1 :]
+    return ContactPiece(int(m[0]), m[1], m[2], m[3], int(m[4]), int(m[5]), m[6], m[7], int(m[8]))
 
 
 @kernel
@@ -136,7 +120,9 @@ def fill_body(
     out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = angle, rate, -force * body.arm
     memory = memory_of(out)
     memory.origin_s, memory.blow_angle_rad, memory.constants_key = origin, blow_angle, model.key
-    keep_piece(memory, piece)
+    memory.cycle, memory.piece_start_s, memory.piece_angle_rad = piece.cycle, piece.start, piece.angle
+    memory.piece_rate_rad_per_s, memory.piece_regime, memory.piece_loaded = piece.rate, piece.regime, piece.loaded
+    memory.series_rad_per_s, memory.piece_end_s, memory.piece_cause = piece.series, piece.end, piece.cause
     out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = residuals_at(body, piece, local, model.step_s)
 
 
@@ -152,7 +138,7 @@ def follow_half_sine(
 ) -> int:
     """Fill ``out`` with the body one step later, and log the events in between."""
     constants, memory, found, time_s = model.body, memory_of(body), 0, step * model.step_s
-    origin, blow_angle, piece = memory.origin_s, memory.blow_angle_rad, piece_of(memory)
+    origin, blow_angle, piece = memory.origin_s, memory.blow_angle_rad, piece_of(body)
     if memory.constants_key != model.key:
         elapsed = (step - 1) * model.step_s - origin
         piece = replanned(constants, piece, body[BODY_JOINTS], body[BODY_JOINTS + 1], elapsed)
@@ -172,33 +158,29 @@ def follow_half_sine(
     return found if found <= len(log) else LOG_FULL
 
 
+@dataclass(frozen=True)
 class HalfSineBody(CompiledBody):
     """The body role for the excitation ``approximated``; with ``contact: none`` the published free swing.
 
-    Parameters
-    ----------
-    body : BodyParameters
-        Body, spring and collar.
-    excitation : ExcitationParameters
-        Half sine at the end of each cycle.
-    coupling_step_s : float
-        Macro step; only the times of the samples depend on it.
+    Only the times of the samples depend on the coupling step ``step_s``.
     """
 
+    model: HalfSine
+    step_s: float
     joints = JOINTS
     regimes = REGIMES
     residual_limits = RESIDUAL_LIMITS
-    model: HalfSine
     layout = BodyLayout(JOINTS, HalfSineMemory._fields, RESIDUALS, EventLayout(CAUSES, (CONTACT_NAME,)))
     force_layout = None  # the forces only say which step it is
-
-    def __init__(self, body: BodyParameters, excitation: ExcitationParameters, coupling_step_s: float) -> None:
-        constants = pressed_body(body, excitation)
-        self.step_s = coupling_step_s
-        self.model = HalfSine(constants, coupling_step_s, float(zlib.crc32(struct.pack("<16d", *constants))))
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on the tool, its cycle beginning at the step of these forces."""
         out = np.empty(self.layout.size)
         start_row(self.model, forces.step, out)
         return self.layout.sample(forces.step, forces.step * self.step_s, out.tolist(), ())
+
+
+def half_sine_body(body: BodyParameters, excitation: ExcitationParameters, step_s: float) -> HalfSineBody:
+    """Return the body role of a body, its spring and collar, under a half sine at the end of each cycle."""
+    constants = pressed_body(body, excitation)
+    return HalfSineBody(HalfSine(constants, step_s, float(zlib.crc32(struct.pack("<16d", *constants)))), step_s)

@@ -4,7 +4,7 @@
 import pytest
 from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
 
-from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import amplitudes_of_cycle, swing
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
@@ -26,7 +26,7 @@ def run(role, step_s, duration_s, first=0):
 
 
 def role_of(step_s, rate=3108.9, deflection=0.03, **changed) -> BodyRole:
-    return HalfSineBody(*parameters(rate, deflection, **changed), step_s)
+    return half_sine_body(*parameters(rate, deflection, **changed), step_s)
 
 
 def events_of(samples):
@@ -101,7 +101,7 @@ def test_change_in_flight_keeps_angle_and_rate():
     samples = run(role_of(1e-3, deflection=0.02), 1e-3, 0.11)
     before = samples[-1]
     assert before.regime == 1
-    stiffer = HalfSineBody(*parameters(3108.9 * 1.5, 0.02), 1e-3)
+    stiffer = half_sine_body(*parameters(3108.9 * 1.5, 0.02), 1e-3)
     after = stiffer.follow(before, forces(111, 1e-3))
     acceleration = (after.velocity[0] - before.velocity[0]) / 1e-3
     middle = 0.5 * (before.position[0] + after.position[0])

@@ -9,7 +9,7 @@ from pydantic import ValidationError, model_validator
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.machines.mb10_breaker.half_sine_body import HalfSineBody
+from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import swing_regime
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
@@ -87,7 +87,7 @@ def swung(body, excitation):
 def trouble(swung_body, duration_s=0.5):
     """What is wrong with a run and the closed-form regime of this configuration; empty if nothing is."""
     body, excitation = swung_body.body, swung_body.excitation
-    role = HalfSineBody(body, excitation, STEP_S)
+    role = half_sine_body(body, excitation, STEP_S)
 
     def forces(step):
         return ForceSample(step, step * STEP_S, (), (), Named(), 0.0, Named())
