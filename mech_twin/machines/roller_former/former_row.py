@@ -94,9 +94,9 @@ class FormerResiduals(NamedTuple):
     rod_length: float
 
 
-SHAFT, MEMORY, RESIDUALS = record_of(ShaftMotion), record_of(FormerMemory), record_of(FormerResiduals)
+SHAFT = record_of(ShaftMotion)
+MEMORY = np.dtype((np.record, [(name, np.float64) for name in (*FormerMemory._fields, *FormerResiduals._fields)]))
 CARTS_AT = len(ShaftMotion._fields)
-MEMORY_SIZE = len(FormerMemory._fields)
 
 
 @borrowing_kernel
@@ -107,14 +107,8 @@ def shaft_of(row: Array) -> Any:
 
 @borrowing_kernel
 def memory_of(row: Array, carts: int) -> Any:
-    """Return the memory in a linkage row with this number of carts as a record that shares its numbers."""
+    """Return memory and residuals in a linkage row of so many carts as a record that shares their numbers."""
     return record_at(row, CARTS_AT + 6 * carts, MEMORY)
-
-
-@borrowing_kernel
-def residuals_of(row: Array, carts: int) -> Any:
-    """Return the residuals in a linkage row with this number of carts as a record that shares its numbers."""
-    return record_at(row, CARTS_AT + 6 * carts + MEMORY_SIZE, RESIDUALS)
 
 
 class CoupledFormer(NamedTuple):
@@ -219,10 +213,9 @@ def fill_row(former: Former, y: Array, modes: Modes, shaft_nm: float, command: f
     shaft.crank_rad, shaft.crank_rad_per_s, shaft.crank_nm = now.crank_rad, now.crank_speed_rad_per_s, transmitted
     shaft.twist_rad, shaft.twist_rad_per_s = now.twist_rad, now.twist_rate_rad_per_s
     shaft.twist_nm = former.stiffness_nm_per_rad * now.twist_rad
-    count = former.bank.offset_rad.size
-    memory, residuals = memory_of(out, count), residuals_of(out, count)
-    residuals.energy_balance = memory.turn_balance_error_j / (former.scales.motor_work_j + memory.turn_turnover_j)
-    residuals.rod_length = fill_carts(former, y, modes, out)
+    memory = memory_of(out, former.bank.offset_rad.size)
+    memory.energy_balance = memory.turn_balance_error_j / (former.scales.motor_work_j + memory.turn_turnover_j)
+    memory.rod_length = fill_carts(former, y, modes, out)
 
 
 @kernel

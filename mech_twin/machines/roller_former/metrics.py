@@ -162,7 +162,7 @@ def turn_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
     return {
         "elastic_moment_min_nm": elastic[0],
         "elastic_moment_max_nm": elastic[1],
-        "elastic_moment_rms_nm": float(np.sqrt(np.mean(turn.elastic_nm**2))),
+        "elastic_moment_rms_nm": float(np.sqrt(np.mean((former.stiffness_nm_per_rad * columns.twist_rad) ** 2))),
         "coupling_moment_min_nm": low,
         "coupling_moment_max_nm": high,
         "coupling_moment_mean_nm": (turn.works.load_work_j + turn.works.friction_work_j) / TURN,
@@ -263,52 +263,32 @@ class FormerObserver:
         self._run = {"turns": 0.0, "stalls": 0.0, "coupling_moment_max_of_run_nm": -inf, "motor_torque_max_nm": -inf}
 
     def observe(self, frame: Frame) -> None:
-        """Update with one frame."""
-        linkage, run = frame.linkage, self._run
-        joints, before = joints_of(linkage.position), self._now
-        self._now = self._sums(frame)
-        turn = floor(joints.crank / TURN)
+        """Update with one frame; the coupling's moment is linear between two."""
+        linkage, run, before = frame.linkage, self._run, self._now
+        at, rate, effort = (joints_of(values) for values in (linkage.position, linkage.velocity, linkage.effort))
+        quantities = FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
+        powers = quantities.drive_power_w, quantities.load_power_w
+        memory, rates = FormerMemory(*linkage.memory.values), TurnSums(rate.crank, *powers, effort.crank * effort.crank)
+        squares = 0.0
+        if before is not None:
+            past_s, sums, past = before
+            mean = (past.coupling_square_n2m2s + rates.coupling_square_n2m2s) / 2.0
+            squares = sums.coupling_square_n2m2s + mean * (linkage.time_s - past_s)
+        self._now = linkage.time_s, TurnSums(at.crank, memory.motor_work_j, memory.load_work_j, squares), rates
+        turn = floor(at.crank / TURN)
         if turn != self._turn:
             self._begin_turn(TURN * turn, before, self._now)
         self._turn = turn
-        self._add(frame)
-        run["turns"] = joints.crank / TURN
+        values = effort.twist, effort.crank, at.twist, rate.twist, quantities.twist_acceleration_rad_per_s2
+        for name, value in zip(EXTREMES, values, strict=True):
+            self._extremes.take(name, value)
+        run["turns"] = at.crank / TURN
         run["stalls"] += sum(event.kind == "stall" for event in linkage.events)
-        coupling = joints_of(linkage.effort).crank
-        run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], coupling)
+        run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], effort.crank)
         run["motor_torque_max_nm"] = max(run["motor_torque_max_nm"], *frame.motor.effort)
         for event in linkage.events:
             if event.contact == "crank":
                 run[f"{event.kind}_at_s"] = event.time_s
-
-    def _sums(self, frame: Frame) -> tuple[float, TurnSums, TurnSums]:
-        """Return time, sums and rates at a frame; the coupling's moment is linear between two."""
-        linkage, memory = frame.linkage, FormerMemory(*frame.linkage.memory.values)
-        quantities = FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
-        coupling = joints_of(linkage.effort).crank
-        rates = TurnSums(
-            joints_of(linkage.velocity).crank, quantities.drive_power_w, quantities.load_power_w, coupling * coupling
-        )
-        squares = 0.0
-        if self._now is not None:
-            past_s, sums, past = self._now
-            mean = (past.coupling_square_n2m2s + rates.coupling_square_n2m2s) / 2.0
-            squares = sums.coupling_square_n2m2s + mean * (linkage.time_s - past_s)
-        crank = joints_of(linkage.position).crank
-        return linkage.time_s, TurnSums(crank, memory.motor_work_j, memory.load_work_j, squares), rates
-
-    def _add(self, frame: Frame) -> None:
-        linkage = frame.linkage
-        effort, quantities = joints_of(linkage.effort), FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
-        values = (
-            effort.twist,
-            effort.crank,
-            joints_of(linkage.position).twist,
-            joints_of(linkage.velocity).twist,
-            quantities.twist_acceleration_rad_per_s2,
-        )
-        for name, value in zip(EXTREMES, values, strict=True):
-            self._extremes.take(name, value)
 
     def _begin_turn(
         self, angle: float, before: tuple[float, TurnSums, TurnSums] | None, now: tuple[float, TurnSums, TurnSums]

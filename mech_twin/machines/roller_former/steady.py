@@ -78,17 +78,11 @@ class SteadyTurn:
     change: float
     columns: TurnColumns
     works: FormerState
-    stiffness_nm_per_rad: float
 
     @property
     def mean_speed_rad_per_s(self) -> float:
         """Mean crank speed over the turn."""
         return TURN / self.turn_time_s
-
-    @property
-    def elastic_nm(self) -> Array:
-        """Elastic moment c (phi1 - phi2) at the nodes."""
-        return self.stiffness_nm_per_rad * self.columns.twist_rad
 
 
 def closed_extremes(values: Array) -> tuple[float, float]:
@@ -215,9 +209,7 @@ def steady_turn(former: Former) -> SteadyTurn | None:
         modes = done.modes
         if change < criterion:
             _, columns = turned(former, 1.0, 0.0, done.time_s - t, NODES, inf, y, modes)
-            return SteadyTurn(
-                done.time_s - t, turns, change, columns, FormerState(*works.tolist()), former.stiffness_nm_per_rad
-            )
+            return SteadyTurn(done.time_s - t, turns, change, columns, FormerState(*works.tolist()))
         t = done.time_s
         if turns >= SHOOT_FROM and turns % SHOOT_EVERY == 0:
             y, shot_steps = closing_state(former, y, modes, longest_s)
@@ -240,7 +232,6 @@ class StartUp:
 
     stalled: bool
     steady: bool
-    load_on: bool
     time_s: float
     steady_time_s: float
     stall_time_s: float
@@ -309,7 +300,6 @@ def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) ->
     return StartUp(
         stalled,
         bool(steady),
-        bool(done.modes.load_on),
         float(reached),
         float(done.time_s) if steady else nan,
         float(done.time_s - below) if stalled else nan,
