@@ -32,11 +32,12 @@ from typing import Any
 import numpy as np
 from plants import FAR, SENSORS, faulty_run, healthy_cycles, healthy_run, monitored_machine, seen_vectors, three_sizes
 
-from mech_twin.files.output_file import of_plain, plain, written_file
+from mech_twin.files.output_file import plain, written_file
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.design import setup_for_cycles
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import NAMED_EVERY, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.setup_record import SETUP
 
 RESULTS = Path(__file__).parent / "results"
 NOISES = 10  # repeats of one motion with a fault
@@ -155,7 +156,7 @@ def judgement(verdict: str, fault: str, names: list[str]) -> str:
 
 @cache
 def _known(setup: str) -> MonitorSetup:
-    return of_plain(MonitorSetup, {key: value for key, value in json.loads(setup).items() if key != "asked"})  # type: ignore[no-any-return]
+    return SETUP.validate_json(setup)
 
 
 class Proof:

@@ -311,7 +311,7 @@ def pictures(folder: Path, out: Path) -> None:
     from mech_twin.results.opened_runs import columns_of, opened_run
     from mech_twin.studies.monitoring.cycle_features import FeatureFeed, feed_channels
     from mech_twin.studies.monitoring.monitor import Monitor
-    from mech_twin.studies.monitoring.setup_record import SetupRecord
+    from mech_twin.studies.monitoring.setup_record import SETUP
 
     given = read_map(folder / "map.yaml", columns_of)
     with opened_run(folder / "watched") as reader:
@@ -320,7 +320,7 @@ def pictures(folder: Path, out: Path) -> None:
     assert ask is not None
     channels = {channel.name: (channel.times_s, channel.values) for channel in run.channels}
     vectors = feed_channels(FeatureFeed(ask(machine_parameters(NAME)), list(channels)), channels)
-    setup = SetupRecord.model_validate_json((folder / "healthy.json").read_bytes()).setup()
+    setup = SETUP.validate_json((folder / "healthy.json").read_bytes())
     monitor, told_ = Monitor(setup), json.loads((folder / "diary.json").read_text(encoding="utf-8"))
     found = [monitor.observe(vector) for vector in vectors]
     times = np.array([vector.end_s for vector in vectors])

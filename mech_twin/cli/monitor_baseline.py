@@ -44,7 +44,7 @@ from mech_twin.studies.monitoring.design import fitted_setup, sister_setup
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.monitoring.report import known_sensors, seen_of_run, vectors_of_parts
 from mech_twin.studies.monitoring.sensing import MonitoredMachine
-from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SetupRecord
+from mech_twin.studies.monitoring.setup_record import LARGEST_BYTES, SETUP
 
 SETUP_SUFFIX = ".json"
 
@@ -67,7 +67,7 @@ def read_setup(path: Path, machine: str, parameters: Parameters, given: Measurem
     if len(data) > LARGEST_BYTES:
         raise CommandError(f"{path}: larger than {LARGEST_BYTES} bytes; expected a baseline of --save-baseline")
     try:
-        setup = SetupRecord.model_validate_json(data).setup()
+        setup = SETUP.validate_json(data)
     except ValidationError as error:
         raise refusal(f"{path}: expected a baseline as --save-baseline writes it", error) from error
     if setup.machine != kind_of(machine):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Output files: checked before a computation starts, written completely or not at all, never through a symlink.
 
-Dataclasses and named tuples become plain values for JSON, and back by the types of their fields.
+Dataclasses and named tuples become plain values for JSON.
 """
 
 from __future__ import annotations
@@ -16,9 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
-
-import numpy as np
+from typing import Any
 
 from mech_twin.errors import SentError
 
@@ -44,29 +42,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return str(value) if isinstance(value, Path) else value
-
-
-def of_plain(kind: Any, value: Any) -> Any:
-    """Return the value of a type from the JSON values that `plain` made; a missing field keeps its default.
-
-    Raises
-    ------
-    TypeError
-        A field without a default is missing.
-    """
-    origin, of = get_origin(kind), get_args(kind)
-    if type(None) in of:
-        return None if value is None else of_plain(of[0], value)
-    if is_dataclass(kind) or hasattr(kind, "_fields"):
-        hints = get_type_hints(kind)
-        return kind(**{name: of_plain(hints[name], each) for name, each in value.items()})
-    if origin is np.ndarray:
-        return np.array(value, dtype=np.float64)
-    if origin is tuple:
-        return tuple(of_plain(of[0], each) for each in value)
-    if isinstance(value, Mapping):
-        return {key: of_plain(of[1], each) for key, each in value.items()}
-    return float(value) if kind is float else value
 
 
 class OutputError(SentError):

@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import AfterValidator, BaseModel, Field, PlainValidator
 from scipy.linalg import cholesky, solve_triangular
 
 from mech_twin.capabilities.cycle import Array
@@ -42,13 +42,34 @@ LEAST_CYCLES = 30
 CYCLES_PER_FEATURE = 3
 SMALLEST_SPREAD = 1e-6  # lower bound of a standard deviation, as a share of the mean
 RIDGE = 1e-6  # added to the diagonal, as a share of each variance
+LARGEST = 1e30  # magnitude of any number in the file of a setup, SI
+
+
+def _listed(value: Any) -> Array:
+    """Return the numbers of nested lists, as the file of a setup holds them."""
+    found = np.array(value)
+    if not isinstance(value, list) or found.dtype.kind not in "if" or not (np.abs(found) <= LARGEST).all():
+        raise ValueError(f"expected lists of numbers, none beyond {LARGEST:g}")
+    return found.astype(np.float64)
+
+
+def _instant(text: str) -> str:
+    if datetime.fromisoformat(text).tzinfo is None:
+        raise ValueError("expected an instant with its zone, as 2026-01-31T12:00:00+00:00")
+    return text
+
+
+Numbers = Annotated[Array, PlainValidator(_listed)]
+Size = Annotated[float, Field(ge=0.0, le=LARGEST)]
+Count = Annotated[int, Field(ge=0, le=2**53)]
+Hash = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class BaselineRun(NamedTuple):
     """A healthy run of a baseline, and the number of its cycles used, from its beginning."""
 
-    run: str
-    cycles: int
+    run: Annotated[str, Field(min_length=1)]
+    cycles: Count
 
     @property
     def path(self) -> Path:
@@ -69,10 +90,10 @@ class Origin(NamedTuple):
         In the order they were given.
     """
 
-    made_utc: str
-    configuration: str
-    sensors: str
-    runs: tuple[BaselineRun, ...]
+    made_utc: Annotated[str, AfterValidator(_instant)]
+    configuration: Hash
+    sensors: Hash
+    runs: Annotated[tuple[BaselineRun, ...], Field(min_length=1)]
 
     def age_days(self, now: datetime) -> float:
         """Return the age in days, at least 0, since clocks differ."""
@@ -132,11 +153,11 @@ class Baseline:
     """
 
     names: tuple[str, ...]
-    mean: Array
-    coefficients: Array
-    covariance: Array
-    cycles: int
-    period_s: float
+    mean: Numbers
+    coefficients: Numbers
+    covariance: Numbers
+    cycles: Annotated[int, Field(ge=1)]
+    period_s: Annotated[float, Field(gt=0.0)]
 
     def __post_init__(self) -> None:
         """Reshape the coefficients to (p, d), also for order p = 0."""

@@ -27,14 +27,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 from scipy.linalg import cholesky
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.kernels.kernel import kernel
-from mech_twin.studies.monitoring.baseline import LARGEST_ORDER, Baseline, baseline_of_runs
+from mech_twin.studies.monitoring.baseline import LARGEST_ORDER, Baseline, Size, baseline_of_runs
 
 ALLOWANCE = 0.5  # k, in standard deviations: best against a drift of one
 WINDOW = 60  # N, cycles that the jump chart looks back
@@ -168,9 +169,9 @@ def siegmund_run_length(threshold: float, allowance: float = ALLOWANCE, shift: f
 class Thresholds(NamedTuple):
     """One threshold for each chart's statistic."""
 
-    cusum: float
-    glr: float
-    chi_square: float
+    cusum: Size
+    glr: Size
+    chi_square: Size
 
 
 CHARTS = Thresholds._fields
@@ -186,7 +187,7 @@ class ChartLimits:
 
     alarm: Thresholds
     quiet: Thresholds
-    arl0_cycles: float
+    arl0_cycles: Annotated[float, Field(gt=0.0)]
     extrapolated: bool
 
 

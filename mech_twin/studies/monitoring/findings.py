@@ -16,9 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.studies.monitoring.baseline import Size
 from mech_twin.studies.monitoring.charts import ChartValues
 from mech_twin.studies.monitoring.naming import Candidate
 from mech_twin.studies.monitoring.operating import OperatingValue
@@ -31,9 +34,9 @@ Verdict = Literal["learning", "healthy", "operating_point", "pending", "named", 
 class LifeRules(NamedTuple):
     """Cycles with the fault until it is active, cycles without until it clears; least time between announcements."""
 
-    debounce: int = 3
-    clear: int = 10
-    announce_every_s: float = 600.0
+    debounce: Annotated[int, Field(ge=1)] = 3
+    clear: Annotated[int, Field(ge=1)] = 10
+    announce_every_s: Size = 600.0
 
 
 class FaultLife(NamedTuple):

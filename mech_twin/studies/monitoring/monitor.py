@@ -17,9 +17,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from pydantic import ConfigDict
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.studies.monitoring.baseline import Baseline, Origin
+from mech_twin.studies.monitoring.baseline import Baseline, Count, Origin
 from mech_twin.studies.monitoring.charts import WINDOW, ChartLimits, ChartState, ChartValues
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.findings import (
@@ -66,11 +67,13 @@ NAMING_CYCLES = 80  # after the alarm, in which the diagnosis may still change
 class MonitorSetup:
     """Frozen settings of a monitor: machine, healthy baseline, thresholds, and the effect of each fault."""
 
+    __pydantic_config__ = ConfigDict(strict=True, allow_inf_nan=False)
+
     machine: str
     baseline: Baseline
     limits: ChartLimits
     signatures: tuple[Signature, ...] = ()
-    settling_cycles: int = 5
+    settling_cycles: Count = 5
     rules: LifeRules = field(default_factory=LifeRules)
     operating: OperatingSurface | None = None
     sensors: Mapping[str, SensorLimits] = field(default_factory=dict)

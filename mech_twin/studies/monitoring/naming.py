@@ -28,7 +28,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from mech_twin.capabilities.cycle import Array
-from mech_twin.studies.monitoring.baseline import Baseline
+from mech_twin.studies.monitoring.baseline import Baseline, Numbers
 
 MODEL_SHARE = 0.15  # relative error of a computed effect
 UNKNOWN_CHANCE = 1e-4  # that noise alone gives the right fault this residual
@@ -68,12 +68,12 @@ class Signature:
     name: str
     meaning: str
     unit: str
-    sizes: Array
-    responses: Array
+    sizes: Numbers
+    responses: Numbers
     key: str = ""
-    scatter: Array = field(default_factory=lambda: np.empty((0, 0, 0)))
-    doubt: Array = field(default_factory=lambda: np.empty((0, 0)))
-    points: Array = field(default_factory=lambda: np.empty((0, 0)))
+    scatter: Numbers = field(default_factory=lambda: np.empty((0, 0, 0)))
+    doubt: Numbers = field(default_factory=lambda: np.empty((0, 0)))
+    points: Numbers = field(default_factory=lambda: np.empty((0, 0)))
 
     def uncertainty(self, cycles: float) -> Array:
         """Return the covariance (m - 1, d, d) of the response for a mean of so many cycles, for each interval of sizes.

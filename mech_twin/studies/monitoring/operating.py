@@ -21,18 +21,21 @@ Variables with the same effect on the features form one group; variables without
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.studies.monitoring.baseline import Numbers
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import Candidate, Signature
 
 DEGREE = 3
+MOST_VARIABLES = 20
 LIMIT = 1.3  # of the ranges: simulated points, and bound of the estimate of u
 MOST_FAR = 0.1  # of healthy cycles that may be farther off than was simulated
 OUTSIDE = 1.1  # of a range: beyond it, a variable counts as outside
@@ -91,8 +94,6 @@ class OperatingSurface:
         Shape (terms, d): coefficients c of the polynomial.
     doubt : ndarray
         Shape (d - q,): error of y at the end of a range.
-    drift : ndarray
-        Shape (d - q,): error of y while the variables drift at their highest rate.
     wander : ndarray
         Shape (q,): standard deviation of the smoothed u in the baseline.
     moved : ndarray
@@ -101,22 +102,24 @@ class OperatingSurface:
         Shape (q, d - q): transient of y for a movement of u by 1.
     hold : int
         Duration of a transient, in cycles.
+    drift : ndarray
+        Shape (d - q,): error of y while the variables drift at their highest rate.
     """
 
     names: tuple[str, ...]
-    variables: tuple[str, ...]
+    variables: Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_VARIABLES)]
     beyond: tuple[str, ...]
-    pivots: tuple[int, ...]
-    ranges: Array
-    mean: Array
-    root: Array
-    coefficients: Array
-    doubt: Array
-    drift: Array
-    wander: Array
-    moved: Array
-    transient: Array
-    hold: int
+    pivots: tuple[Annotated[int, Field(ge=0)], ...]
+    ranges: Numbers
+    mean: Numbers
+    root: Numbers
+    coefficients: Numbers
+    doubt: Numbers
+    wander: Numbers
+    moved: Numbers
+    transient: Numbers
+    hold: Annotated[int, Field(ge=1, le=10_000)]
+    drift: Numbers = field(default_factory=lambda: np.zeros(1))  # an older setup has none
 
     @cached_property
     def others(self) -> tuple[int, ...]:

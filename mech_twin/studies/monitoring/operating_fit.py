@@ -307,7 +307,7 @@ def _fitted_surface(
     nothing, nothing_left = np.zeros(q), np.zeros(len(names) - q)
     blank = OperatingSurface(
         names, tuple(g.name for g in groups), tuple(g.beyond for g in groups), pivots, ranges, rows.mean(axis=0), root,
-        coefficients, nothing_left, nothing_left, nothing, nothing, np.zeros((q, len(names) - q)), 1,
+        coefficients, nothing_left, nothing, nothing, np.zeros((q, len(names) - q)), 1, nothing_left,
     )  # fmt: skip
     blank = blank.centred(rows)
     off = np.array([blank.annihilator(u) @ left for u, left in zip(np.clip(points, -1, 1), held_out, strict=True)])

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.cycle_kernels import gap_limits, sample_quality
@@ -30,6 +31,7 @@ LEAST_SAMPLES = 6  # of a channel in a cycle; an event channel needs one
 LARGEST_GAP = 0.25  # of a cycle, between samples of a channel
 ORDINARY_GAP, SPACINGS = 0.02, 5.0  # shares of a cycle, and of the usual spacing; a gap exceeds the larger of both
 KINDS = ("turns", "stuck", "dropout", "rate", "spikes")
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 @dataclass
@@ -95,11 +97,11 @@ def channel_quality(times_s: Array, values: Array) -> ChannelQuality:
 class SensorLimits(NamedTuple):
     """Usual values of a channel: samples per second, spacing (s), lost share, longest equal run, isolation (SI)."""
 
-    rate_hz: float
-    spacing_s: float
-    lost: float
-    equal_share: float
-    isolation: float
+    rate_hz: Annotated[float, Field(gt=0.0)]
+    spacing_s: Annotated[float, Field(gt=0.0)]
+    lost: Share
+    equal_share: Share
+    isolation: Annotated[float, Field(ge=0.0)]
 
 
 class SensorFinding(NamedTuple):

@@ -15,11 +15,12 @@ from scipy.stats import poisson
 from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.errors import StudyError
-from mech_twin.files.output_file import of_plain, plain
+from mech_twin.files.output_file import plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import ALLOWANCE, WINDOW, advance_cusum, chart_limits, chart_rows
 from mech_twin.studies.monitoring.findings import FaultLife, LifeRules, acknowledged, after_cycle, shelved
 from mech_twin.studies.monitoring.monitor import SILENT, Monitor, MonitorSetup
+from mech_twin.studies.monitoring.setup_record import SETUP
 
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
 COEFFICIENTS = np.array([[0.6, 0.3, 0.0], [-0.2, 0.1, 0.0]])
@@ -147,7 +148,7 @@ def test_a_longer_stated_time_between_alarms_gives_wider_thresholds() -> None:
 @pytest.mark.slow
 def test_a_setup_survives_its_file() -> None:
     setup = healthy_setup(500, 500.0)
-    again = of_plain(MonitorSetup, json.loads(json.dumps(plain(setup))))
+    again = SETUP.validate_json(json.dumps(plain(setup)))
     rows = autoregressive(60, COEFFICIENTS, COVARIANCE, 3) + np.array([12.0, -3.0, 0.5])
     first, second = Monitor(setup), Monitor(again)
     for vector in vectors(rows):

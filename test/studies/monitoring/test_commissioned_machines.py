@@ -31,7 +31,7 @@ from mech_twin.studies.monitoring.sensing import (
     seen_run,
     with_sensor_fault,
 )
-from mech_twin.studies.monitoring.setup_record import SetupRecord
+from mech_twin.studies.monitoring.setup_record import SETUP
 
 PLANTS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "plants.py"
 monitored_in_the_proof = run_path(str(PLANTS))["monitored_machine"]  # a press with a motor
@@ -44,7 +44,7 @@ def commissioned(name: str) -> tuple[MonitoredMachine, MonitorSetup]:
     """Return a machine and its monitor, kept and read again, as a day later."""
     machine = monitored_in_the_proof(name)
     setup = fitted_setup(machine, simulated_vectors(machine, CYCLES.get(name, 600), 1), 24.0)
-    return machine, SetupRecord.model_validate_json(json.dumps(plain(setup))).setup()
+    return machine, SETUP.validate_json(json.dumps(plain(setup)))
 
 
 def another_day(name: str, point: Mapping[str, float], fault: Mapping[str, float] | None = None) -> list[Findings]:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 from studies.monitoring.synthetic import autoregressive, vectors
 
-from mech_twin.files.output_file import of_plain, plain
+from mech_twin.files.output_file import plain
 from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.findings import Findings
@@ -100,7 +101,7 @@ def test_a_signature_is_the_same_after_a_file() -> None:
     bent = Signature(
         "a", "b", "1", np.array([-1.0, 0.0]), np.ones((2, 4)), "c", np.ones((2, 1, 4)), 0.5 * np.ones((2, 4))
     )
-    again = of_plain(Signature, json.loads(json.dumps(plain(bent))))
+    again = TypeAdapter(Signature).validate_json(json.dumps(plain(bent)))
     assert plain(again) == plain(bent)
     assert np.array_equal(again.uncertainty(7.0), bent.uncertainty(7.0))
     np.testing.assert_allclose(again.uncertainty(7.0), np.full((1, 4, 4), 1.0 / 7.0 + 1.0 / 60.0 + 0.25))

@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy.linalg import null_space
 
 from mech_twin.capabilities.faults import motor_changes
 from mech_twin.capabilities.variation import varied
 from mech_twin.cli.monitor import Judged, show_runs
+from mech_twin.files.output_file import plain
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.studies.monitoring.baseline import Baseline, joined_runs
@@ -33,6 +37,7 @@ from mech_twin.studies.monitoring.operating import (
 from mech_twin.studies.monitoring.operating_fit import sister_surface
 from mech_twin.studies.monitoring.report import Alarm, JudgedRun, healthy_features
 from mech_twin.studies.monitoring.sensor_quality import ChannelQuality, SensorLimits
+from mech_twin.studies.monitoring.setup_record import SETUP
 
 SENSORS = Path(__file__).resolve().parents[3] / "benchmarks" / "monitoring" / "sensors"
 Q, D = 2, 5
@@ -47,8 +52,8 @@ def surface() -> OperatingSurface:
     nothing = np.zeros(D - Q)
     return OperatingSurface(
         tuple("abcde"), ("supply", "load"), ("supply_frequency_range", "overload"), (0, 3), np.array([0.05, 0.1]),
-        np.arange(D) + 1.0, np.eye(D), coefficients, nothing, nothing, np.full(Q, 0.01), np.full(Q, 0.1),
-        np.ones((Q, D - Q)), 3,
+        np.arange(D) + 1.0, np.eye(D), coefficients, nothing, np.full(Q, 0.01), np.full(Q, 0.1),
+        np.ones((Q, D - Q)), 3, nothing,
     )  # fmt: skip
 
 
@@ -332,3 +337,34 @@ def test_a_motor_at_another_supply_has_the_torque_that_the_supply_gives_at_every
         later = motor_torque(other, other.synchronous_speed_rad_per_s - 1.2 * slip, 1.0)
         before = motor_torque(healthy, healthy.synchronous_speed_rad_per_s - slip, 1.0)
         assert later == pytest.approx(0.9 * before, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "told"),
+    [
+        (("baseline", "mean"), [1, 2], "baseline.mean: expected numbers of the shape"),
+        (("baseline", "mean"), ["1", "2", "3"], "expected lists of numbers"),
+        (("baseline", "covariance"), [[1, 2, 0], [2, 1, 0], [0, 0, 1]], "positive definite"),
+        (("limits", "alarm", "cusum"), -1.0, "greater than or equal to 0"),
+        (("operating", "pivots"), [0, 0], "pivots below 5"),
+        (("operating", "root"), [1], "operating.root: expected numbers of the shape"),
+        (("operating", "coefficients"), np.ones((9, D)).tolist(), "pivots that tell the variables apart"),
+        (("signatures", 0, "sizes"), [1.0, 0.0, 2.0], "expected ascending ones, with 0"),
+    ],
+)
+def test_a_setup_is_the_same_after_a_file_and_what_does_not_fit_in_it_is_named(
+    place: tuple[Any, ...], value: Any, told: str
+) -> None:
+    known = surface()
+    baseline = Baseline(known.left_names, np.zeros(D - Q), np.zeros((0, D - Q)), np.eye(D - Q), 1000, 0.1)
+    limits = ChartLimits(Thresholds(8.0, 40.0, 40.0), Thresholds(4.0, 20.0, 20.0), 1e4, extrapolated=False)
+    worn = Signature("worn", "", "1", np.array([-0.5, -0.2, 0.0]), np.zeros((3, D - Q)), points=np.zeros((3, Q)))
+    setup = MonitorSetup("none", baseline, limits, (worn,), operating=known)
+    record: Any = json.loads(json.dumps(plain(setup)))
+    assert plain(SETUP.validate_json(json.dumps(record))) == plain(setup)
+    inside = record
+    for name in place[:-1]:
+        inside = inside[name]
+    inside[place[-1]] = value
+    with pytest.raises(ValidationError, match=told):
+        SETUP.validate_json(json.dumps(record))

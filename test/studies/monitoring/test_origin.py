@@ -25,7 +25,7 @@ from mech_twin.studies.monitoring.baseline import (
 )
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.monitor import MonitorSetup
-from mech_twin.studies.monitoring.setup_record import SetupRecord
+from mech_twin.studies.monitoring.setup_record import SETUP
 
 DAYS = 3
 NOTHING = np.empty((0, 2))
@@ -78,7 +78,7 @@ def test_the_origin_is_kept_in_the_file_and_nonsense_in_it_is_refused() -> None:
     origin = new_origin(MADE, machine.parameters, machine.sensors, runs)
     limits = chart_limits(baseline, innovations, 1000.0)
     record = json.loads(json.dumps(plain(replace(MonitorSetup("none", baseline, limits), origin=origin))))
-    assert SetupRecord.model_validate_json(json.dumps(record)).setup().origin == origin
+    assert SETUP.validate_json(json.dumps(record)).origin == origin
     for key, value in (
         ("made_utc", "yesterday"),
         ("made_utc", "2026-01-31T12:00:00"),
@@ -87,7 +87,7 @@ def test_the_origin_is_kept_in_the_file_and_nonsense_in_it_is_refused() -> None:
     ):
         wrong = record | {"origin": record["origin"] | {key: value}}
         with pytest.raises(ValidationError, match=f"origin.{key}"):
-            SetupRecord.model_validate_json(json.dumps(wrong))
+            SETUP.validate_json(json.dumps(wrong))
 
 
 def test_a_baseline_ages() -> None:
