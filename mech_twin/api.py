@@ -14,7 +14,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mech_twin.capabilities.arguments import real_number, several, whole_number
+from mech_twin.capabilities.arguments import GREATEST_SEED, real_number, several, whole_number
 from mech_twin.declarations.quantity import LONGEST_RUN_S
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
@@ -286,7 +286,6 @@ def identify(
     from mech_twin.measurements.model_turn import model_turn
     from mech_twin.results.opened_runs import checked_run
     from mech_twin.results.opened_runs import given_map as read_given
-    from mech_twin.studies import GREATEST_SEED
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.identification import identified
     from mech_twin.studies.identification.keyed_configuration import assumed_keys

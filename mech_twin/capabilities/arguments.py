@@ -12,6 +12,8 @@ import numpy as np
 
 from mech_twin.errors import StudyError
 
+GREATEST_SEED = 2**63 - 1
+
 
 def is_number(value: Any) -> TypeGuard[float]:
     """Return whether a value is a real number, also of numpy, but not a boolean."""

@@ -8,13 +8,24 @@ machines' sources is compared with the computed one, and their figures are repro
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from mech_twin.capabilities.arguments import by_name, real_number
+from mech_twin.capabilities.arguments import GREATEST_SEED, by_name, real_number, several, whole_number
+from mech_twin.capabilities.long_run import (
+    MOST_ENDURANCE_PERIODS,
+    MOST_SETTLING_PERIODS,
+    MOST_STARTS,
+    RegimeAnswer,
+    RegimeQuestion,
+    SynthesisAnswer,
+    SynthesisQuestion,
+)
 from mech_twin.capabilities.published import CONTRADICTS, PublishedRow
 from mech_twin.capabilities.sizing import Sizing, SizingQuestion
 from mech_twin.declarations.captions import unknown_name
@@ -24,11 +35,22 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, table
 from mech_twin.roles import Machine
+from mech_twin.studies.sweep_table import require_key
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.plots import Picture
 
+FilePath = str | PathLike[str]
 MOST_TOLERANCE = 0.5  # a wider box of tolerances does not describe one machine
+
+
+@contextmanager
+def refusing() -> Iterator[None]:
+    """Turn what a configuration refuses of the values that a study tries into an error of one line."""
+    try:
+        yield
+    except ValidationError as error:
+        raise refusal("this study", error) from error
 
 
 def asked_of(machine: str, capability: str, lack: str) -> Any:
@@ -96,12 +118,24 @@ def machine_pictures(machine: str, parameters: Parameters | None = None) -> tupl
         return tuple(pictures(parameters or machine_parameters(entry.name)))
 
 
-def machine_figures(machine: str, directory: Path, parameters: Parameters | None = None) -> list[Path]:
-    """Write the figures of one machine; return the files, an SVG and a PNG each."""
+@refusing()
+def draw_figures(machine: str, directory: FilePath, parameters: Parameters | None = None) -> list[Path]:
+    """Draw a machine's published figures; return the files, an SVG and a PNG each.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue.
+    directory : path
+        Output directory; created if missing.
+    parameters : Parameters, optional
+        Configuration of the machine; the installed one if absent.
+    """
     from mech_twin.capabilities.plots import written
 
-    directory.mkdir(parents=True, exist_ok=True)
-    return [file for picture in machine_pictures(machine, parameters) for file in written(picture, directory)]
+    Path(directory).mkdir(parents=True, exist_ok=True)
+    pictures = machine_pictures(machine, parameters)
+    return [file for picture in pictures for file in written(picture, Path(directory))]
 
 
 def machine_rows(machine: str, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
@@ -118,9 +152,20 @@ def machines_with_published_values() -> tuple[str, ...]:
     return tuple(name for name, entry in CATALOGUE.items() if entry.capabilities.published is not None)
 
 
-def all_rows() -> tuple[PublishedRow, ...]:
-    """Return the rows of every machine, those of sources that contradict themselves first."""
-    rows = [row for machine in machines_with_published_values() for row in machine_rows(machine)]
+@refusing()
+def reproduce(machine: str | None = None, parameters: Parameters | None = None) -> tuple[PublishedRow, ...]:
+    """Return every published number with the computed one.
+
+    Parameters
+    ----------
+    machine : str, optional
+        Machine of the catalogue; all of them if absent, rows of sources that contradict themselves first.
+    parameters : Parameters, optional
+        Configuration of that one machine; the installed one if absent.
+    """
+    if machine is not None:
+        return machine_rows(machine, parameters)
+    rows = [row for name in machines_with_published_values() for row in machine_rows(name)]
     return tuple(sorted(rows, key=lambda row: row.verdict != CONTRADICTS))
 
 
@@ -129,14 +174,33 @@ def all_hold(rows: Iterable[PublishedRow]) -> bool:
     return all(row.holds for row in rows)
 
 
-def sized(
+def size(
     machine: str,
     parameters: Parameters | None = None,
+    *,
     limits: Mapping[str, float] | None = None,
     objective: str | None = None,
     tolerance: float | None = None,
 ) -> Sizing:
-    """Return the sizes of a machine's parts; see `mech_twin.studies.size`."""
+    """Return the sizes of a machine's parts, the resulting configuration, and the active constraint.
+
+    Breaker: spring and preload.  Press: flywheel.  Vibration crank: counterweight and balancing fraction.  Roller
+    former: motor, stiffness and damping.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    limits : mapping, optional
+        Limits that differ from the usual ones, by name (``LIMITS`` of the machine's file in `each machine`).
+    objective : str, optional
+        Objective to minimise; the first of the machine's ``OBJECTIVES`` if absent.
+    tolerance : float, optional
+        Relative tolerance of the assumed values for which the limits must hold in the worst case; the machine's usual
+        one if absent, 0 for the machine exactly as configured.
+    """
     question: SizingQuestion = asked_of(machine, "sizing", "nothing to size")
     given = by_name("limits", limits, f"limits by name: {', '.join(question.limits)}")
     for limit, value in given.items():
@@ -167,3 +231,92 @@ def allowed_tolerance(machine: str, question: SizingQuestion, tolerance: float |
     if tolerance > 0.0 and question.usual_tolerance is None:
         raise StudyError(f"{machine}: no sizes with a tolerance, only of the machine as configured; leave it out or 0")
     return tolerance
+
+
+@refusing()
+def synthesise(
+    machine: str,
+    impact_speed_m_per_s: float,
+    *,
+    parameters: Parameters | None = None,
+    options: Mapping[str, float | int] | None = None,
+    periods: int = 1_000_000,
+) -> SynthesisAnswer:
+    """Return the published cycle of a machine and a robust one for the same impact speed, side by side.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue whose cycle can be synthesised.
+    impact_speed_m_per_s : float
+        Required impact speed.
+    parameters : Parameters, optional
+        Configuration for all values that the synthesis does not choose; the installed one if absent.
+    options : mapping, optional
+        Requirements for the robust cycle that differ from the usual ones.
+    periods : int
+        Length of the endurance runs, in periods.
+
+    Raises
+    ------
+    StudyError
+        If the number of periods or of starts is out of range, or there is no such cycle.
+    """
+    question: SynthesisQuestion = asked_of(machine, "synthesis", "no cycle to synthesise")
+    periods = whole_number("periods", periods, 1, MOST_ENDURANCE_PERIODS)
+    speed = real_number("impact_speed_m_per_s", impact_speed_m_per_s, "a finite number above 0, m/s")
+    known = ", ".join(question.options)
+    wanted = by_name("options", options, f"numbers by name: {known}")
+    for name, value in wanted.items():
+        if name not in question.options:
+            raise StudyError(f"no option '{name}'; expected one of {known}")
+        real_number(f"option {name}", value, "a finite number")
+    for name, least, most in (("starts", 1, MOST_STARTS), ("inside", 0, MOST_STARTS), ("seed", 0, GREATEST_SEED)):
+        if name in wanted:
+            wanted[name] = whole_number(name, wanted[name], least, most)
+    return question.answer(parameters or machine_parameters(machine), speed, wanted, periods)
+
+
+@refusing()
+def regimes(
+    machine: str,
+    values: Sequence[float],
+    key: str | None = None,
+    *,
+    parameters: Parameters | None = None,
+    settling_periods: int = 1000,
+    progress: Callable[[int, int], None] | None = None,
+) -> RegimeAnswer:
+    """Return the steady-state regimes of a machine over the values of one configuration key.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue whose regimes can be mapped.
+    values : sequence of float
+        Values of the key.
+    key : str, optional
+        Configuration key; the machine's usual one if absent.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    settling_periods : int
+        Periods simulated before a regime is determined.
+    progress : callable, optional
+        ``progress(done, all)``.
+
+    Raises
+    ------
+    StudyError
+        If the number of periods is out of range.
+    """
+    question: RegimeQuestion = asked_of(machine, "regimes", "no regimes to map")
+    settling_periods = whole_number("settling", settling_periods, 1, MOST_SETTLING_PERIODS)
+    values = several("values", values, "a list of numbers")
+    if not values:
+        raise StudyError("values: expected at least one")
+    for value in values:
+        real_number("value", value, "a finite number")
+    known = parameters or machine_parameters(machine)
+    if key is not None:
+        require_key(type(known), key)
+    return question.answer(known, values, key or question.usual_key, settling_periods, progress)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.design import DesignQuestion, DesignSpace
+from mech_twin.capabilities.arguments import GREATEST_SEED, several, whole_number
+from mech_twin.capabilities.design import Design, DesignQuestion, DesignSpace
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.files.output_file import written_file
-from mech_twin.studies.declared_studies import asked_of
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.declared_studies import asked_of, refusing, searches_by_runs
 from mech_twin.studies.spreading import available_cores, spread, used_cores
 
 Array = NDArray[np.float64]
@@ -119,25 +121,86 @@ def scanned_batch(
     return Scanned(number, size, np.hstack((designs[keep], found.objectives[keep])))
 
 
-def design_scan(
+@refusing()
+def search(
     machine: str,
-    parameters: Parameters,
-    count: int,
-    space: DesignSpace,
-    seed: int = 1,
+    objectives: Sequence[str] = (),
     *,
+    parameters: Parameters | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, float] | None = None,
+    seed: int = 1,
+    points: int = 9,
+) -> list[Design]:
+    """Return a machine's best design for one objective, or the Pareto front of several; the same for the same seed.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue that has a design question.
+    objectives : sequence of str
+        Objectives of the machine; its usual one if empty.
+    parameters : Parameters, optional
+        Configuration for all values but the design variables; the installed one if absent.
+    bounds, limits : mapping, optional
+        Bounds of variables and limits of constraints that differ from the usual ones, by name.
+    seed : int
+        Seed of scan and optimiser.
+    points : int
+        Directions of the Pareto front that are refined, besides one per objective.
+    """
+    if searches_by_runs(machine):
+        raise StudyError(f"{machine}: no design question; `mech_twin.studies.search_runs` finds a design by its runs")
+    question = design_question(machine)
+    wanted = asked_objectives(question, several("objectives", objectives, "a list of names"))
+    seed, points = whole_number("seed", seed, 0, GREATEST_SEED), whole_number("points", points, 1, MOST_POINTS)
+    return question.search(
+        parameters or machine_parameters(machine), question.space(bounds, limits), wanted, seed, points
+    )
+
+
+@refusing()
+def designs(
+    machine: str,
+    count: int,
+    *,
+    parameters: Parameters | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    limits: Mapping[str, float] | None = None,
+    seed: int = 1,
     cores: int | None = None,
     scheduler: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DesignScan:
-    """Return the feasible designs among ``count`` drawn uniformly from the space.
+    """Return the feasible designs of a machine among ``count`` random ones.
 
     On one computer the compiled loop uses several threads; on a cluster each worker computes its own batches.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue that has a design question.
+    count : int
+        Number of random designs.
+    parameters : Parameters, optional
+        Configuration that is designed; the installed one if absent.
+    bounds, limits : mapping, optional
+        Bounds of variables and limits of constraints that differ from the usual ones, by name.
+    seed : int
+        Seed; the result does not depend on where a design is computed.
+    cores : int, optional
+        Cores of this machine; all if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler to spread over instead.
+    progress : callable, optional
+        ``progress(done, all)``.
     """
+    count, seed = whole_number("count", count, 1, MOST_DESIGNS), whole_number("seed", seed, 0, GREATEST_SEED)
     question = design_question(machine)
     sizes = [min(BATCH, count - start) for start in range(0, count, BATCH)]
+    space, known = question.space(bounds, limits), parameters or machine_parameters(machine)
     threads = 1 if scheduler is not None else used_cores(cores)
-    task = partial(scanned_batch, machine, parameters, space, seed, threads)
+    task = partial(scanned_batch, machine, known, space, seed, threads)
     done: dict[int, Scanned] = {}
     for found in spread(task, list(enumerate(sizes)), 1, scheduler):
         done.setdefault(found.number, found)

@@ -6,16 +6,19 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
+from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.declared_studies import FilePath, refusing
 from mech_twin.studies.spreading import check_scheduler, spread, used_cores
-from mech_twin.studies.sweep_table import Point, Question, points, require_outputs, write_picture, write_table
+from mech_twin.studies.sweep_table import Point, Question, points, question, require_outputs, write_picture, write_table
 
 LARGEST_BATCH = 64
 WORTH_SPREADING_S = 3.0  # total work below which starting processes costs more than it saves
@@ -100,24 +103,55 @@ def journal_of(table: Path) -> Path:
     return table.with_name(table.name + ".partial")
 
 
-def swept(
-    asked: Question,
-    table: Path,
+@refusing()
+def sweep(
+    machine: str,
+    axes: Mapping[str, Sequence[float | int | str | bool]],
+    table: FilePath,
     *,
+    parameters: Parameters | None = None,
+    outputs: Sequence[str] = (),
+    duration_s: float = 0.0,
     cores: int | None = None,
     scheduler: str | None = None,
     picture: bool = True,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
-    """Compute every point not finished by an earlier run, and write table and plot; see `mech_twin.studies.sweep`.
+    """Compute the summary numbers of a machine over a grid of configuration keys; write a table and a plot.
+
+    An interrupted sweep continues where it stopped if it is called again with the same table.
 
     ``NAME.partial`` beside the table stores finished points until then.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue.
+    axes : mapping
+        Dotted configuration keys and the values each takes; several keys make a grid.
+    table : path
+        ``.parquet`` or ``.csv`` file to write.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    outputs : sequence of str
+        Names of the requested summary numbers; all if empty.
+    duration_s : float
+        Simulated time at each point, whose metrics are added to the summary; 0 for the report alone.
+    cores : int, optional
+        Processes to spread over; all cores if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler to use instead.
+    picture : bool
+        Whether to plot the table.
+    progress : callable, optional
+        ``progress(done, all)``.
 
     Raises
     ------
     StudyError
         If the file name has another suffix, or every point is rejected; then no table is written.
     """
+    table, asked = Path(table), question(machine, parameters or machine_parameters(machine), axes, outputs, duration_s)
     if table.suffix not in FORMATS:
         raise StudyError(f"{table}: expected a name that ends in {' or '.join(FORMATS)}")
     require_outputs(asked)

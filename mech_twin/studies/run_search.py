@@ -20,14 +20,15 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from mech_twin.capabilities.arguments import bounds_by_name, real_number
+from mech_twin.capabilities.arguments import GREATEST_SEED, bounds_by_name, real_number, whole_number
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import tell
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError, value_in
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MotionError, StudyError
-from mech_twin.parameters.load import catalogue_entry
+from mech_twin.parameters.load import catalogue_entry, machine_parameters
+from mech_twin.studies.declared_studies import refusing
 from mech_twin.studies.parameter_sweep import WORTH_SPREADING_S
 from mech_twin.studies.shorter_steps import checked_numbers
 from mech_twin.studies.spreading import spread, used_cores
@@ -159,14 +160,46 @@ def run_search(
     return RunSearch(asked, dict(bounds), objective, dict(limits), scales)
 
 
-def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, cores: int | None = None) -> Design:
-    """Return the best design within the limits.
+@refusing()
+def search_runs(
+    machine: str,
+    objective: str,
+    bounds: Mapping[str, tuple[float, float]],
+    *,
+    parameters: Parameters | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    duration_s: float = 0.0,
+    seed: int = 1,
+    cores: int | None = None,
+) -> Design:
+    """Return the best design of any machine by its report and simulated runs; the same for the same seed.
+
+    Parameters
+    ----------
+    machine : str
+        Machine of the catalogue, or the path of a page.
+    objective : str
+        Number of the report or of a run to minimise; with ``-`` before it, to maximise.
+    bounds : mapping
+        Lower and upper bound of each design key.
+    parameters : Parameters, optional
+        The rest of the configuration; the installed one if absent.
+    limits : mapping, optional
+        Lower and upper limits of numbers; infinite for none.
+    duration_s : float
+        Simulated time of each design; 0 for the report alone.
+    seed : int
+        Seed of the scan.
+    cores : int, optional
+        Processes to spread over; all cores if absent.
 
     Raises
     ------
     StudyError
         No design satisfies every limit; the message gives the nearest one.
     """
+    known, seed = parameters or machine_parameters(machine), whole_number("seed", seed, 0, GREATEST_SEED)
+    asked = run_search(machine, known, objective, bounds, limits or {}, duration_s)
     keys, workers = len(asked.bounds), used_cores(cores)
     power = min(SCAN_POWER + keys - 1, MOST_SCAN_POWER)
     places = qmc.Sobol(keys, scramble=True, seed=np.random.default_rng(seed)).random_base2(power)
@@ -192,7 +225,7 @@ def searched_by_runs(asked: RunSearch, parameters: Parameters, seed: int = 1, co
         nearest = ", ".join(f"{key} = {value:.6g}" for key, value in changes.items())
         shortfalls = ", ".join(f"{name} by {-margin:.4g}" for name, margin in broken.items())
         raise StudyError(f"no design keeps every limit; the nearest, {nearest}, misses {shortfalls}")
-    found = varied(parameters, changes)
+    found = varied(known, changes)
     return Design(changes, {asked.name: numbers[asked.name]}, margins, found, _checked(asked, found))
 
 
