@@ -72,32 +72,16 @@ class FaultLife(NamedTuple):
 
 def after_cycle(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
     """Return the fault after a cycle that ended at ``time_s``; ``seen`` is whether it was observed in it."""
-    step = {"cleared": _after_cleared, "pending": _after_pending, "active": _after_active, "latched": _after_latched}
-    return step[life.state](life, seen, time_s, rules)
-
-
-def _after_cleared(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
-    return _moved(life, "pending" if rules.debounce > 1 else "active", time_s, 1) if seen else life
-
-
-def _after_pending(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
+    if life.state == "active":
+        if seen or life.cycles + 1 < rules.clear:
+            return life._replace(cycles=0 if seen else life.cycles + 1)
+        return _moved(life, "cleared" if life.is_acknowledged else "latched", time_s)
     if not seen:
-        return _moved(life, "cleared", time_s)
-    if life.cycles + 1 < rules.debounce:
-        return life._replace(cycles=life.cycles + 1)
-    return _moved(life, "active", time_s)._replace(is_acknowledged=False)
-
-
-def _after_active(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
-    if seen:
-        return life._replace(cycles=0)
-    if life.cycles + 1 < rules.clear:
-        return life._replace(cycles=life.cycles + 1)
-    return _moved(life, "cleared" if life.is_acknowledged else "latched", time_s)
-
-
-def _after_latched(life: FaultLife, seen: bool, time_s: float, rules: LifeRules) -> FaultLife:
-    return _moved(life, "active", time_s)._replace(is_acknowledged=False) if seen else life
+        return _moved(life, "cleared", time_s) if life.state == "pending" else life
+    cycles = life.cycles + 1 if life.state == "pending" else 1
+    if life.state == "latched" or cycles >= rules.debounce:
+        return _moved(life, "active", time_s)._replace(is_acknowledged=False)
+    return life._replace(cycles=cycles) if life.state == "pending" else _moved(life, "pending", time_s, cycles)
 
 
 def acknowledged(life: FaultLife, time_s: float) -> FaultLife:

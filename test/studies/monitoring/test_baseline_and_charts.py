@@ -227,3 +227,14 @@ def test_a_shelved_fault_lives_on_unannounced_until_its_time() -> None:
     life = shelved(after_cycle(FaultLife("x"), True, 1.0, LifeRules(1, 1)), 10.0)
     assert life.state == "active"
     assert not life.is_announced(9.9) and life.is_announced(10.0)
+
+
+def test_a_fault_that_comes_again_is_not_acknowledged_even_where_one_cycle_makes_it_active() -> None:
+    rules, life = LifeRules(debounce=1, clear=2), FaultLife("worn")
+    life = acknowledged(after_cycle(life, True, 1.0, rules), 1.0)
+    for _ in range(2):
+        assert life.state == "active"
+        life = after_cycle(life, False, 2.0, rules)
+    assert life.state == "cleared"
+    again = after_cycle(life, True, 3.0, rules)
+    assert again.state == "active" and not again.is_acknowledged
