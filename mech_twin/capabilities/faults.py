@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.declarations.configuration_tree import configuration_tree, value_in
 from mech_twin.declarations.quantity import Parameters
 
 # usual sizes of a fault that is a share of a healthy value: a loss, or a change either way
@@ -46,10 +46,7 @@ class MachineFault(NamedTuple):
 
 def value_at(parameters: Parameters, key: str) -> Any:
     """Return the value of a dotted key."""
-    found: Any = configuration_tree(parameters)
-    for name in key.split("."):
-        found = found[name]
-    return found
+    return value_in(configuration_tree(parameters), key)
 
 
 def share_of_key(name: str, meaning: str, key: str, sizes: Sequence[float]) -> MachineFault:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
+from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat, value_in
 from mech_twin.declarations.quantity import Parameters
 
 Model = TypeVar("Model", bound=Parameters)
@@ -39,13 +39,7 @@ def scaled(parameters: Model, factors: Mapping[str, float]) -> Model:
         If the scaled configuration is invalid.
     """
     tree = configuration_tree(parameters)
-    changes = {}
-    for key, factor in factors.items():
-        value = tree
-        for name in key.split("."):
-            value = value[name]
-        changes[key] = float(value) * factor  # type: ignore[arg-type]
-    return varied(parameters, changes)
+    return varied(parameters, {key: float(value_in(tree, key)) * factor for key, factor in factors.items()})
 
 
 def corners(keys: Sequence[str], tolerance: float) -> Iterator[Factors]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ from mech_twin.cli.live_view import (
 from mech_twin.cli.measurement_verbs import ShadowVerb
 from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.cli.option_values import assigned
-from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree, value_in
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
@@ -160,14 +160,11 @@ def key_deviations(parameters: Parameters, words: Sequence[str]) -> dict[str, fl
 
 
 def _number_of(parameters: Parameters, word: str) -> float:
-    found: object = parameters
-    key = word.partition("=")[0]
-    for part in key.split("."):
-        inside = dict(found) if isinstance(found, Parameters | Mapping) else {}
-        if part not in inside:
-            hint = did_you_mean(key, key_units(type(parameters)))
-            raise CommandError(f"--uncertain {word}: the machine has no key '{key}'{hint}")
-        found = inside[part]
+    key = word.partition("=")[0].strip()
+    found = value_in(configuration_tree(parameters), key)
+    if found is None:
+        hint = did_you_mean(key, key_units(type(parameters)))
+        raise CommandError(f"--uncertain {word}: the machine has no key '{key}'{hint}")
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise CommandError(f"--uncertain {word}: expected a key that is a number, '{key}' is {found!r}")
     return float(found)

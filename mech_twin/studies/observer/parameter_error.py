@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mech_twin.capabilities.faults import value_at
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
@@ -24,6 +25,7 @@ from mech_twin.declarations.configuration_tree import (
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_steps import DONE, Indices
 from mech_twin.engine.sample_vectors import Array
+from mech_twin.parameters.errors import keys
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.model_run import ModelRun, StepBank, without_turns
 
@@ -68,20 +70,12 @@ class ParameterError:
         return int(_bins(row[None, :], self.angle, len(self.variance))[0])
 
 
-def uncertain_keys(parameters: Parameters, share: float, prefix: str = "") -> dict[str, float]:
+def uncertain_keys(parameters: Parameters, share: float) -> dict[str, float]:
     """Return the standard deviation of every key of a mass, force, stiffness or friction: this share of its value."""
-    found: dict[str, float] = {}
-    for name, field in type(parameters).model_fields.items():
-        value = getattr(parameters, name)
-        groups = {name: value} | ({f"{name}.{own}": of for own, of in value.items()} if isinstance(value, dict) else {})
-        for group, inside in groups.items():
-            if isinstance(inside, Parameters):
-                found |= uncertain_keys(inside, share, f"{prefix}{group}.")
-        extra = field.json_schema_extra
-        of_force = isinstance(extra, dict) and extra.get("unit") in OF_FORCES
-        if of_force and isinstance(value, float) and value != 0.0 and np.isfinite(value):
-            found[prefix + name] = share * abs(value)
-    return found
+    numbers = {
+        key.name: key.value for key in keys(parameters) if key.unit in OF_FORCES and isinstance(key.value, float)
+    }
+    return {name: share * abs(value) for name, value in numbers.items() if value != 0.0 and np.isfinite(value)}
 
 
 def parameter_error(
@@ -138,7 +132,7 @@ def changed_parameters(parameters: Parameters, key: str, deviation: float) -> Pa
     """Return the parameters with a key raised, or lowered if that is rejected; None if both are."""
     for sign in (1.0, -1.0):
         try:
-            return varied(parameters, {key: key_value(parameters, key) + sign * deviation})
+            return varied(parameters, {key: value_at(parameters, key) + sign * deviation})
         except ValueError:
             continue
     return None
@@ -153,7 +147,7 @@ def wrong_machine(
     """
     tree, random = configuration_tree(parameters), np.random.default_rng(seed)
     for key, deviation in uncertain_keys(parameters, share).items():
-        value = key_value(parameters, key) + deviation * random.standard_normal()
+        value = value_at(parameters, key) + deviation * random.standard_normal()
         changed = merged_tree(tree, tree_from_flat({key: value}))
         try:
             build(type(parameters).model_validate(changed))
@@ -161,14 +155,6 @@ def wrong_machine(
             continue
         tree = changed
     return build(type(parameters).model_validate(tree))
-
-
-def key_value(parameters: Parameters, key: str) -> float:
-    """Return the number of a configuration key."""
-    found: object = parameters
-    for word in key.split("."):
-        found = found[word] if isinstance(found, Mapping) else getattr(found, word)
-    return float(found)  # type: ignore[arg-type]
 
 
 def _stepped(bank: StepBank, run: ModelRun, steps: Indices) -> tuple[Array, Indices]:
