@@ -34,8 +34,8 @@ from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.shorter_steps import common_digits, in_common_digits
 from mech_twin.studies.sweep_table import Point
 
-RANGE = "from:to:count, from:to:count:log or a,b,c"
 MOST_VALUES = 1_000_000
+RANGE = f"from:to:count, from:to:count:log or a,b,c; 1 to {MOST_VALUES} finite values, above 0 where the range is log"
 DPI = 120
 MARGIN_DIGITS = 6  # beyond them a constraint binds
 MOST_ROWS = 1000  # of a table of a report; all of them are in the table that the study wrote
@@ -43,28 +43,16 @@ MOST_ROWS = 1000  # of a table of a report; all of them are in the table that th
 
 def axes_of(texts: Sequence[str]) -> dict[str, tuple[Any, ...]]:
     """Return keys and values of ``KEY=from:to:count``, ``KEY=from:to:count:log`` or ``KEY=a,b,c``."""
-    axes = {}
-    for text in texts:
-        key, equals, values = text.partition("=")
-        if not equals or not key.strip() or not values.strip():
-            raise CommandError(f"--over {text}: expected KEY={RANGE}")
-        if key.strip() in axes:
-            raise CommandError(f"--over {text}: key '{key.strip()}' stands twice; expected it once")
-        axes[key.strip()] = _range(text, values) if ":" in values else _list(text, values)
-    return axes
+    return assigned("--over", texts, f"KEY={RANGE}", lambda values: (_range if ":" in values else _list)(values))
 
 
-def _range(text: str, values: str) -> tuple[float, ...]:
-    parts = values.split(":")
-    logarithmic = len(parts) == 4 and parts[3] == "log"
-    try:
-        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
-    except (ValueError, IndexError) as error:
-        raise CommandError(f"--over {text}: expected {RANGE}") from error
-    if (len(parts) > 3 and not logarithmic) or not (math.isfinite(low) and math.isfinite(high)):
-        raise CommandError(f"--over {text}: expected {RANGE}, numbers finite")
+def _range(values: str) -> tuple[float, ...]:
+    first, last, number, *rest = values.split(":")
+    low, high, count, logarithmic = float(first), float(last), int(number), rest == ["log"]
+    if (rest and not logarithmic) or not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError(values)
     if not 1 <= count <= MOST_VALUES or (logarithmic and min(low, high) <= 0.0):
-        raise CommandError(f"--over {text}: expected 1 to {MOST_VALUES} values, above 0 where the range is log")
+        raise ValueError(values)
     if count == 1:
         return (low,)
     if logarithmic:
@@ -73,13 +61,13 @@ def _range(text: str, values: str) -> tuple[float, ...]:
     return (low, *(low + (high - low) * i / (count - 1) for i in range(1, count - 1)), high)
 
 
-def _list(text: str, values: str) -> tuple[Any, ...]:
+def _list(values: str) -> tuple[Any, ...]:
     try:
         found = scalar(f"[{values}]")
     except yaml.YAMLError as error:
-        raise CommandError(f"--over {text}: expected {RANGE}") from error
+        raise ValueError(values) from error
     if not found or not all(isinstance(value, int | float | str | bool) for value in found):
-        raise CommandError(f"--over {text}: expected {RANGE}")
+        raise ValueError(values)
     return tuple(found)
 
 
