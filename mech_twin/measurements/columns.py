@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mech_twin.declarations.captions import axis_title, titled, unit_of, unknown_name
 from mech_twin.errors import StudyError, UnknownNameError
+from mech_twin.files.report_page import shown
 from mech_twin.process.dependencies import require_extra
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Numbers(_WithUnits[Any]):
     def __repr__(self) -> str:
         width = max((len(name) for name in self._values), default=0)
         rows = [
-            f"  {name:<{width}}  {_shown(value)} {self._units[name]}".rstrip() for name, value in self._values.items()
+            f"  {name:<{width}}  {shown(value)} {self._units[name]}".rstrip() for name, value in self._values.items()
         ]
         return "\n".join([self.title, *rows])
 
@@ -144,7 +145,8 @@ class Columns(_WithUnits[NDArray[Any]]):
             raise StudyError(
                 f"{self.title}: no rows; JSON output holds those of a run with --samples, of an analysis with --cycle"
             )
-        chosen = list(names) or [name for name, column in self._values.items() if _varies(column)]
+        varying = (name for name, column in self._values.items() if column.ndim == 1 and column.dtype.kind in "iuf")
+        chosen = list(names) or [name for name in varying if np.ptp(self[name]) > 0.0]
         panels: dict[str, list[str]] = {}
         for name in chosen:
             if not isinstance(name, str):
@@ -164,10 +166,6 @@ def _frozen(column: Sequence[Any] | NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def _varies(column: NDArray[Any]) -> bool:
-    return bool(np.issubdtype(column.dtype, np.number) and column.ndim == 1 and np.ptp(column) > 0.0)
-
-
 def _arrow(values: Mapping[str, Sequence[Any] | NDArray[Any]], units: Mapping[str, str]) -> pyarrow.Table:
     require_extra("tables")
     import pyarrow as pa
@@ -177,7 +175,3 @@ def _arrow(values: Mapping[str, Sequence[Any] | NDArray[Any]], units: Mapping[st
         pa.field(name, array.type, metadata={"unit": units[name]}) for name, array in zip(values, arrays, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
-
-
-def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

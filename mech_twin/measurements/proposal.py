@@ -73,15 +73,13 @@ def proposed_channels(offered: Sequence[SourceColumn], columns: Mapping[str, str
     taken: dict[str, ProposedChannel] = {}
     for each in sorted(found, key=lambda item: -item.surety):
         taken.setdefault(each.column, each)
-    return [
-        each if taken[each.column] is each else _second(each, taken[each.column])
-        for each in found
-        if taken[each.column] is each or taken[each.column].surety < EXACT
-    ]
-
-
-def _second(each: ProposedChannel, first: ProposedChannel) -> ProposedChannel:
-    return replace(each, surety=UNSURE, reason=f"{each.column} is already {first.source.label!r}")
+    kept = []
+    for each in found:
+        if (first := taken[each.column]) is each:
+            kept.append(each)
+        elif first.surety < EXACT:
+            kept.append(replace(each, surety=UNSURE, reason=f"{each.column} is already {first.source.label!r}"))
+    return kept
 
 
 def _best(offered: SourceColumn, columns: Mapping[str, str]) -> ProposedChannel | None:

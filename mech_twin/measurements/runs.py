@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -68,30 +68,17 @@ def read_parts(reader: RunReader, measurement_map: MeasurementMap) -> list[Measu
     MeasurementError
         As in `read_run`.
     """
-    whole = read_run(reader, measurement_map)
-    if not any(channel.quality.back for channel in whole.channels):
-        return [whole]
-    blocks: list[list[Block]] = [[] for _ in measurement_map.channels]
-    for block in reader.blocks([channel.source for channel in measurement_map.channels], measurement_map.time):
-        blocks[block.channel].append(block)
-    times = [np.concatenate([NONE, *(block.times_s for block in each)]) for each in blocks]
-    values = [np.concatenate([NONE, *(block.values for block in each)]) for each in blocks]
-    cuts = [_restarts(each) for each in times]
+    raw = _read(reader, measurement_map)
+    whole, cuts = _whole(reader.path, raw), [_restarts(each.times_s) for each in raw]
     count = max(map(len, cuts))
     if count == 0:
         return [whole]
-    ends = [[*each, *[len(t)] * (count + 1 - len(each))] for each, t in zip(cuts, times, strict=True)]
-    begins = [[0, *each[:-1]] for each in ends]
-    return [
-        MeasuredRun(
-            reader.path,
-            tuple(
-                MeasuredChannel(c.channel, *_believed(c.channel, t[b[part] : e[part]], x[b[part] : e[part]]), c.quality)
-                for c, t, x, b, e in zip(whole.channels, times, values, begins, ends, strict=True)
-            ),
-        )
-        for part in range(count + 1)
+    ends = [[*own, *[len(each.times_s)] * (count + 1 - len(own))] for own, each in zip(cuts, raw, strict=True)]
+    parts = [
+        [_believed(each, begin, end) for begin, end in zip([0, *own[:-1]], own, strict=True)]
+        for each, own in zip(raw, ends, strict=True)
     ]
+    return [MeasuredRun(reader.path, channels) for channels in zip(*parts, strict=True)]
 
 
 def _restarts(times: Array) -> list[int]:
@@ -129,6 +116,11 @@ def read_run(reader: RunReader, measurement_map: MeasurementMap) -> MeasuredRun:
     MeasurementError
         A source is missing; a channel is unusable (too few samples, constant, stamps that go back); too many samples.
     """
+    return _whole(reader.path, _read(reader, measurement_map))
+
+
+def _read(reader: RunReader, measurement_map: MeasurementMap) -> list[MeasuredChannel]:
+    """Return the channels of a run as they are: all stamps, and values in their own units."""
     channels = measurement_map.channels
     gauges = [QualityGauge() for _ in channels]
     parts: list[list[Block]] = [[] for _ in channels]
@@ -139,8 +131,18 @@ def read_run(reader: RunReader, measurement_map: MeasurementMap) -> MeasuredRun:
         count += len(block.times_s)
         if count > MOST_SAMPLES:
             raise MeasurementError(reader.path, f"holds more than {MOST_SAMPLES} samples; cut it into several runs")
-    found = zip(channels, parts, (gauge.quality() for gauge in gauges), strict=True)
-    return MeasuredRun(reader.path, tuple(_measured(reader.path, *each) for each in found))
+    times = (np.concatenate([NONE, *(block.times_s for block in each)]) for each in parts)
+    values = (np.concatenate([NONE, *(block.values for block in each)]) for each in parts)
+    return list(map(MeasuredChannel, channels, times, values, (gauge.quality() for gauge in gauges)))
+
+
+def _whole(path: Path, raw: Sequence[MeasuredChannel]) -> MeasuredRun:
+    for each in raw:
+        require_usable(path, each.channel, each.quality)
+    found = tuple(map(_believed, raw))
+    for each in found:
+        _require_many(path, each.channel, len(each.times_s))
+    return MeasuredRun(path, found)
 
 
 def require_usable(path: Path, channel: Channel, quality: Quality) -> None:
@@ -174,17 +176,9 @@ def _require_many(path: Path, channel: Channel, usable: int) -> None:
         )
 
 
-def _measured(path: Path, channel: Channel, blocks: Sequence[Block], quality: Quality) -> MeasuredChannel:
-    require_usable(path, channel, quality)
-    times = np.concatenate([NONE, *(block.times_s for block in blocks)])
-    values = np.concatenate([NONE, *(block.values for block in blocks)])
-    at_s, shown = _believed(channel, times, values)
-    _require_many(path, channel, len(at_s))
-    return MeasuredChannel(channel, at_s, shown, quality)
-
-
-def _believed(channel: Channel, times: Array, values: Array) -> tuple[Array, Array]:
-    """Return times and values of finite samples with ascending stamps: SI units, unwrapped, known lag subtracted."""
+def _believed(raw: MeasuredChannel, begin: int = 0, end: int | None = None) -> MeasuredChannel:
+    """Return finite samples with ascending stamps: SI units, unwrapped, known lag subtracted."""
+    channel, times, values = raw.channel, raw.times_s[begin:end], raw.values[begin:end]
     finite = np.isfinite(values) & np.isfinite(times)
     times, values = times[finite], values[finite]
     rising = np.diff(np.maximum.accumulate(times), prepend=-np.inf) > 0.0
@@ -192,7 +186,7 @@ def _believed(channel: Channel, times: Array, values: Array) -> tuple[Array, Arr
     if is_angle(channel.quantity) and len(values) and np.ptp(values) <= range_of_turn(channel):
         values = _unwrapped(times, values, TURN / size_of_count(channel))
     shown = np.asarray(channel.to_machine(values), dtype=np.float64)
-    return times - fixed(channel.lag_s, 0.0), shown
+    return replace(raw, times_s=times - fixed(channel.lag_s, 0.0), values=shown)
 
 
 def size_of_count(channel: Channel) -> float:

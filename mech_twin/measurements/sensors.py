@@ -28,7 +28,7 @@ from mech_twin.engine.rollout import RollOut
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import TIME_COLUMN, Channel, MeasurementMap, Source
-from mech_twin.measurements.units import EVENT, TIME_UNITS, is_angle, is_event
+from mech_twin.measurements.units import EVENT, TIME_UNITS, is_angle, is_event, joint_column
 from mech_twin.process.closing import Closing
 from mech_twin.process.dependencies import require_extra
 from mech_twin.samples import Event, Frame
@@ -122,7 +122,7 @@ class SensorBench:
         ]
         self._needed = {channel.quantity for _, channel in sampled}
         self._angles = {name for name in self._needed if is_angle(name)}
-        self._shortest_lag = min((_number(channel.lag_s) for channel in self.sensors.channels), default=0.0)
+        self._shortest_lag = min((float(channel.lag_s) for channel in self.sensors.channels), default=0.0)
         for clock in self._clocks:
             self._set_instant(clock)
 
@@ -135,7 +135,8 @@ class SensorBench:
             while clock.at_s <= time_s + 1e-12:
                 if not clock.dropped and clock.at_s >= 0.0:
                     self._sample(clock, now, smooth=not events)
-                self._advance(clock)
+                clock.index += 1
+                self._set_instant(clock)
         for event in events:
             self._show_event(event)
         self._before = now
@@ -149,9 +150,10 @@ class SensorBench:
         """Return the measured columns of a frame, angles unwrapped."""
         row = {name: value for name, value in frame_numbers(frame) if name in self._needed or name == "time_s"}
         for column in self._needed:
-            role, _, rest = column.partition(".")
-            if rest.endswith(".position"):
-                row[f"{column[: -len('position')]}velocity"] = _velocity(frame, role, rest.partition(".")[0])
+            parts = joint_column(column)
+            if parts is not None and parts.field == "position":
+                sample = getattr(frame, parts.role)
+                row[f"{parts.role}.{parts.joint}.velocity"] = float(sample.velocity[sample.joints.index(parts.joint)])
         for name in self._angles:
             jump = row[name] + self._turns.get(name, 0.0) - self._before.get(name, row[name])
             self._turns[name] = self._turns.get(name, 0.0) - TURN * round(jump / TURN)
@@ -165,16 +167,12 @@ class SensorBench:
         clock.at_s = clock.index * interval + min(max(jitter, -bound), bound)
         clock.dropped = clock.random.random() < clock.first.drop
 
-    def _advance(self, clock: _Clock) -> None:
-        clock.index += 1
-        self._set_instant(clock)
-
     def _sample(self, clock: _Clock, now: Mapping[str, float], *, smooth: bool) -> None:
         values = []
         for place, channel in clock.channels:
             value = self._between(channel.quantity, now, clock.at_s, smooth)
             values.append(self._shown(place, channel, value))
-        stamp_s = clock.at_s + _number(clock.first.lag_s)
+        stamp_s = clock.at_s + float(clock.first.lag_s)
         self._push(Reading(stamp_s, tuple(channel.source for _, channel in clock.channels), tuple(values)))
 
     def _between(self, column: str, now: Mapping[str, float], at_s: float, smooth: bool) -> float:
@@ -207,7 +205,7 @@ class SensorBench:
             value = self._shown(place, channel, self._of_event(event, what))
             key = channel.source.model_copy(update={"field": None}) if channel.source.topic else channel.source
             together.setdefault(key, []).append((channel.source, value))
-            stamp_s = event.time_s + _number(channel.lag_s)
+            stamp_s = event.time_s + float(channel.lag_s)
         for shown in together.values():
             self._push(Reading(stamp_s, tuple(source for source, _ in shown), tuple(value for _, value in shown)))
 
@@ -222,15 +220,6 @@ class SensorBench:
     def _given_out(self, horizon_s: float) -> Iterator[Reading]:
         while self._waiting and self._waiting[0][0] <= horizon_s:
             yield heapq.heappop(self._waiting)[2]
-
-
-def _velocity(frame: Frame, role: str, joint: str) -> float:
-    sample = getattr(frame, role)
-    return float(sample.velocity[sample.joints.index(joint)])
-
-
-def _number(value: float | str) -> float:
-    return float(value)
 
 
 def _check_sensors(sensors: MeasurementMap, gauge: BlowGauge | None) -> None:

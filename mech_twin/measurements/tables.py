@@ -6,7 +6,7 @@ from __future__ import annotations
 import csv
 import re
 from codecs import getincrementaldecoder
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
 from io import SEEK_END, TextIOWrapper
 from itertools import islice, pairwise
@@ -32,6 +32,8 @@ BLOCK_BYTES = 1 << 20
 BATCH_ROWS = 1 << 16
 NO_VALUE = ("", "-", "--", "---", "na", "n/a", "#n/a", "null", "none")  # in any case, with a blank at either end
 ROW = re.compile(r"Row #(\d+)")
+CASES = [case(word) for word in NO_VALUE for case in (str.lower, str.upper, str.title)]
+SPELLINGS = [f"{before}{word}{after}" for word in CASES for before in ("", " ") for after in ("", " ")]
 WRONG_CELL = re.compile(
     r"CSV column #(\d+): line (\d+): CSV conversion error to double: invalid value '(.*)'", re.DOTALL
 )
@@ -43,8 +45,7 @@ def is_table(path: Path) -> bool:
     if path.is_dir():
         return False
     try:
-        with opened_input(path) as stream:
-            head = stream.read(HEAD_BYTES)
+        head = _head(path)
     except OSError:
         return path.suffix.lower() in TABLE_SUFFIXES
     if path.suffix.lower() in TABLE_SUFFIXES and not head.startswith(BAG_MAGICS):
@@ -52,13 +53,9 @@ def is_table(path: Path) -> bool:
     return head.startswith(PARQUET_MAGIC) or (b"\x00" not in head and bool(head.strip()))
 
 
-def _is_parquet(path: Path) -> bool:
-    """Return whether a file is Parquet, by its first bytes or its suffix."""
-    try:
-        with opened_input(path) as stream:
-            return stream.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC or path.suffix.lower() == ".parquet"
-    except OSError:
-        return False
+def _head(path: Path) -> bytes:
+    with opened_input(path) as stream:
+        return stream.read(HEAD_BYTES)
 
 
 class TableReader:
@@ -80,7 +77,12 @@ class TableReader:
         self.path = path
         if not path.is_file():
             raise MeasurementError(path, "there is no such table")
-        self._text = None if _is_parquet(path) else _TextForm(path)
+        try:
+            head = _head(path)
+        except OSError as error:
+            raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
+        is_parquet = head.startswith(PARQUET_MAGIC) or path.suffix.lower() == ".parquet"
+        self._text = None if is_parquet else _TextForm(path, head)
         types = {each.name: each.type for each in self._parquet().schema_arrow} if self._text is None else {}
         self.columns = tuple(types) if self._text is None else self._text.columns
         self._clocks = {name: kind.unit for name, kind in types.items() if _is_time(kind)}
@@ -163,13 +165,9 @@ class TableReader:
 class _TextForm:
     """Format of a text table: delimiter, decimal sign, names of the columns."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, head: bytes) -> None:
         self._path = path
-        try:
-            with opened_input(path) as stream:
-                head = stream.read(HEAD_BYTES).rstrip(b"\x00")  # a file system may leave them where power failed
-        except OSError as error:
-            raise MeasurementError(path, f"cannot be read ({error.strerror})") from error
+        head = head.rstrip(b"\x00")  # a file system may leave them where power failed
         if b"\x00" in head:
             raise MeasurementError(path, "is no text; expected a table of numbers with a header line")
         lines = _decoded(head).splitlines(keepends=True)
@@ -220,7 +218,7 @@ class _TextForm:
             convert_options=arrow_csv.ConvertOptions(
                 include_columns=names,
                 column_types=dict.fromkeys(names, pa.float64()),
-                null_values=_spellings(NO_VALUE),
+                null_values=SPELLINGS,
                 decimal_point=self._decimal,
             ),
         )
@@ -264,11 +262,6 @@ def _delimiter(lines: list[str]) -> str:
     """Return the delimiter, from the middle line; a comma may be the decimal sign beside others."""
     line = lines[len(lines) // 2]
     return next((sign for sign in "\t;" if sign in line), ",")
-
-
-def _spellings(words: Iterable[str]) -> list[str]:
-    cases = [case(word) for word in words for case in (str.lower, str.upper, str.title)]
-    return [f"{before}{word}{after}" for word in cases for before in ("", " ") for after in ("", " ")]
 
 
 def _most(row: list[str], test: Callable[[str], bool]) -> bool:
