@@ -22,8 +22,7 @@ from mech_twin.capabilities.cycle_kernels import (
     Array,
     fourier_coefficient,
     lead,
-    mean_of_largest,
-    mean_of_smallest,
+    mean_of_ordered,
     phase_weights,
     weight_above,
     weighted_sum,
@@ -188,7 +187,7 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
 def _extreme(values: Array, share: float) -> float:
     """Return the mean of the given share of largest values; of the smallest for a negative share."""
     count = max(1, round(abs(share) * len(values)))
-    return mean_of_largest(values, count) if share > 0.0 else mean_of_smallest(values, count)
+    return mean_of_ordered(values, len(values) - count if share > 0.0 else 0, count)
 
 
 def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:

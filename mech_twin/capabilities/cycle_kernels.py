@@ -61,21 +61,11 @@ def lead(times_s: Array, phase_rad: Array, begin_s: float, period_s: float) -> t
 
 
 @kernel
-def mean_of_largest(values: Array, count: int) -> float:
-    """Return the mean of the ``count`` largest values."""
+def mean_of_ordered(values: Array, first: int, count: int) -> float:
+    """Return the mean of ``count`` values from the ``first`` on, in ascending order."""
     ordered = np.sort(values)
     total = 0.0
-    for i in range(len(ordered) - count, len(ordered)):
-        total += ordered[i]
-    return total / count
-
-
-@kernel
-def mean_of_smallest(values: Array, count: int) -> float:
-    """Return the mean of the ``count`` smallest values."""
-    ordered = np.sort(values)
-    total = 0.0
-    for i in range(count):
+    for i in range(first, first + count):
         total += ordered[i]
     return total / count
 

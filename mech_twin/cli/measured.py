@@ -78,7 +78,10 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
             none = f"none of its channels has a name of {built.name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
-    qualities = {path: _qualities(path, proposed) for path in measurements}
+    qualities: dict[Path, tuple[Quality, ...]] = {}
+    for path in measurements:
+        with opened_run(path) as reader:
+            qualities[path] = tuple(channel_qualities(reader, proposed))
     run, problems = None, [f"{measurements[0]}: {NOT_COMPARED}"]
     if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
         try:
@@ -112,11 +115,6 @@ def runs_of_map(map_file: Path | None, built: Machine, otherwise: str = "a bag o
     if not named:
         raise CommandError(f"expected at least one run, {otherwise}; or `runs` in the map")
     return [Path(run) for run in named]
-
-
-def _qualities(path: Path, given: MeasurementMap) -> tuple[Quality, ...]:
-    with opened_run(path) as reader:
-        return tuple(channel_qualities(reader, given))
 
 
 def _moving(
@@ -266,13 +264,12 @@ def analyse_measured(request: ReplayVerb, map_file: Path) -> None:
 def _show_compared(compared: Sequence[Compared], units: Mapping[str, str]) -> None:
     heads = ("channel", "samples", "rms off", "unit", "share", "correlation", "found")
     shown = len(heads) if any(each.found for each in compared) else -1
-    rows = [(e.name, e.samples, e.rms, units[e.name], e.share, e.correlation, _listed(e.found)) for e in compared]
+    rows = []
+    for e in compared:
+        found = ", ".join(f"{name} {rounded(number)}" for name, number in e.found.items())
+        rows.append((e.name, e.samples, e.rms, units[e.name], e.share, e.correlation, found))
     if rows:
         print_table("measured, beside the model in the same motion", heads[:shown], [row[:shown] for row in rows])
-
-
-def _listed(numbers: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {rounded(number)}" for name, number in numbers.items())
 
 
 def show_measured(scene: BenchScene | RerunScene, read: Read, stop: StopSignal) -> None:

@@ -11,7 +11,6 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
@@ -55,8 +54,9 @@ class SweepJournal:
             with self._path.open("r+b") as stream:
                 stream.truncate(len(whole))
         for line in lines[1:]:
-            found = _point(json.loads(line))
-            self.finished.setdefault(found.index, found)
+            known = json.loads(line)
+            numbers = {name: float(value) for name, value in known["numbers"].items()}
+            self.finished.setdefault(known["index"], Point(known["index"], numbers, known["refused"]))
 
     def add(self, found: Iterable[Point]) -> int:
         """Write points that are new; return their number."""
@@ -76,10 +76,6 @@ class SweepJournal:
         """Close and remove the file, after the table of the sweep was written."""
         self.close()
         self._path.unlink()
-
-
-def _point(record: dict[str, Any]) -> Point:
-    return Point(record["index"], {name: float(v) for name, v in record["numbers"].items()}, record["refused"])
 
 
 @dataclass(frozen=True)

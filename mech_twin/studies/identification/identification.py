@@ -155,7 +155,8 @@ def identified(
             break
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known, search, progress)
-    parameters = _found(question, keys)
+    values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}  # the others keep their values
+    parameters = question.of(values).keyed.parameters(list(values.values())) if values else question.base
     progress("what was held out")
     held, before = _scores(question, parameters, fitted_runs, held_runs, later)
     count = len(chosen)
@@ -217,12 +218,6 @@ def _fit_of_fewer(
     start = carried_over(around.fitted, problem.unknowns)
     start[problem.unknowns.places(KEY)] = values / problem.unknowns.scales[: len(chosen)]
     return refined(problem, start, progress)
-
-
-def _found(question: IdentificationQuestion, keys: Sequence[KeyVerdict]) -> Parameters:
-    """Return the resulting configuration: keys without a usable estimate keep their values."""
-    values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}
-    return question.of(values).keyed.parameters(list(values.values())) if values else question.base
 
 
 def _scores(

@@ -122,7 +122,8 @@ def _ends(
             progress(f"further starts: {off or 'from elsewhere'}")
             part = stage_part(problem, share, found[0].x)
             found = sorted([*found, *fits(_further(part, found, share, seed + stage, widely), share)], key=noise_misfit)
-        survivors = _distinct(found)
+        near = [each for each in found if noise_misfit(each) <= WITHIN * noise_misfit(found[0])]
+        survivors = [valley[0].x for valley in _valleys(near)[:SURVIVORS]]
         if SHORTEST <= share < 1.0 and _bends(found[0]):
             progress(f"first {100.0 * share:.0f} % of the runs alone: later the motion forgets nothing")
             first = problem.over(found[0].problem.runs)  # without the priors of a stage
@@ -133,12 +134,6 @@ def _ends(
 def _bends(best: Fitted) -> bool:
     """Return whether noise explains the fit, and the response to the keys is strongly curved at its end."""
     return refutation(best) is None and best.problem.curvature(best.x, best.comparison) > BENDING
-
-
-def _distinct(found: list[Fitted]) -> list[Array]:
-    """Return the unknowns of the best fits, one for each local minimum."""
-    near = [each for each in found if noise_misfit(each) <= WITHIN * noise_misfit(found[0])]
-    return [valley[0].x for valley in _valleys(near)[:SURVIVORS]]
 
 
 def _valleys(found: list[Fitted]) -> list[list[Fitted]]:

@@ -135,8 +135,10 @@ def _stated(form: str, values: Array, names: Sequence[str], half_widths: Array) 
     exact = np.where(np.abs(exact * (here[1:] / size if form == SUM else 1.0)) > LEAST_WEIGHT, exact, 0.0)
     kept = np.flatnonzero([1.0, *exact])
     spans = []
-    for rule in (_simple, _three_digits):
-        weights = np.array([1.0, *map(rule, exact)])[kept]
+    digits = [round(weight, 3) for weight in exact.tolist()]
+    simple = [float(Fraction(weight).limit_denominator(LARGEST_DENOMINATOR)) for weight in exact.tolist()]
+    for rule in ([one or other for one, other in zip(simple, digits, strict=True)], digits):
+        weights = np.array([1.0, *rule])[kept]
         change = moved[:, kept] @ weights
         spans.append((weights, np.array([change.min(), change.max()]) + reach))
     weights, span = spans[0] if np.ptp(spans[0][1]) <= WIDER * np.ptp(spans[1][1]) else spans[1]
@@ -163,14 +165,6 @@ def _formula(form: str, names: Sequence[str], weights: Array, values: Array) -> 
             power = "" if weight == 1.0 else f"^{weight:.3g}"
             words.append((name if value > 0.0 else f"|{name}|") + power)
     return " ".join(words)
-
-
-def _simple(weight: float) -> float:
-    return float(Fraction(weight).limit_denominator(LARGEST_DENOMINATOR)) or _three_digits(weight)
-
-
-def _three_digits(weight: float) -> float:
-    return round(float(weight), 3)
 
 
 @dataclass(frozen=True)

@@ -233,7 +233,9 @@ def alerts_of(
     alerts = []
     for life in lives:
         best = next((c for c in found.candidates if life.name in (found.finding, c.name)), None)
-        size, low, high = (None, None, None) if best is None else map(_finite, best[1:4])
+        size, low, high = (
+            (None, None, None) if best is None else (each if isfinite(each) else None for each in best[1:4])
+        )
         alarm = life.is_announced(now_s) and not life.is_acknowledged
         alerts.append(
             Alert(
@@ -250,7 +252,3 @@ def alerts_of(
             )
         )
     return tuple(alerts)
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None

@@ -140,7 +140,8 @@ def judged_member(name: str, setup: MonitorSetup, recordings: Mapping[str, Seque
     recording, alarm = next(((where, each) for where, each in reversed(alarms) if each.finding == finding), ("", None))
     if alarm is None:
         return FleetMember(name, cycles, finding, shift=shift)
-    return FleetMember(name, cycles, finding, _only(alarm), recording, alarm.onset_s, shift)
+    only = alarm.candidates[0] if len(alarm.candidates) == 1 else None
+    return FleetMember(name, cycles, finding, only, recording, alarm.onset_s, shift)
 
 
 def late_shift(setup: MonitorSetup, vectors: Sequence[FeatureVector]) -> dict[str, float]:
@@ -187,10 +188,6 @@ def _verdict(member: FleetMember, apart: float, limit: float, confirming: float)
 def _spread(left: Array) -> Array:
     """Return the robust standard deviation of each feature over the fleet, at least that of the mean of late cycles."""
     return np.asarray(np.maximum(NORMAL * np.median(np.abs(left), axis=0), 1.0 / np.sqrt(LATE_CYCLES)))
-
-
-def _only(alarm: Alarm) -> Candidate | None:
-    return alarm.candidates[0] if len(alarm.candidates) == 1 else None
 
 
 def _order(sister: Sister) -> tuple[int, float, str]:
