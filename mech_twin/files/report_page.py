@@ -19,7 +19,7 @@ table { border-collapse: collapse; margin: 1rem 0; font-size: 0.92rem }
 th, td { border-bottom: 1px solid #ddd; padding: 0.25rem 0.7rem; text-align: right; overflow-wrap: break-word }
 th { overflow-wrap: anywhere; min-width: 4.5em }
 th:first-child, td:first-child, td.words { text-align: left }
-.identified { color: #006b4c; font-weight: 600 } .other { color: #a04500 }
+td.verdict { color: #a04500 } td.identified { color: #006b4c; font-weight: 600 }
 svg, img { max-width: 100%; height: auto }
 .row { display: flex; align-items: flex-start } .row svg { min-width: 0 }
 @page { margin: 12mm }
@@ -30,6 +30,7 @@ svg, img { max-width: 100%; height: auto }
   tr, figure, svg, img { break-inside: avoid } h2, h3 { break-after: avoid } thead { display: table-header-group }
 }
 """
+WORDS = ("combination", "holds for", "would also identify")  # heads of columns that hold words
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>{style}</style></head>
 <body><h1>{title}</h1>
@@ -53,8 +54,15 @@ def section(title: str, heads: Sequence[str], rows: Sequence[Sequence[Any]]) -> 
     if not rows:
         return ""
     head = "".join(f"<th>{escape(each)}</th>" for each in heads)
-    body = "".join("<tr>" + "".join(f"<td>{escape(shown(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join("<tr>" + "".join(map(_cell, heads, row)) + "</tr>" for row in rows)
     return f"<h2>{escape(title)}</h2><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cell(head: str, value: Any) -> str:
+    """Return a cell: words of a column in `WORDS` from the left, a verdict in its colour."""
+    kind = f"verdict {value}" if head == "verdict" else "words" if head in WORDS else ""
+    mark = f' class="{escape(kind)}"' if kind else ""
+    return f"<td{mark}>{escape(shown(value))}</td>"
 
 
 def shown(value: Any) -> str:

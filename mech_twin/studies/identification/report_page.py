@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style
-from mech_twin.files.report_page import page
+from mech_twin.files.report_page import page, section
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.units import UNITS, shown_unit
 from mech_twin.studies.identification.held_out import beside
@@ -50,8 +50,7 @@ def report_page(found: Identification, runs: Sequence[str], held_out: Sequence[s
         f"{outcome}. {found.model_runs} runs of the model, {found.seconds:.1f} s, seed {found.question.seed}.</p>"
     )
     head += f"<p>{escape(search_words(found.search))}</p>"
-    parts = [head, "<h2>Parameters</h2>", _verdict_table(found), *_pictures(found), "<h2>Held out</h2>", _scores(found)]
-    return page(title, [*parts, _further_sensors(helps)])
+    return page(title, [head, _verdicts(found), *_pictures(found), _scores(found), _further_sensors(helps)])
 
 
 def search_words(search: Search) -> str:
@@ -64,41 +63,17 @@ def search_words(search: Search) -> str:
     return f"{ends}; the misfit of the second best is {search.margin:.3g} times as large."
 
 
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
-    body = "".join("<tr>" + "".join(row) + "</tr>" for row in rows)
-    return f"<table><tr>{head}</tr>{body}</table>"
-
-
-def _cell(value: Any, kind: str = "") -> str:
-    shown = f"{value:.6g}" if isinstance(value, float) else escape(str(value))
-    return f'<td class="{kind}">{shown}</td>' if kind else f"<td>{shown}</td>"
-
-
-def _verdict_table(found: Identification) -> str:
+def _verdicts(found: Identification) -> str:
     known = intervals_before(found.question)
+    heads = ("key", "before", "95 % or bounds before", "estimate", "95 % after", "verdict")
     rows = [
-        [
-            *map(_cell, (key.key, key.before, _ends(*known[key.key]), key.estimate, _ends(key.low_95, key.high_95))),
-            _cell(key.verdict, "identified" if key.verdict == IDENTIFIED else "other"),
-        ]
-        for key in found.keys
+        (k.key, k.before, _ends(*known[k.key]), k.estimate, _ends(k.low_95, k.high_95), k.verdict) for k in found.keys
     ]
-    tables = _table(("key", "before", "95 % or bounds before", "estimate", "95 % after", "verdict"), rows)
     reasons = [f"<b>{escape(k.key)}</b>: {escape(k.reason)}" for k in found.keys if k.verdict != IDENTIFIED]
-    tables += f"<p>{'.<br>'.join(reasons)}.</p>" if reasons else ""
-    if found.combinations:
-        heads = ("combination", "estimate", "95 % from", "to", "holds for")
-        combined = [
-            [
-                _cell(c.formula, "words"),
-                *map(_cell, (c.estimate, c.low_95, c.high_95)),
-                _cell(c.condition, "words"),
-            ]
-            for c in found.combinations
-        ]
-        tables += "<h3>Identifiable in combination</h3>" + _table(heads, combined)
-    return tables
+    heads_of_combinations = ("combination", "estimate", "95 % from", "to", "holds for")
+    combined = [(c.formula, c.estimate, c.low_95, c.high_95, c.condition) for c in found.combinations]
+    parts = [section("Parameters", heads, rows), f"<p>{'.<br>'.join(reasons)}.</p>" if reasons else ""]
+    return "".join([*parts, section("Identifiable in combination", heads_of_combinations, combined)])
 
 
 def _ends(low: float, high: float) -> str:
@@ -107,12 +82,10 @@ def _ends(low: float, high: float) -> str:
 
 def _scores(found: Identification) -> str:
     if found.held_out is None or found.before is None:
-        return "<p>Nothing was held out.</p>"
-    rows = [
-        [_cell(each) for each in (one.channel, one.fit_percent, other.fit_percent, 0.0, one.white_p)]
-        for one, other in zip(found.held_out.channels, found.before.channels, strict=True)
-    ]
-    table = _table(("channel", "fit, %", "before", "constant", "white (p)"), rows)
+        return "<h2>Held out</h2><p>Nothing was held out.</p>"
+    pairs = zip(found.held_out.channels, found.before.channels, strict=True)
+    rows = [(one.channel, one.fit_percent, other.fit_percent, 0.0, one.white_p) for one, other in pairs]
+    table = section("Held out", ("channel", "fit, %", "before", "constant", "white (p)"), rows)
     if found.held_out.event_time_rms_s is None:
         return table
     return table + (
@@ -122,12 +95,9 @@ def _scores(found: Identification) -> str:
 
 
 def _further_sensors(helps: Sequence[Help]) -> str:
-    rows = [
-        [_cell(each.what), _cell(", ".join(each.identified) or "-", "words"), _cell(float(f"{each.narrowed:.3g}"))]
-        for each in helps[:MOST_SENSORS]
-    ]
+    rows = [(each.what, ", ".join(each.identified) or "-", f"{each.narrowed:.3g}") for each in helps[:MOST_SENSORS]]
     heads = ("one more sensor", "would also identify", "intervals narrower by")
-    return "<h2>What one more sensor would give</h2>" + _table(heads, rows) if rows else ""
+    return section("What one more sensor would give", heads, rows)
 
 
 def _pictures(found: Identification) -> list[str]:
