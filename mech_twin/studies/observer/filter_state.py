@@ -16,7 +16,6 @@ with another number of events is replaced by the one in the opposite direction.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -239,12 +238,3 @@ def output_variance(prediction: Prediction, state: FilterState, effect: Array, b
     crossed = ((prediction.slopes @ state.with_keys) * effect).sum(axis=1)
     found: Array = np.maximum(spread + 2.0 * crossed + by_keys, 0.0)
     return found
-
-
-def observation(
-    places: Sequence[int], values: Sequence[float], variances: Sequence[float], after_s: Sequence[float]
-) -> Observation:
-    """Return the channels of a sample as arrays."""
-    return Observation(
-        np.array(places, dtype=np.int64), np.array(values, float), np.array(variances, float), np.array(after_s, float)
-    )

@@ -25,7 +25,7 @@ from mech_twin.studies.observer.estimate import (
     SensedChannel,
     located,
 )
-from mech_twin.studies.observer.filter_state import FilterState, Prediction, SaltedFilter, observation, output_variance
+from mech_twin.studies.observer.filter_state import FilterState, Observation, Prediction, SaltedFilter, output_variance
 from mech_twin.studies.observer.model_run import AnchorNow, RegimeByAngle, model_run, without_turns
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
 from mech_twin.studies.observer.state_space import state_space, undetermined
@@ -262,12 +262,8 @@ class PhaseLockedObserver:
         by_parameters = self.parameters.at(self._ahead.row) + self._within_step(sample.time_s - at_s)
         places = self.places[list(sample.channels)]
         sigma = np.array([self.channels[channel].sigma for channel in sample.channels])
-        seen = observation(
-            places.tolist(),
-            sample.values,
-            (sigma**2 + by_parameters[places]).tolist(),
-            [sample.time_s - at_s] * len(places),
-        )
+        variances, after_s = sigma**2 + by_parameters[places], np.full(len(places), sample.time_s - at_s)
+        seen = Observation(places, np.array(sample.values, float), variances, after_s)
         effect = self.parameters.effect_at(self._ahead.row)
         now = self._filter.corrected(self._base, self._ahead, seen, effect, self._rates, self.target)
         self._base, self._ahead = now.state, now.prediction
