@@ -11,8 +11,9 @@ from itertools import repeat
 from math import inf, nan
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from mech_twin.capabilities.design import Design, InShorterSteps
@@ -38,7 +39,12 @@ from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
 from mech_twin.samples import Event
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
-from mech_twin.studies.identification.written_identification import SavedIdentification, identification_read
+from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
+from mech_twin.studies.identification.identification import Identification
+from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.verdicts import Combination, KeyVerdict
+from mech_twin.studies.identification.written_identification import SavedIdentification
 from mech_twin.studies.monitoring.fleet import Fleet
 from mech_twin.studies.run_comparison import Comparison, Differing
 
@@ -61,7 +67,10 @@ def read_as(kind: type[Read], document: Any) -> Read:
 
 
 def _filled(kind: Any, value: Any, absent: float = nan) -> Any:
-    """Return a value with ``absent`` for null, and without keys that the type does not have."""
+    """Return a value with ``absent``, or the number of an annotation, for null; without keys unknown to the type."""
+    if get_origin(kind) is Annotated:
+        kind, *marks = get_args(kind)
+        absent = next((mark for mark in marks if isinstance(mark, float)), absent)
     inside = get_args(kind)
     if kind is float:
         return absent if value is None else value
@@ -78,7 +87,7 @@ def _filled(kind: Any, value: Any, absent: float = nan) -> Any:
     if hasattr(kind, "model_fields"):  # rejects unknown keys itself
         hints = {name: field.annotation for name, field in kind.model_fields.items()}
     elif is_dataclass(kind) or hasattr(kind, "_fields"):
-        hints = get_type_hints(kind)
+        hints = get_type_hints(kind, include_extras=True)
         value = {key: one for key, one in value.items() if key in hints}
     return {key: _filled(hints.get(key), one, defaults.get(key, nan)) for key, one in value.items()}
 
@@ -212,7 +221,30 @@ def _differing(row: Document, absent: float) -> Differing:
 def _identified(document: Document) -> SavedIdentification:
     runs, held_out = (tuple(map(Path, document[name])) for name in ("runs", "held_out_runs"))
     map_file = None if document["map"] is None else Path(document["map"])
-    return SavedIdentification(identification_read(document), runs, held_out, map_file)
+    machine, held, correlation = document["machine"], document["held_out"], document["correlation"]
+    parameters, base = (configuration_read(machine, document[name], name) for name in ("config", "before"))
+    asked = {"base": base, "machine": machine, "seed": document["seed"], **document["asked"]}
+    found = Identification(
+        read_as(IdentificationQuestion, asked),
+        parameters,
+        read_as(tuple[KeyVerdict, ...], document["parameters"]),
+        read_as(tuple[Combination, ...], document["combinations"]),
+        read_as(tuple[ChannelFit, ...], [{"channel": row["is"], **row} for row in document["channels"]]),
+        read_as(Search, document["search"]),
+        held and _score(held), held and _score(held["before"]), document["begins_s"], tuple(correlation["keys"]),
+        np.array(correlation["matrix"], dtype=float), document["model_runs"], document["seconds"],
+    )  # fmt: skip
+    return SavedIdentification(found, runs, held_out, map_file)
+
+
+def _score(record: Document) -> Score:
+    channels = []
+    for name, rms in record["rms"].items():  # without a fit: a run that failed has no rms either, one that stands has
+        row = {"fit_percent": record["fit_percent"][name], "rms": rms, "white_p": record["white_p"][name]}
+        row |= {"fit_percent": -inf, "rms": inf} if rms is None else {}
+        channels.append(read_as(ChannelScore, {"channel": name, **row}))
+    missed, false, off = record["missed_events"], record["false_events"], record["event_time_rms_s"]
+    return Score(tuple(channels), nan if off is None and missed + false else off, missed, false)
 
 
 def _salvaged(document: Document) -> RecoveryReport:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.stats import qmc
@@ -67,7 +68,7 @@ class Search:
     starts: int
     valleys: int
     agreeing: int
-    margin: float
+    margin: Annotated[float, np.inf]
 
     @property
     def agreed(self) -> bool:

@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import inf
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +39,8 @@ NOT_EXCITED, AT_BOUND = "not_excited", "at_bound"
 MODEL_ERROR, NOT_CONVERGED = "model_error", "not_converged"
 WIDEST = 0.5  # half width over value: a wider interval gives only the order of magnitude
 NEAR_BOUND = 1e-6
+Low = Annotated[float, -inf]  # an open end, which JSON has as null
+High = Annotated[float, inf]
 
 
 @dataclass(frozen=True)
@@ -60,9 +64,9 @@ class Combination:
     keys: tuple[str, ...]
     weights: tuple[float, ...]
     estimate: float
-    low_95: float
-    high_95: float
-    within: dict[str, tuple[float, float]]
+    low_95: Low
+    high_95: High
+    within: dict[str, tuple[Low, High]]
 
     def of(self, values: Mapping[str, float]) -> float:
         """Return the value of the combination at values of its keys."""
@@ -291,8 +295,8 @@ class KeyVerdict:
     before: float
     estimate: float
     standard_error: float
-    low_95: float
-    high_95: float
+    low_95: Low
+    high_95: High
     verdict: str
     reason: str
 

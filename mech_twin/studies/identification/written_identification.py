@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
-from math import inf, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,16 +25,14 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, check_output_file, plain, written_file
 from mech_twin.parameters.description import description_text
-from mech_twin.parameters.load import configuration_read, kind_of
+from mech_twin.parameters.load import kind_of
 from mech_twin.process.dependencies import require_extra
-from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
+from mech_twin.studies.identification.held_out import ChannelFit, Score
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.intervals import intervals_before
 from mech_twin.studies.identification.keyed_configuration import scalar_lines
 from mech_twin.studies.identification.sensor_plan import Help, sensor_helps
-from mech_twin.studies.identification.staged_search import Search
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
-from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, Combination, KeyVerdict
+from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, KeyVerdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -122,63 +119,6 @@ def _score(each: Score) -> dict[str, Any]:
         "missed_events": each.missed,
         "false_events": each.false,
     }
-
-
-def identification_read(document: Mapping[str, Any]) -> Identification:
-    """Return the identification from a document, where null stands for a number that is not finite."""
-    machine, asked, search = document["machine"], document["asked"], document["search"]
-    found, base = (configuration_read(machine, document[name], name) for name in ("config", "before"))
-    bounds = {key: (_or(low, -inf), _or(high, inf)) for key, (low, high) in asked["bounds"].items()}
-    priors = {key: tuple(pair) for key, pair in asked["priors"].items()}
-    arguments = {**asked, "keys": tuple(asked["keys"]), "bounds": bounds, "priors": priors}
-    held, correlation = document["held_out"], document["correlation"]
-    return Identification(
-        IdentificationQuestion(machine, base, **arguments, seed=document["seed"]),
-        found,
-        tuple(KeyVerdict(**_interval(row)) for row in document["parameters"]),
-        tuple(map(_combination, document["combinations"])),
-        tuple(map(_channel_read, document["channels"])),
-        Search(**{**search, "margin": _or(search["margin"], inf)}),
-        None if held is None else _score_read(held),
-        None if held is None else _score_read(held["before"]),
-        document["begins_s"],
-        tuple(correlation["keys"]),
-        np.array(correlation["matrix"], dtype=float),
-        document["model_runs"],
-        document["seconds"],
-    )
-
-
-def _or(value: float | None, absent: float) -> float:
-    return absent if value is None else value
-
-
-def _interval(row: Mapping[str, Any]) -> dict[str, Any]:
-    absent = {"standard_error": nan, "low_95": -inf, "high_95": inf}
-    return {**row, **{name: _or(row[name], value) for name, value in absent.items() if name in row}}
-
-
-def _combination(row: Mapping[str, Any]) -> Combination:
-    within = {key: (_or(low, -inf), _or(high, inf)) for key, (low, high) in row["within"].items()}
-    sides = {"keys": tuple(row["keys"]), "weights": tuple(row["weights"]), "within": within}
-    return Combination(**{**_interval(row), **sides})
-
-
-def _channel_read(row: Mapping[str, Any]) -> ChannelFit:
-    rest = {name: value for name, value in row.items() if name != "is"}
-    memory = {"autocorrelation": tuple(row["autocorrelation"])}
-    return ChannelFit(row["is"], **{**rest, **memory, "fit_percent": _or(row["fit_percent"], nan)})
-
-
-def _score_read(record: Mapping[str, Any]) -> Score:
-    rows = {name: [record[kind][name] for kind in ("fit_percent", "rms", "white_p")] for name in record["rms"]}
-    channels = tuple(  # without a fit: a run that failed has no rms either, a channel that stands still has one
-        ChannelScore(name, _or(fit, -inf if rms is None else nan), _or(rms, inf), _or(white, nan))
-        for name, (fit, rms, white) in rows.items()
-    )
-    missed, false = record["missed_events"], record["false_events"]
-    off = record["event_time_rms_s"]
-    return Score(channels, nan if off is None and missed + false else off, missed, false)
 
 
 def digest(path: Path) -> str:
