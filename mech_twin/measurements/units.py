@@ -24,11 +24,7 @@ SLIDING = (
 )  # prefixes of names of sliding joints; others turn
 _SLIDING_UNITS = {"position": "m", "velocity": "m/s", "effort": "N"}
 _TURNING_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
-_ENDINGS = {
-    "_rad_per_s2": "rad/s2", "_m_per_s2": "m/s2", "_rad_per_s": "rad/s", "_m_per_s": "m/s", "_rad": "rad", "_nm": "N.m",
-    "_nms": "N.m.s", "_ns": "N.s", "_n": "N", "_m": "m", "_w": "W", "_kg_m2": "kg.m2",
-    "_kg": "kg", "_j": "J", "_s": "s",
-}  # fmt: skip
+POWERS = str.maketrans("²³", "23")
 EVENT = "event"
 EVENT_UNITS = {"time": "s", "pre_velocity": "m/s", "post_velocity": "m/s", "impulse": "N.s", **GAUGE_UNITS}
 
@@ -192,7 +188,7 @@ def unit_of(column: str) -> str:
         return (_SLIDING_UNITS if slides(parts.joint) else _TURNING_UNITS)[parts.field]
     if column.startswith(f"{EVENT}."):
         return EVENT_UNITS[column.rpartition(".")[2]]
-    return next((unit for ending, unit in _ENDINGS.items() if column.endswith(ending)), "1")
+    return caption_unit(column).replace(" ", ".").translate(POWERS) or "1"
 
 
 def machine_columns(machine: Machine) -> Mapping[str, str]:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.measurements.measurement_map import Channel, read_map
-from mech_twin.measurements.units import UNITS, joint_column, machine_columns, time_unit_in, unit_in
+from mech_twin.measurements.units import UNITS, is_angle, joint_column, machine_columns, time_unit_in, unit_in, unit_of
 
 GOOD: dict[str, Any] = {
     "machine": "vibration_crank",
@@ -157,3 +157,8 @@ def test_a_joint_that_slides_in_the_mechanism_is_measured_in_metres(name: str) -
     assert tree is not None
     for joint in {joint.name for joint in tree.joints if f"linkage.{joint.name}.position" in columns}:
         assert columns[f"linkage.{joint}.position"] == ("m" if joint in tree.sliding_joints else "rad")
+
+
+def test_a_slope_over_an_angle_is_no_angle() -> None:
+    assert unit_of("forces.reduced_inertia_slope_kg_m2_per_rad") == "kg.m2/rad"
+    assert not is_angle("forces.reduced_inertia_slope_kg_m2_per_rad")
