@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
+from rich.filesize import decimal
 
 from mech_twin import __version__
 from mech_twin.cli.console import bar, print_csv, print_json, print_table, progress, say, say_result
@@ -135,16 +136,8 @@ def _print_head(document: dict[str, Any], name: str) -> None:
     say_result("; ".join(filter(None, [f"{name or 'unknown machine'}, {length}", whole, lost])))
     size = sum(split["size_bytes"] or 0 for split in document["splits"])
     files = f"{len(document['splits'])} file{'' if len(document['splits']) == 1 else 's'}"
-    say_result(f"{document['message_count']} messages of {len(topics)} topics, {_bytes(size)} in {files}")
+    say_result(f"{document['message_count']} messages of {len(topics)} topics, {decimal(size)} in {files}")
     say_result(f"recorded by mech_twin {document['version']}" if document["version"] else "recorded by other software")
-
-
-def _bytes(size: int) -> str:
-    """Return a size in decimal units: ``1.93 MB``."""
-    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if size >= factor:
-            return f"{size / factor:.3g} {unit}"
-    return f"{size} bytes"
 
 
 def _print_topics(topics: dict[str, Any], wide: bool) -> None:
