@@ -78,7 +78,9 @@ def smoothed(times_s: Array, values: Array) -> tuple[Array, Array, Array]:
     times_s, values : ndarray
         Shape (n,), times ascending.
     """
-    penalty = _penalty(times_s, values)
+    starts = np.linspace(0, max(0, len(times_s) - CHOSEN), CHOICES).astype(int)
+    found = [_chosen(times_s[i : i + CHOSEN], values[i : i + CHOSEN]) for i in dict.fromkeys(starts.tolist())]
+    penalty = float(np.median(found))
     parts = []
     for begin in range(0, len(times_s), WINDOW):
         first, last = max(0, begin - OVERLAP), min(len(times_s), begin + WINDOW + OVERLAP)
@@ -92,12 +94,6 @@ def smoothed(times_s: Array, values: Array) -> tuple[Array, Array, Array]:
 def _interval(times_s: Array) -> float:
     """Return the median interval (s); with times in this unit, a penalty has the same effect in every piece."""
     return float(np.median(np.diff(times_s)))
-
-
-def _penalty(times_s: Array, values: Array) -> float:
-    starts = np.linspace(0, max(0, len(times_s) - CHOSEN), CHOICES).astype(int)
-    found = [_chosen(times_s[i : i + CHOSEN], values[i : i + CHOSEN]) for i in dict.fromkeys(starts.tolist())]
-    return float(np.median(found))
 
 
 def _chosen(times_s: Array, values: Array) -> float:
