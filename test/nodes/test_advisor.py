@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,13 +18,15 @@ from bench_run import ShadowBench
 from catalogue import built
 from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
-from mech_twin.nodes.exchange.spinner import destroy_nodes
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.nodes.shadow.session import Company, nodes_beside
@@ -215,10 +218,37 @@ def test_a_machine_that_was_stopped_in_a_trial_is_not_started_by_its_end(
 def test_a_speed_that_another_commands_ends_a_trial_and_is_where_the_next_advice_begins(advisor: AdvisorNode) -> None:
     advisor._take(offered(advisor.state, ADVICE, 1.0))
     assert advisor._accept(SetBool.Request(data=True), SetBool.Response()).success
-    advisor.on_command(0.9)  # its own
+    advisor.on_setting(COMMAND, 0.9)  # its own
     assert advisor.state.phase == "trial"
-    advisor.on_command(0.7)
+    advisor.on_setting(COMMAND, 0.7)
     assert (advisor.state.phase, advisor.state.in_force, advisor._value) == ("idle", False, 0.7)
+
+
+def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_next_advice_begins(ros: None) -> None:
+    key, columns = "friction.coulomb_nm", ("linkage.crank.position", "linkage.crank.effort")
+    output = AdviceOutput(key=key, low=0.0, high=8.0, value=0.0)
+    wish = AdviceWish.model_validate({**WISH, "output": output})
+    advisor = AdvisorNode(NAME, wish, "/plant", columns, StampOrigin())
+    others = [Node("linkage", namespace=space) for space in ("plant", "other")]
+    try:
+        advisor._take(offered(advisor.state, ADVICE._replace(key=key, value=0.0, proposed=1.0, low=0.0, high=8.0), 1.0))
+        for other in others:
+            other.declare_parameter(key, 0.0)
+            other.declare_parameter("working_force_n", 0.0)
+            other.set_parameters([Parameter("working_force_n", value=4.0)])
+        others[1].set_parameters([Parameter(key, value=3.0)])
+        with Spinner([advisor, *others]) as spinner:
+            seen_s = time.monotonic() + 0.5
+            spinner.until(lambda: time.monotonic() > seen_s)
+            assert (advisor.state.phase, advisor._value) == ("offered", 0.0)
+            others[0].set_parameters([Parameter(key, value=5.0)])
+            end_s = time.monotonic() + 5.0
+            spinner.until(lambda: advisor.state.phase == "idle" or time.monotonic() > end_s)
+        assert (advisor.state.phase, advisor._value) == ("idle", 5.0)
+    finally:
+        destroy_nodes([advisor])
+        for other in others:
+            other.destroy_node()
 
 
 def test_an_advice_after_a_restart_of_the_machine_needs_not_wait_for_a_change_before_it(advisor: AdvisorNode) -> None:

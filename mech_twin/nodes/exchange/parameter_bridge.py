@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import types
 import typing
+from collections.abc import Callable
 from typing import Any, Literal
 
 from pydantic.fields import FieldInfo
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterEvent
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import qos_profile_parameter_events
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
@@ -88,6 +91,17 @@ def _bounds(field: FieldInfo) -> tuple[float | None, float | None]:
 def _given(field: FieldInfo, word: str) -> list[float]:
     """Return the bounds of a kind that a key has: one or none."""
     return [getattr(bound, word) for bound in field.metadata if hasattr(bound, word)]
+
+
+def watch_parameters(node: Node, namespace: str, changed: Callable[[str, Any], None]) -> None:
+    """Call ``changed`` with name and value at each parameter change of the linkage of a namespace."""
+
+    def on_event(event: ParameterEvent) -> None:
+        if event.node == f"{namespace}/linkage":
+            for each in event.changed_parameters:
+                changed(each.name, parameter_value_to_python(each.value))
+
+    node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
 
 
 def machine_override(node: Node) -> str | None:

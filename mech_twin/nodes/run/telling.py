@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterEvent, ParameterType
+from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import (
     DescribeParameters,
     GetParameters,
@@ -21,13 +21,13 @@ from rcl_interfaces.srv import (
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import qos_profile_parameter_events
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.declarations.captions import unknown_name
 from mech_twin.messages.topics import DIAGNOSTICS, SPEED_COMMAND
+from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.nodes.run.domain import UnansweredError
 
@@ -158,15 +158,8 @@ class Teller:
         return f"speed {share:.0%} of rated"
 
     def watch_parameters(self, changed: Callable[[str, Any], None]) -> None:
-        """Call ``changed`` with name and value at each parameter change of the linkage, from ``/parameter_events``."""
-        name = f"{self._namespace}/linkage"
-
-        def on_event(event: ParameterEvent) -> None:
-            if event.node == name:
-                for each in event.changed_parameters:
-                    changed(each.name, parameter_value_to_python(each.value))
-
-        self.node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
+        """Call ``changed`` with name and value at each parameter change of the linkage."""
+        watch_parameters(self.node, self._namespace, changed)
 
     def watch_pause(self, paused: Callable[[bool], None]) -> None:
         """Call ``paused`` with whether the run is paused, about once a second, from the linkage's diagnostics."""

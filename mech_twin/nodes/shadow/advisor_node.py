@@ -24,6 +24,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DECISIONS, RECOMMENDATION, SPEED_COMMAND
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import status_message
+from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
@@ -133,6 +134,7 @@ class AdvisorNode(TwinNode):
         self._outlet = None if wish.dry_run else AdviceOutlet(self, namespace, wish.output.key)
         self._recommendation = self.output(RECOMMENDATION, recorded=False)
         self._decisions = self.output(DECISIONS, recorded=False)
+        watch_parameters(self, namespace, self.on_setting)
         self.declare_parameter(PENDING, 0)
         self.create_service(SetBool, "~/accept", self._accept)
         self.create_service(SetBool, "~/reject", self._reject)
@@ -151,10 +153,10 @@ class AdvisorNode(TwinNode):
         self._figures.clear()
         self._decided_s = float("-inf")
 
-    def on_command(self, share: float) -> None:
-        """Take a speed command: one that is not its own is the value in force, and ends what was offered or tried."""
-        if self.wish.output.key == COMMAND and share != self._value:
-            self._value = share
+    def on_setting(self, key: str, value: Any) -> None:
+        """Take a change of the output: one that is not its own is the value in force, and ends an offer or trial."""
+        if key == self.wish.output.key and value != self._value:
+            self._value = value
             self._figures.clear()
             self._take(overruled(self.state, self._now_s))
 

@@ -27,7 +27,7 @@ from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder, ShadowTopi
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.stop_signal import StopSignal
-from mech_twin.studies.advice_search import AdviceWish
+from mech_twin.studies.advice_search import COMMAND, AdviceWish
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.observer.estimate import SeenSample
 
@@ -202,7 +202,7 @@ def advisor_beside(
     advisor = AdvisorNode(machine_name, wish, node.setup.namespace, node.columns, node.origin, parameters)
     feed(node, advisor)
     node.at_other_time.append(advisor.begin_anew)
-    node.at_command.append(advisor.on_command)
+    node.at_command.append(partial(advisor.on_setting, COMMAND))
     node.is_obeyed = lambda: advisor.state.in_force
     if monitor is not None:
         advisor.has_fault = lambda: monitor.has_news
