@@ -268,7 +268,8 @@ class TellVerb(Verb, answer="run:tell_nodes"):
     what: list[str] = argument(
         "start, stop, reset; step (of a paused run); snapshot (of a recorder); acknowledge, shelve (a fault); "
         "accept, reject (an advice); identify, take-over (of a shadow with --identify); "
-        "pause, resume (a run or a replay), next-impact (a replay); or live parameters and their values",
+        "pause, resume (a run or a replay), next-impact (a replay); "
+        "or live parameters and their values, or motor.command=SHARE of the rated speed",
         metavar="ORDER|KEY=VALUE",
     )
     fault: str | None = option("fault that is acknowledged or shelved; all without")

@@ -46,6 +46,13 @@ def test_orders_and_values_are_answered_by_the_nodes_themselves(running):
     assert "no parameter 'drive.sped_rpm'; did you mean drive.speed_rpm" in unknown.stderr
     offered = told("vibration_crank", "speed=3").stderr
     assert "drive.speed_rpm" in offered and "rod_m" not in offered  # what a run may change, and no other
+    assert "motor.command" in offered
+    assert told("vibration_crank", "motor.command=0.5").stdout == "speed 50% of rated\n"
+    assert told("vibration_crank", "start").stdout == "start: supply on at 0.5 of rated frequency\n"
+    for wrong in (["motor.command=2"], ["motor.command=fast"], ["motor.command=0.5", "drive.speed_rpm=290"]):
+        answer = told("vibration_crank", *wrong)
+        assert answer.returncode == 2
+        assert "expected 0 to 1 of the rated speed" in answer.stderr or "expected alone" in answer.stderr
     assert told("vibration_crank", "pause").stdout == "pause: paused\n"
     assert told("vibration_crank", "step").returncode == 0
     assert told("vibration_crank", "resume").stdout == "resume: goes on\n"

@@ -178,7 +178,7 @@ class MotorNode(FollowerNode):
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.target = 0.0
-        response.success, response.message = True, "supply off"
+        response.success, response.message = True, "supply off, until a start or the next command"
         return response
 
 

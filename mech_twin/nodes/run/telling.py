@@ -19,6 +19,7 @@ from rcl_interfaces.srv import (
     SetParametersAtomically,
 )
 from rclpy.client import Client
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +31,7 @@ from mech_twin.messages.topics import DIAGNOSTICS, SPEED_COMMAND
 from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
 from mech_twin.nodes.exchange.spinner import Spinner
 from mech_twin.nodes.run.domain import UnansweredError
+from mech_twin.parameters.live_change import COMMAND
 
 LOOK_S = 0.01
 ANSWER_S = 10.0  # an available service answers sooner, unless its node is suspended
@@ -113,7 +115,8 @@ class Teller:
         names, known = list(values), self._parameters(node)
         unknown = [name for name in names if name not in known]
         if unknown:
-            raise UnansweredError(unknown_name(unknown[0], self._changeable(node, known), "parameter "))
+            drive = [COMMAND] if node == "linkage" else []
+            raise UnansweredError(unknown_name(unknown[0], [*self._changeable(node, known), *drive], "parameter "))
         asked = GetParameterTypes.Request(names=names)
         types = self._ask(GetParameterTypes, f"{node}/get_parameter_types", asked).types
         absent = [name for name in names if values[name] is None]
@@ -155,6 +158,7 @@ class Teller:
         if not self._wait(lambda: self._speed.get_subscription_count() > 0):
             raise UnansweredError(f"{self._speed.topic_name}: no motor listens; does the machine run?")
         self._speed.publish(Float64(data=share))
+        self._speed.wait_for_all_acked(Duration(seconds=self._wait_s))
         return f"speed {share:.0%} of rated"
 
     def watch_parameters(self, changed: Callable[[str, Any], None]) -> None:
@@ -234,6 +238,15 @@ class Teller:
         rclpy.try_shutdown()
 
 
+def _share(values: Mapping[str, Any]) -> float:
+    share = values[COMMAND]
+    if len(values) > 1:
+        raise UnansweredError(f"{COMMAND}: expected alone; it goes to the motor, live parameters to the linkage")
+    if isinstance(share, bool) or not isinstance(share, int | float):
+        raise UnansweredError(f"{COMMAND} {share}: expected 0 to 1 of the rated speed")
+    return float(share)
+
+
 def tell(
     namespace: str, order: str | None, values: Mapping[str, Any], fault: str | None = None, wait_s: float = 5.0
 ) -> str:
@@ -246,7 +259,7 @@ def tell(
     order : str or None
         A name of `ORDERS`; None to change parameters.
     values : mapping
-        Live parameters and their values, validated as a whole.
+        Live parameters and their values, validated as a whole; or ``motor.command`` alone, a share of the rated speed.
     fault : str or None
         The fault that is acknowledged or shelved; None: all.
     wait_s : float
@@ -258,4 +271,6 @@ def tell(
         If the nodes are absent, do not answer, or refuse.
     """
     with Teller(namespace, wait_s) as teller:
+        if COMMAND in values:
+            return teller.set_speed(_share(values))
         return teller.change(values) if order is None else teller.order(order, fault)
