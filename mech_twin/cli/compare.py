@@ -253,6 +253,7 @@ def _show(found: Comparison, all_numbers: bool) -> None:
 PATIENCE_S = 30.0  # that the bench may take for what it has been sent
 SHOWN_BYTES = 512 << 20  # of both runs; the oldest pictures go first
 MOST_ROWS = 300  # of a table on the page
+EVERY_ROW = RECORDED._replace(window=1)  # the curves of two runs are taken from one another at equal rows
 
 
 def know_machine(scene: BenchScene | RerunScene, machine: Machine) -> None:
@@ -306,7 +307,7 @@ class Overlay:
         self._view.tell("status", {"text": f"reading {' and '.join(names)}"})
         self._tell_machine("comparison")
         links = (BenchLink(place, PATIENCE_S), OverlayLink(place, PATIENCE_S))
-        self.first, self.second = (SeenRun(BenchScene(link, RECORDED)) for link in links)
+        self.first, self.second = (SeenRun(BenchScene(link, EVERY_ROW)) for link in links)
         for side in (self.second, self.first):
             stack.callback(side.scene.close)
 

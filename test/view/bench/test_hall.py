@@ -16,7 +16,7 @@ from mech_twin import __version__
 from mech_twin.recording.bag_reader import open_bag
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-SPAN_S = 1.5
+SPAN_S, STEP_S = 1.5, 0.001
 RUN = {"vibration_crank": "vibration crank", "winding_drum": "winding drum", "mine.yaml": "slider crank"}
 CONFIG = Path(__file__).parents[3] / "config"
 
@@ -63,6 +63,7 @@ def test_recordings_are_listed_opened_compared_fetched_and_salvaged(browser, rec
         expect(page.locator("#settings tr")).to_have_text("working_force.peak_n10000.020000.0")
         page.wait_for_function("() => window.bench.apart().rows > 100", timeout=UP_MS)
         assert page.evaluate("() => window.bench.apart().largest") > 1000.0
+        assert page.evaluate("() => window.bench.apart().rows") % (SPAN_S / STEP_S + 1) == 0  # every step
         page.locator("#how").select_option("difference")
         page.locator("#align").select_option("angle")
         with page.expect_download() as saved:

@@ -195,6 +195,26 @@ def test_of_a_long_recording_the_extremes_are_drawn(page):
     assert drawn["largest"] == 77.0
 
 
+def test_the_difference_of_two_runs_has_the_peaks_of_both(page):
+    """A peak of the second run alone lies between the extremes of the first: it was not in A - B."""
+    rows = 100_000
+    time_s = 1e-5 * np.arange(1, rows + 1)
+    first, second = np.zeros((rows, 1)), np.zeros((rows, 1))
+    second[rows // 3] = -77.0
+    page.link.tell("machine", machine("") | {"sides": ["one", "other"]})
+    page.link.tell("anew", {})
+    for side, values in ({}, first), ({"side": 1}, second):
+        told = picture(LENGTH_S) | {"time_s": float(time_s[-1])} | side
+        told["curves"] = packed_curves([Curves("square", NAMES["square"], time_s, values)])
+        assert page.link.show(told)
+    page.link.tell("comparison", {"settings": [], "numbers": [], "angle": None})
+    page.locator("#how").select_option("difference")
+    page.wait_for_function("() => Math.abs(window.bench.window()[1] - 1) < 1e-6")
+    drawn = page.evaluate("() => window.bench.drawn(1)")
+    assert drawn["rows"] <= 4001
+    assert drawn["largest"] == 77.0
+
+
 def test_an_event_of_the_log_is_gone_to(page):
     told = picture(LENGTH_S)
     told["events"] = [[1.255, "t = 1.255 s: blow"]]

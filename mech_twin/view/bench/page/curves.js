@@ -34,27 +34,7 @@ export class Curve {
   // times and columns of a time range, with one row beyond each end so that lines reach the edges; at most `most` rows
   between(from, to, most = Infinity) {
     const first = Math.max(0, this.before(from)), last = Math.min(this.rows, this.before(to + 1e-9) + 1);
-    const all = [this.times, ...this.values];
-    if (last - first <= most) return all.map((column) => column.subarray(first, last));
-    const rows = this.extremes(first, last, most);
-    return all.map((column) => column.constructor.from(rows, (row) => column[row]));
-  }
-
-  // row numbers of a range after decimation: its ends, and the extremes of every column in each window
-  extremes(first, last, most) {
-    const windows = Math.max(1, Math.floor((most - 2) / (2 * this.width))), kept = new Set([first, last - 1]);
-    for (let place = 0; place < windows; place += 1) {
-      const begin = first + Math.floor(((last - first) * place) / windows), end = first + Math.floor(((last - first) * (place + 1)) / windows);
-      for (const column of this.values) {
-        let low = begin, high = begin;
-        for (let row = begin + 1; row < end; row += 1) {
-          if (column[row] < column[low]) low = row;
-          if (column[row] > column[high]) high = row;
-        }
-        kept.add(low).add(high);
-      }
-    }
-    return Uint32Array.from(kept).sort();
+    return thinned([this.times, ...this.values].map((column) => column.subarray(first, last)), most);
   }
 
   before(time) {
@@ -68,7 +48,7 @@ export class Curve {
 
   // keep at most half of the first `count` rows, with their extremes
   thin(count) {
-    const rows = this.extremes(0, count, count >> 1);
+    const rows = extremes(this.values.map((column) => column.subarray(0, count)), count >> 1);
     for (const column of [this.times, ...this.values]) {
       rows.forEach((row, place) => { column[place] = column[row]; });
       column.copyWithin(rows.length, count, this.rows);
@@ -84,6 +64,30 @@ export class Curve {
     this.times = grown(this.times, Float64Array);
     this.values = this.values.map((column) => grown(column, Float32Array));
   }
+}
+
+// times and columns with at most `most` rows
+export function thinned(all, most) {
+  if (all[0].length <= most) return all;
+  const rows = extremes(all.slice(1), most);
+  return all.map((column) => column.constructor.from(rows, (row) => column[row]));
+}
+
+// row numbers after decimation: the ends, and the extremes of every column in each window
+function extremes(columns, most) {
+  const count = columns[0].length, windows = Math.max(1, Math.floor((most - 2) / (2 * columns.length))), kept = new Set([0, count - 1]);
+  for (let place = 0; place < windows; place += 1) {
+    const begin = Math.floor((count * place) / windows), end = Math.floor((count * (place + 1)) / windows);
+    for (const column of columns) {
+      let low = begin, high = begin;
+      for (let row = begin + 1; row < end; row += 1) {
+        if (column[row] < column[low]) low = row;
+        if (column[row] > column[high]) high = row;
+      }
+      kept.add(low).add(high);
+    }
+  }
+  return Uint32Array.from(kept).sort();
 }
 
 // a colour of the style sheet in the present theme

@@ -2,7 +2,7 @@
 // The time shown, common to drawing, header, cards, curves and lanes; following, playing and zooming change it.
 
 import { isOpen, send } from "./connection.js";
-import { colours, Curve } from "./curves.js";
+import { colours, Curve, thinned } from "./curves.js";
 import { draw, listen } from "./drawing.js";
 import { ghost, ghostDrawn, isAwaited, isTried } from "./ghost.js";
 import { judged, listLimits } from "./limits.js";
@@ -19,8 +19,9 @@ const AWAITED_MS = 150; // time between two pictures while a trial is awaited
 
 export const plots = new Plots(find("plots"), {
   pieces(part, from, to) {
-    const piece = curves.get(part.path)?.between(from, to, DRAWN_ROWS) ?? empty(part);
-    return (other.isThere && other.isDifference ? other.difference(part.path, piece) : piece) ?? empty(part);
+    const isDifference = other.isThere && other.isDifference, curve = curves.get(part.path);
+    const piece = curve?.between(from, to, isDifference ? Infinity : DRAWN_ROWS) ?? empty(part);
+    return thinned((isDifference ? other.difference(part.path, piece) : piece) ?? empty(part), DRAWN_ROWS);
   },
   second(part, from, to) {
     const found = other.isThere ? !other.isDifference && other.between(part.path, from, to, DRAWN_ROWS) : plots.to > plots.now && ghost.curves.get(part.path)?.between(from, to);

@@ -39,16 +39,15 @@ export class Other {
     return [this.byAngle ? Float64Array.from(times, (time) => this.first(time)) : times, ...columns];
   }
 
-  // values of the first run minus this one, at the times of the first
+  // values of the first run minus this one, at the times of the first that both have
   difference(path, [times, ...columns]) {
     const curve = this.curves.get(path);
-    if (!curve) return null;
-    const own = Float64Array.from(times, (time) => this.own(time));
-    return [times, ...columns.map((column, place) => Array.from(column, (value, row) => {
-      const at = own[row];
-      if (!curve.rows || at < curve.times[0] || at > curve.times[curve.rows - 1]) return null;
-      return value - between(curve.times.subarray(0, curve.rows), curve.values[place], at);
-    }))];
+    if (!curve?.rows) return null;
+    const known = curve.times.subarray(0, curve.rows), own = Float64Array.from(times, (time) => this.own(time));
+    const rows = Uint32Array.from(own.keys()).filter((row) => own[row] >= known[0] && own[row] <= known.at(-1));
+    const places = Float64Array.from(rows, (row) => placeIn(known, own[row]));
+    const taken = curve.values.map((values, column) => Float64Array.from(rows, (row, i) => columns[column][row] - valueAt(values, places[i])));
+    return [Float64Array.from(rows, (row) => times[row]), ...taken];
   }
 }
 
@@ -62,12 +61,16 @@ function rank(count, at, value) {
 }
 
 // linear interpolation, constant beyond the ends
-function between(xs, ys, x) {
-  const last = xs.length - 1;
-  if (last < 0) return x;
-  const place = rank(xs.length, (i) => xs[i], x);
-  if (place < 0) return ys[0];
-  if (place >= last) return ys[last];
-  const share = (x - xs[place]) / (xs[place + 1] - xs[place] || 1);
-  return ys[place] + Math.min(1, Math.max(0, share)) * (ys[place + 1] - ys[place]);
+function between(xs, ys, x) { return xs.length ? valueAt(ys, placeIn(xs, x)) : x; }
+
+// row number of a time, with its share of the way to the next row
+function placeIn(xs, x) {
+  const row = rank(xs.length, (i) => xs[i], x);
+  if (row < 0 || row >= xs.length - 1) return Math.max(0, row);
+  return row + Math.min(1, Math.max(0, (x - xs[row]) / (xs[row + 1] - xs[row] || 1)));
+}
+
+function valueAt(ys, place) {
+  const row = Math.floor(place);
+  return place > row ? ys[row] + (place - row) * (ys[row + 1] - ys[row]) : ys[row];
 }
