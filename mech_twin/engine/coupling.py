@@ -37,14 +37,15 @@ A_PROFILE = "a number, pairs of time (s) and value, an array with one number a s
 RESET = "reset"
 GIVEN_STATE = "state"  # contact of a reset to a stored state; that of one to the initial state is the linkage
 LARGEST = 1e12  # position, stiffness or damping of an effort command: their products stay finite
+SHORTEST_STEP_S, LONGEST_STEP_S = 1e-6, 1.0
 LOOK_AHEAD_S = 3.0
 STANDING_S = 1.0
 STANDING_REACH = 1e-3  # rad or m of the drive within the standing time
 
 
-def coupling_step(longest_s: float = 1.0) -> Any:
+def coupling_step(longest_s: float = LONGEST_STEP_S) -> Any:
     """Return the field of a coupling step (s), for a machine whose longest step is ``longest_s``."""
-    return quantity("s", "coupling step: the roles exchange samples once per step", ge=1e-6, le=longest_s)
+    return quantity("s", "coupling step: the roles exchange samples once per step", ge=SHORTEST_STEP_S, le=longest_s)
 
 
 class Coupling(Parameters):

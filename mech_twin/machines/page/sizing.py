@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
+from mech_twin.engine.coupling import LONGEST_STEP_S, SHORTEST_STEP_S
 from mech_twin.engine.run import frames
 from mech_twin.errors import StudyError
 from mech_twin.machines.page import build
@@ -24,6 +25,7 @@ LIMITS: dict[str, float] = {"non_uniformity": 0.05}
 OBJECTIVES = ("flywheel_inertia_kg_m2",)
 TRADE = (0.01, 0.02, 0.03, 0.05, 0.08, 0.1, 0.15, 0.2)
 POSITIONS = 3600  # of a turn: what lies between them is of 1e-6 of a flywheel
+LEAST_POSITIONS = 360  # where a faster turn leaves no more steps of the shortest: 1e-4 of a flywheel
 MOST_TURNS = 100  # of the led joint until the mechanism is as at its start
 RETURNED = 1e-3  # off from its start, an angle (rad), a way in parts of the machine's size, a part of a gas
 ALIKE = 1e-8  # between two turns, likewise: so a shaft moves that a gear turns, and nothing that a linkage moves
@@ -97,18 +99,18 @@ def _turns(page: Page, speed: float) -> tuple[Array, Array]:
     StudyError
         The mechanism does not come back.
     """
-    step_s = 2.0 * math.pi / speed / POSITIONS
+    positions, step_s = _steps_of_a_turn(page, 2.0 * math.pi / speed)
     full = varied(page, {"supply.initial_fraction": 1.0, "coupling.step_s": step_s})
     shared = build(full).linkage.shared  # type: ignore[attr-defined] # the linkage of a page
     (drive,) = shared.places.driven_names
     kinetic, done, begun, ends, away = [], [], None, list[LinkageSample](), ""
-    for frame in frames(build(full), (1 + MOST_TURNS) * POSITIONS * step_s):
-        if frame.linkage.step < POSITIONS:
+    for frame in frames(build(full), (1 + MOST_TURNS) * positions * step_s):
+        if frame.linkage.step < positions:
             continue
         kinetic.append(_kinetic_energy(shared, frame.linkage))
         done.append(frame.linkage.memory[f"{drive}_work_j"])
         begun = begun or frame.linkage
-        if len(done) > 1 and len(done) % POSITIONS == 1:
+        if len(done) > 1 and len(done) % positions == 1:
             ends.append(frame.linkage)
             away = _away(shared, begun, frame.linkage)
             if not away:
@@ -125,6 +127,18 @@ def _turns(page: Page, speed: float) -> tuple[Array, Array]:
     share = np.linspace(0.0, 1.0, len(given))
     mean = given[-1] - (held[-1] - held[0])
     return mean * share + (held - held[0]) - given, 2.0 * held / speed**2
+
+
+def _steps_of_a_turn(page: Page, turn_s: float) -> tuple[int, float]:
+    """Return into how many steps a turn is divided, and how long each is (s): not beyond the coupling's bounds."""
+    positions = min(POSITIONS, math.floor(turn_s / SHORTEST_STEP_S))
+    if positions < LEAST_POSITIONS or turn_s / positions > LONGEST_STEP_S:
+        least_rpm, most_rpm = 60.0 / (POSITIONS * LONGEST_STEP_S), 60.0 / (LEAST_POSITIONS * SHORTEST_STEP_S)
+        raise StudyError(
+            f"{page.name}: the drive turns at {60.0 / turn_s:.6g} rpm; a flywheel is sized from {least_rpm:.4g} "
+            f"to {most_rpm:.6g} rpm, where a turn has {LEAST_POSITIONS} to {POSITIONS} steps"
+        )
+    return positions, turn_s / positions
 
 
 def _moved(shared: PageModel, one: LinkageSample, other: LinkageSample) -> dict[str, float]:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from machines.page.pages import page
+from machines.page.pages import SLIDER_CRANK, page
 
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -117,6 +117,21 @@ def test_the_flywheel_is_the_former_machine_s(name):
     tree["crank"]["flywheel_kg_m2"], tree["drive"]["kind"] = 0.0, "constant_speed"
     found = sizing(Page.model_validate(page_of(tree)), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
     assert found.metrics["flywheel_inertia_kg_m2"] == pytest.approx(FORMER[name]["flywheel_kg_m2"], rel=3e-6)
+
+
+def sized_at(speed_rpm):
+    """Return the flywheel of a page without gravity or friction, whose speed is no matter."""
+    turned = page(SLIDER_CRANK, drives={"motor": {"speed_rpm": speed_rpm}})
+    return sizing(turned, {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict).metrics["flywheel_inertia_kg_m2"]
+
+
+def test_a_flywheel_against_inertia_alone_is_the_same_at_any_speed():
+    usual = sized_at(300.0)
+    for speed_rpm in (0.017, 17000.0, 60000.0):
+        assert sized_at(speed_rpm) == pytest.approx(usual, rel=1e-4)
+    for speed_rpm in (0.016, 170000.0):
+        with pytest.raises(StudyError, match=r"rpm; a flywheel is sized from 0\.01667 to 166667 rpm"):
+            sized_at(speed_rpm)
 
 
 def test_the_flywheel_keeps_the_asked_non_uniformity_in_a_time_run():
