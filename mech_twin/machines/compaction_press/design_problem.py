@@ -165,46 +165,27 @@ class Margins(NamedTuple):
 OBJECTIVES = Objectives._fields
 SENSES = Objectives(1.0, 1.0, -1.0)  # to be made small, small, large
 CONSTRAINTS = Margins._fields
-# the numbers of a problem by name: bars one after the other, crank first
-_CRANK, _SHARED = MassRule._fields[:5], MassRule._fields[7:]
-_BARS = tuple(f"{bar}_{name}" for bar in ("plate", "pendulum") for name in BarRule._fields)
-FLAT = np.dtype(
-    (np.record, [(name, np.float64) for name in (*_CRANK, *_BARS, *_SHARED, *Duty._fields, *Limits._fields)])
-)
 
 
 def packed(problem: Problem) -> Array:
-    """Return a problem as a flat array, as a loop over all cores requires."""
+    """Return a problem as a flat array, as a loop over all cores requires: bars one after the other, crank first."""
     rule = problem.rule
-    numbers = (*rule[:5], *rule.plate, *rule.pendulum, *rule[7:], *problem.duty, *problem.limits)
-    return np.array([numbers], dtype=FLAT).view(np.float64)
+    return np.array([*rule[:5], *rule.plate, *rule.pendulum, *rule[7:], *problem.duty, *problem.limits])
 
 
 @kernel
 def unpacked(flat: Array) -> Problem:
     """Return the problem from the array of `packed`."""
-    n = flat.view(FLAT)[0]
+    crank, plate, pendulum, shared = flat[:5], flat[5:9], flat[9:13], flat[13:17]
     rule = MassRule(
-        n.crank_kg,
-        n.crank_fixed_kg_m2,
-        n.crank_inertia_kg,
-        n.crank_along_share,
-        n.crank_across_m,
-        BarRule(n.plate_kg_per_m, n.plate_inertia_kg_per_m, n.plate_along_share, n.plate_across_m),
-        BarRule(n.pendulum_kg_per_m, n.pendulum_inertia_kg_per_m, n.pendulum_along_share, n.pendulum_across_m),
-        n.application_share,
-        n.application_across_m,
-        n.branch,
-        n.gravity,
+        crank[0], crank[1], crank[2], crank[3], crank[4],
+        BarRule(plate[0], plate[1], plate[2], plate[3]),
+        BarRule(pendulum[0], pendulum[1], pendulum[2], pendulum[3]),
+        shared[0], shared[1], shared[2], shared[3],
+    )  # fmt: skip
+    duty, limits = flat[17:23], flat[23:30]
+    return Problem(
+        rule,
+        Duty(duty[0], duty[1], duty[2], duty[3], duty[4], duty[5]),
+        Limits(limits[0], limits[1], limits[2], limits[3], limits[4], limits[5], limits[6]),
     )
-    duty = Duty(n.speed_rad_per_s, n.non_uniformity, n.peak_n, n.contact_fraction, n.exponent, n.drag_nm)
-    limits = Limits(
-        n.gamma_max_deg,
-        n.stroke_m,
-        n.transmission_deg,
-        n.gamma_bottom_deg,
-        n.alpha_bottom_deg,
-        n.spare_m,
-        n.constant_torque_nm,
-    )
-    return Problem(rule, duty, limits)
