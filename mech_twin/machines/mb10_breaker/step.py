@@ -75,13 +75,6 @@ def total_of(b: Breaker, state: Any) -> Total:
 
 
 @kernel
-def gear_stands(b: Breaker, state: Any, rests: bool, tool: int) -> bool:
-    """Return whether the gear's loss holds its shaft, u = p (drive on the frame) or u = 0, with the body in flight."""
-    free = not rests and tool != BLOCKED and (b.frame_drive > 0.0 or b.crank_coulomb_nm == 0.0)
-    return free and b.efficiency < 1.0 and state.crank_rad_per_s - b.frame_drive * state.body_rad_per_s == 0.0
-
-
-@kernel
 def take_body(
     b: Breaker, y: Array, memory: Any, regime: int, before: Total, phi: float, p: float, rests: bool, regimes: Indices
 ) -> tuple[int, Total]:
@@ -93,7 +86,8 @@ def take_body(
     state = named(y)
     if regime == HELD or (phi == state.body_rad and p == state.body_rad_per_s and rests == (regime == REST)):
         return regime, before
-    carried = b.frame_drive > 0.0 and gear_stands(b, state, regime != FLIGHT, STANDING)
+    carried = b.frame_drive > 0.0 and b.efficiency < 1.0 and regime == FLIGHT  # the gear's loss may hold its shaft
+    carried = carried and state.crank_rad_per_s - b.frame_drive * state.body_rad_per_s == 0.0
     state.body_rad = 0.0 if rests or (phi < 0.0 <= p) else phi
     state.body_rad_per_s = 0.0 if rests else p
     if carried and not rests:
@@ -109,44 +103,22 @@ def take_body(
     return REST if rests else FLIGHT, after
 
 
-class Before(NamedTuple):
-    """Energy and momentum at the start of a step, and the sums of losses and impulses before it."""
-
-    total: Total
-    blow_loss_j: float
-    collar_loss_j: float
-    reseating_loss_j: float
-    impact_impulse_nms: float
-
-
 @kernel
-def begin_step(total: Total, memory: Any) -> Before:
-    """Return the sums at the start of the step and reset them to zero, so that small terms keep their digits."""
-    before = Before(
-        total,
-        memory.blow_loss_j,
-        memory.collar_loss_j,
-        memory.reseating_loss_j,
-        memory.impact_impulse_nms,
-    )
-    memory.blow_loss_j = memory.collar_loss_j = memory.reseating_loss_j = memory.impact_impulse_nms = 0.0
-    return before
-
-
-@kernel
-def close_balances(b: Breaker, state: Any, memory: Any, before: Before) -> Total:
-    """Add the step's works and impulses to the sums, and its errors to the balances; return the totals at its end."""
+def close_balances(
+    b: Breaker, state: Any, memory: Any, before: Total, sums: tuple[float, float, float, float]
+) -> Total:
+    """Add the step's works and impulses to the sums before it, and its errors to the balances; return the totals."""
     lost = (
         memory.blow_loss_j + memory.collar_loss_j + memory.reseating_loss_j + state.wall_work_j + state.damping_loss_j
     )
     total, turned = total_of(b, state), state.angular_impulse_nms + memory.impact_impulse_nms
     memory.energy_j = total.energy_j
-    memory.energy_error_j += total.energy_j - before.total.energy_j - state.drive_work_j + lost
-    memory.momentum_error_nms += total.momentum_nms - before.total.momentum_nms - turned
-    memory.blow_loss_j += before.blow_loss_j
-    memory.collar_loss_j += before.collar_loss_j
-    memory.reseating_loss_j += before.reseating_loss_j
-    memory.impact_impulse_nms += before.impact_impulse_nms
+    memory.energy_error_j += total.energy_j - before.energy_j - state.drive_work_j + lost
+    memory.momentum_error_nms += total.momentum_nms - before.momentum_nms - turned
+    memory.blow_loss_j += sums[0]
+    memory.collar_loss_j += sums[1]
+    memory.reseating_loss_j += sums[2]
+    memory.impact_impulse_nms += sums[3]
     memory.wall_work_j += state.wall_work_j
     memory.drive_work_j += state.drive_work_j
     memory.damping_loss_j += state.damping_loss_j
@@ -226,7 +198,9 @@ def advance_step(
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
     fill_tolerance(b, y, room.tolerance)
     motion = BreakerMotion(b, motor, begin_s, step_s, row, kept, room.at)
-    before = begin_step(total, memory)
+    sums = (memory.blow_loss_j, memory.collar_loss_j, memory.reseating_loss_j, memory.impact_impulse_nms)
+    # from zero, so that small terms keep their digits
+    memory.blow_loss_j = memory.collar_loss_j = memory.reseating_loss_j = memory.impact_impulse_nms = 0.0
     system = declared(motion, room.at)
     count = advance(system, 0.0, step_s, y, regimes, room, log, 0)
     if count < 0:
@@ -236,5 +210,5 @@ def advance_step(
     memory.tool_regime = reported_tool_regime(regimes)
     memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm = now.tool_force_n, now.crank_nm, now.body_nm
     memory.crank_sense, memory.body_sense = senses(b, y, regimes)
-    total = close_balances(b, state, memory, before)
+    total = close_balances(b, state, memory, total, sums)
     return HELD if b.held else REST if regimes[COLLAR_LAW] == HOLD else FLIGHT, count, now.drive_nm, total
