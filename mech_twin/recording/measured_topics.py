@@ -278,7 +278,7 @@ class _Gathered:
         """Return the reason why there are no samples."""
         topic, joint, field = self.wanted
         if joint is None:
-            return f"topic {topic!r} holds no message"
+            return f"topic {topic!r} holds no message with a {field!r}"
         if joint in self._joints:
             return f"topic {topic!r}: joint {joint!r} has no {field}"
         names = ", ".join(sorted(self._joints)[:12])
@@ -305,10 +305,13 @@ class _Gathered:
         return time_ns * 1e-9 if field == STAMP else _dotted(content, field, topic, path)
 
 
-def _dotted(content: Any, field: str, topic: str, path: Path) -> float:
+def _dotted(content: Any, field: str, topic: str, path: Path) -> float | None:
+    """Return the number at a dotted field; None beyond the end of an array, which may have any length."""
     value = content
     for word in field.split("."):
-        known = word.isdigit() and isinstance(value, Sequence) and int(word) < len(value)
+        if word.isdigit() and isinstance(value, Sequence) and int(word) >= len(value):
+            return None
+        known = word.isdigit() and isinstance(value, Sequence)
         if not known and (word.startswith("_") or not hasattr(value, word)):
             slots = [
                 slot for slot in getattr(value, "_fields", getattr(value, "__slots__", ())) if not slot.startswith("_")

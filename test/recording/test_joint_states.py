@@ -13,9 +13,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Float64MultiArray
 
 from mech_twin.recording import measured_topics
 from mech_twin.recording.bag_contents import BagMessage, TopicInfo
+from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagError, DecodeError
 from mech_twin.recording.measured_topics import JOINT_STATE, MessageDecoder
 from mech_twin.recording.schemas import message_schema
@@ -128,3 +132,19 @@ def test_a_relative_topic_is_that_of_the_namespace_above_all_others(recorded: tu
         return
     with pytest.raises(BagError, match=found):
         measured._topic("joint_states")
+
+
+def test_a_message_whose_array_ends_before_a_number_is_no_sample_of_it(tmp_path: Path) -> None:
+    kind = "std_msgs/msg/Float64MultiArray"
+    with BagWriter(tmp_path / "bag", configuration="") as writer:
+        writer.add_topic("/a", kind)
+        for number, length in enumerate((0, 2, 1, 2)):
+            raw = bytes(serialize_message(Float64MultiArray(data=[float(number)] * length)))
+            writer.write("/a", raw, number * 10**9, 0)
+    with BagReader(tmp_path / "bag") as reader:
+        topics = measured_topics.MeasuredTopics(reader)
+        wanted = [measured_topics.TopicField("/a", None, f"data.{place}") for place in range(3)]
+        first, second = topics.blocks(wanted[:2], by_header=True)
+        assert (first.values.tolist(), second.times_s.tolist()) == ([1.0, 2.0, 3.0], [1.0, 3.0])
+        with pytest.raises(BagError, match=r"topic '/a' holds no message with a 'data\.2'"):
+            list(topics.blocks(wanted[2:], by_header=True))
