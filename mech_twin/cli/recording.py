@@ -40,7 +40,7 @@ GROUPS = {  # by what a topic's path begins with, below the machine's namespace;
     "forces and blows": ("forces/", "body/pressing_force", "impacts"),
     "shadow": ("twin/",),
     "steps of the roles": ("step/",),
-    "commands, clock and state": ("",),
+    "commands, clock, state and others": ("",),
 }
 
 

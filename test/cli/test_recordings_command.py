@@ -308,6 +308,16 @@ def test_topics_stand_in_their_groups_below_any_namespace(bag: Path, tmp_path: P
     assert "plant" not in nested.replace("topics below /plant/hall_2/", "")
 
 
+def test_a_topic_that_is_none_of_the_twin_is_not_called_a_command(bag: Path, tmp_path: Path) -> None:
+    def alone(each: Entry) -> Iterable[Entry]:
+        return (each._replace(topic="/plant/temperature"),) if each.type_name == "rosgraph_msgs/msg/Clock" else ()
+
+    foreign = altered_bag(bag, tmp_path / "foreign", alone)
+    lines = mech_twin("info", foreign).out.splitlines()
+    (group,) = (lines[place - 1] for place, line in enumerate(lines) if line.split()[:1] == ["temperature"])
+    assert group.split()[-1] == "others"
+
+
 def test_times_of_files_count_from_the_first_where_an_epoch_would_hide_them(bag: Path, tmp_path: Path) -> None:
     day_ns = 1_700_000_000_000_000_000
     later = altered_bag(bag, tmp_path / "later", lambda each: (each._replace(log_time_ns=each.log_time_ns + day_ns),))
