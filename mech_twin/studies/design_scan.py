@@ -21,6 +21,7 @@ from mech_twin.files.output_file import written_file
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.declared_studies import asked_of, refusing, searches_by_runs
 from mech_twin.studies.spreading import available_cores, spread, used_cores
+from mech_twin.studies.sweep_table import write_parquet
 
 Array = NDArray[np.float64]
 BATCH = 20_000
@@ -58,14 +59,9 @@ class DesignScan:
 
     def write(self, path: Path, notes: Mapping[str, str] | None = None) -> None:
         """Write the feasible designs to a Parquet file, which is overwritten, with notes in its metadata."""
-        import pyarrow as pa
-        from pyarrow import parquet
-
         columns = dict(zip((*self.variables, *self.objectives), self.feasible.T, strict=True))
         with written_file(path, force=True) as unfinished:
-            parquet.write_table(
-                pa.table(columns).replace_schema_metadata(dict(notes or {})), unfinished, compression="zstd"
-            )
+            write_parquet(columns, notes or {}, unfinished)
 
 
 def read_scan(machine: str, designs: int, table: Path) -> DesignScan:

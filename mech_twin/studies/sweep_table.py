@@ -193,7 +193,8 @@ def write_table(asked: Question, found: Sequence[Point], path: Path) -> None:
         if path.suffix == ".csv":
             _write_csv(table, unfinished)
         else:
-            _write_parquet(asked, table, unfinished)
+            notes = {"machine": asked.machine, "configuration": json.dumps(asked.tree)}
+            write_parquet(table, {**notes, "duration_s": repr(asked.duration_s)}, unfinished)
 
 
 def _write_csv(table: dict[str, list[Any]], path: Path) -> None:
@@ -203,12 +204,12 @@ def _write_csv(table: dict[str, list[Any]], path: Path) -> None:
         writer.writerows(zip(*table.values(), strict=True))
 
 
-def _write_parquet(asked: Question, table: dict[str, list[Any]], path: Path) -> None:
+def write_parquet(table: Mapping[str, Any], notes: Mapping[str, str], path: Path) -> None:
+    """Write columns to a Parquet file, with notes in its metadata."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    notes = {"machine": asked.machine, "configuration": json.dumps(asked.tree), "duration_s": repr(asked.duration_s)}
-    parquet.write_table(pa.table(table).replace_schema_metadata(notes), path, compression="zstd")
+    parquet.write_table(pa.table(dict(table)).replace_schema_metadata(dict(notes)), path, compression="zstd")
 
 
 def write_picture(asked: Question, found: Sequence[Point], path: Path) -> bool:
