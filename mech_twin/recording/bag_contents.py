@@ -168,9 +168,14 @@ class RecordingReader(Protocol):
         """Return the summary of the bag."""
 
     def messages(
-        self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+        self,
+        topics: Collection[str] | None = None,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+        *,
+        as_written: bool = False,
     ) -> Iterator[BagMessage]:
-        """Yield the messages in order of log time, of these topics and this part of the bag."""
+        """Yield the messages in order of log time, or of the files, of these topics and this part of the bag."""
 
     def close(self) -> None:
         """Close the files."""

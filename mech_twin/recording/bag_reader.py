@@ -122,7 +122,12 @@ class BagReader(OpenBag):
         return counters
 
     def messages(
-        self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+        self,
+        topics: Collection[str] | None = None,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+        *,
+        as_written: bool = False,
     ) -> Iterator[BagMessage]:
         """Yield the messages in the order of log time; of equal times, in the order of the files.
 
@@ -132,6 +137,8 @@ class BagReader(OpenBag):
             Only these topics; a topic that is not in the bag yields nothing.
         start_s, duration_s : float
             Time range, relative to the start of the bag.
+        as_written : bool
+            In the order of the files instead, which a log clock that was set does not change.
 
         Raises
         ------
@@ -154,10 +161,14 @@ class BagReader(OpenBag):
             and extent.start_ns <= last
             and (not extent.channels or extent.channels & wanted[number])
         ]
-        self._check_disorder(extent for _, extent in chosen)
-        for number, record in self._merged(
-            sorted(chosen, key=lambda item: (item[1].start_ns, item[0], item[1].offset))
-        ):
+        ordered: Iterator[tuple[int, RawMessage]]
+        if as_written:
+            chosen.sort(key=lambda item: (item[0], item[1].offset))
+            ordered = ((number, each) for number, at in chosen for each in self._sources[number].index.records_of(at))
+        else:
+            self._check_disorder(extent for _, extent in chosen)
+            ordered = self._merged(sorted(chosen, key=lambda item: (item[1].start_ns, item[0], item[1].offset)))
+        for number, record in ordered:
             if first <= record.log_time_ns <= last and record.channel_id in wanted[number]:
                 source = self._sources[number]
                 if source.repeats.get(record.channel_id) == record.sequence:

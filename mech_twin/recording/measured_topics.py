@@ -204,7 +204,9 @@ class MeasuredTopics:
         for channel in gathered:
             of_topic.setdefault(self._topic(channel.wanted.topic).topic, []).append(channel)
         origin_ns: int | None = None
-        for message in self._reader.messages(list(of_topic)):
+        fields = (_fields(self._reader.topics[name]) for name in of_topic)
+        stamped = by_header and all(any(each.endswith(" header") for each in found) for found in fields)
+        for message in self._reader.messages(list(of_topic), as_written=stamped):
             try:
                 content = self._decoder.decode(message)
             except DecodeError as error:

@@ -79,9 +79,14 @@ class SqliteReader(OpenBag):
         )
 
     def messages(
-        self, topics: Collection[str] | None = None, start_s: float = 0.0, duration_s: float | None = None
+        self,
+        topics: Collection[str] | None = None,
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+        *,
+        as_written: bool = False,
     ) -> Iterator[BagMessage]:
-        """Yield the messages file by file, in order of time within each; see `BagReader.messages`.
+        """Yield the messages file by file, always in order of time within each; see `BagReader.messages`.
 
         Raises
         ------

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from mech_twin.recording import measured_topics
@@ -148,3 +149,22 @@ def test_a_message_whose_array_ends_before_a_number_is_no_sample_of_it(tmp_path:
         assert (first.values.tolist(), second.times_s.tolist()) == ([1.0, 2.0, 3.0], [1.0, 3.0])
         with pytest.raises(BagError, match=r"topic '/a' holds no message with a 'data\.2'"):
             list(topics.blocks(wanted[2:], by_header=True))
+
+
+@pytest.mark.parametrize("chunk_bytes", [300, 100_000])
+def test_stamps_stand_in_the_order_of_the_file_whatever_was_done_to_the_log_clock(
+    chunk_bytes: int, tmp_path: Path
+) -> None:
+    with BagWriter(tmp_path / "bag", configuration="", chunk_bytes=chunk_bytes) as writer:
+        writer.add_topic("/j", JOINT_STATE)
+        for number in range(20):
+            sent = JointState(name=["crank"], position=[float(number)], effort=[0.0])
+            sent.header.stamp.sec = number
+            writer.write("/j", bytes(serialize_message(sent)), (number - (15 if number > 9 else 0) + 20) * 10**9, 0)
+    wanted = measured_topics.TopicField("/j", "crank", "position")
+    with BagReader(tmp_path / "bag") as reader:
+        topics = measured_topics.MeasuredTopics(reader)
+        (by_header,) = topics.blocks([wanted], by_header=True)
+        (by_log,) = topics.blocks([wanted], by_header=False)
+    assert by_header.times_s.round(9).tolist() == by_header.values.tolist() == list(range(20))
+    assert by_log.times_s.tolist() == sorted(by_log.times_s.tolist())
