@@ -240,11 +240,15 @@ class FeatureFeed:
             self._quick += 1
             return True
         if self._quick or self._is_rest:
-            self._wrong[crossed_s], self._quick = self._quick and self._quick + 1, 0
+            self._wrong[crossed_s], self._quick = self._told(self._quick and self._quick + 1, crossed_s), 0
         elif turn_s < np.inf:
             self._turns_s.append(turn_s)
         self._begun_turn_s, self._is_rest = crossed_s, False
         return False
+
+    def _told(self, turns: int, until_s: float) -> int:
+        longest_s = self._buffers[self.declared.reference.column].longest_step_s(self._begun_turn_s, until_s)
+        return 0 if 2.0 * longest_s > self._usual_turn_s > 0.0 else turns  # else the shortest way may be the wrong one
 
     def _turned_back(self, before_s: float) -> float | None:
         """Return the first instant before ``before_s`` at which the angle is a turn below the last boundary.
@@ -262,7 +266,8 @@ class FeatureFeed:
         place = int(is_back.argmax())
         turns = ceil((buffer.values[place] + CROSSING_RAD - reference.begin) / TURN)
         back_s, ahead = float(buffer.times_s[place]), reference.begin + TURN * turns
-        self._wrong[back_s], self._quick, self._is_rest = round((ahead - self._next_angle) / TURN), 0, True
+        turned = self._told(round((ahead - self._next_angle) / TURN), back_s)
+        self._wrong[back_s], self._quick, self._is_rest = turned, 0, True
         self._next_angle = ahead
         return back_s
 
@@ -313,16 +318,13 @@ class FeatureFeed:
         reference = self.declared.reference
         times, values = self._buffers[reference.column].between(begin_s, end_s)
         period_s = end_s - begin_s
-        wrong = self._wrong.pop(end_s, None)
-        if wrong is not None:
+        if (wrong := self._wrong.pop(end_s, None)) is not None:
             quality = {reference.column: ChannelQuality(0, np.nan, 0.0, 0.0, wrong)}
             nothing = np.full(len(self._names), np.nan)
             return FeatureVector(self._number, begin_s, end_s, self._names, nothing, quality) if wrong else None
         usual_s = min(self._recent_s, default=period_s)
         self._recent_s.append(period_s)
-        if period_s > LONGEST_CYCLE * usual_s:
-            return None
-        if not is_whole(times, begin_s, end_s):
+        if period_s > LONGEST_CYCLE * usual_s or not is_whole(times, begin_s, end_s):
             return None
         inner = np.concatenate([[begin_s], times, [end_s]])
         angles = None

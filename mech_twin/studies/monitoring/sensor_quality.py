@@ -56,6 +56,11 @@ class ChannelBuffer:
         first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s)
         return self.times_s[first:last], self.values[first:last]
 
+    def longest_step_s(self, begin_s: float, end_s: float) -> float:
+        """Return the longest time between neighbouring samples about [begin, end] (s); 0 without two of them."""
+        first, last = self.times_s.searchsorted(begin_s), self.times_s.searchsorted(end_s, "right")
+        return float(np.diff(self.times_s[max(first - 1, 0) : last + 1]).max(initial=0.0))
+
     def forget(self, before_s: float) -> None:
         """Drop the samples before an instant (s)."""
         first = int(self.times_s.searchsorted(before_s))

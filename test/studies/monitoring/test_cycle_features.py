@@ -149,6 +149,21 @@ def test_turns_that_are_none_of_the_machine_are_told_in_the_time_of_its_turns(ga
     assert same(found, [*piecewise, *feed.finish()])
 
 
+@pytest.mark.parametrize("share", [0.55, 0.7, 0.9])
+def test_turns_are_not_told_where_samples_are_lost_for_half_a_turn_and_more(share: float) -> None:
+    """The shortest way round from one sample to the next is backward there, though the encoder is right."""
+    channels = measured(1)
+    times, angles = channels[CRANK]
+    lost = (times > 3.0) & (times < 5.0)
+    lost[:: round(share * 2.0 * pi / SPEED * 1000.0)] = False
+    channels[CRANK] = (times[~lost], angles[~lost])
+    feed = fresh()
+    found = feed_channels(feed, channels)
+    assert not any(vector.quality[CRANK].wrong_turns for vector in found)
+    assert feed.skipped >= 1
+    assert sum(vector.begin_s > 5.0 for vector in found) >= 4
+
+
 def test_a_silent_channel_is_waited_for_and_then_missing() -> None:
     channels = measured(4)
     torque_s, torque = channels[TORQUE]
