@@ -12,7 +12,8 @@ F is the scatter from cycle to cycle of a machine that no longer repeats itself.
 least cost.  Each bound is a quantile of chi-square, plus 0.15^2 delta' K^-1 delta for the model error.
 
 A change lasts if delta' C^-1 delta exceeds the quantile of d degrees of freedom at 1e-4.  A fault explains it if
-open(s) is below that of d - 1 degrees at 1e-4; if none does, the change is unknown.  Rivals exceed the least cost by at
+open(s) is below that of d - 1 degrees at 1e-4, and its cost is less than without a fault by that of one degree at 1e-3,
+in units of the noise that open(s) shows; if none does, the change is unknown.  Rivals exceed the least cost by at
 most the quantile of one degree at 1e-3.  The interval of a size exceeds the fault's least cost by at most that at 5 %;
 where it holds the last size that is tried, it is open.
 """
@@ -218,10 +219,13 @@ def fitted_faults(measured: Change, signatures: Sequence[Signature]) -> list[Fit
 def candidates(measured: Change, signatures: Sequence[Signature]) -> tuple[Candidate, ...]:
     """Return the faults that explain a change, best first; empty if the change is unknown."""
     change = measured.doubted(MODEL_SHARE * measured.delta)
-    tolerated = MODEL_SHARE**2 * change.weight
-    bound = float(chi2.isf(UNKNOWN_CHANCE, max(len(change.delta) - 1, 1))) + tolerated
+    tolerated, degrees = MODEL_SHARE**2 * change.weight, max(len(change.delta) - 1, 1)
+    bound = float(chi2.isf(UNKNOWN_CHANCE, degrees)) + tolerated
+    without = change.weight + float(np.linalg.slogdet(change.covariance)[1])
     found = fitted_faults(measured, signatures)
     fits = sorted(fit for fit in found if fit.left <= bound and fit.candidate.open_share < 1.0)
+    if not fits or without - fits[0].cost <= RIVAL * max(1.0, fits[0].left / degrees):
+        return ()
     return tuple(fit.candidate for fit in fits if fit.cost <= fits[0].cost + RIVAL + tolerated)
 
 

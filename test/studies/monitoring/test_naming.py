@@ -18,7 +18,7 @@ from mech_twin.studies.monitoring.baseline import Baseline, fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
-from mech_twin.studies.monitoring.naming import Signature, estimated_change
+from mech_twin.studies.monitoring.naming import Change, Signature, candidates, estimated_change
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
 COVARIANCE = np.diag([1.0, 0.25, 4.0, 1.0])
@@ -71,6 +71,17 @@ def test_faults_that_look_alike_are_a_group(setup: MonitorSetup) -> None:
 def test_what_fits_no_fault_is_unknown(setup: MonitorSetup) -> None:
     found = last_of(setup, np.array([-6.0, 3.0, 0.0, 0.0]), 5)
     assert (found.verdict, found.finding) == ("unknown", "unknown")
+
+
+def test_a_fault_that_takes_away_no_more_than_chance_does_is_not_named() -> None:
+    """More noise of a sensor moves the mean anywhere: nearly every fault left little enough of it open."""
+    sizes, count = np.array([-0.4, -0.2, 0.0]), 12
+    change = Change(np.full(count, 1.85), np.eye(count), 40.0)
+    faults = [Signature(f"{i}", "", "1", sizes, -10.0 * sizes[:, None] * each) for i, each in enumerate(np.eye(count))]
+    own = Signature("own", "", "1", sizes, -5.0 * sizes[:, None] * change.delta)
+    assert change.lasts
+    assert candidates(change, faults) == ()
+    assert [found.name for found in candidates(change, [*faults, own])] == ["own"]
 
 
 def test_an_opposite_effect_is_not_the_fault(setup: MonitorSetup) -> None:
