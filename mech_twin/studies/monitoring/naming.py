@@ -40,6 +40,7 @@ GLITCH_CHANCE = 1e-6  # that noise alone makes a cycle this much of an outlier
 GLITCHES = 0.2  # largest share of outlying cycles since the onset
 REACH = 2.0  # times the largest simulated size: there its line ends
 GRID = 41  # points from one simulated size to the next
+STUCK = "sensor_stuck:"
 USED_CYCLES = 60  # of a simulation, averaged for the response
 
 
@@ -91,6 +92,11 @@ class Signature:
     def response(self, size: float) -> Array:
         """Return the change of the features (d,) at a size, by linear interpolation."""
         return np.array([np.interp(size, self.sizes, column) for column in self.responses.T])
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the fault is there or not, and no part of it can be: a sensor is not stuck by a tenth."""
+        return self.name.startswith(STUCK)
 
     @cached_property
     def reaching(self) -> Signature:
@@ -235,7 +241,9 @@ def _fit(change: Change, weight: float, signature: Signature) -> Fit:
     sizes, responses = signature.fine
     inverse = np.linalg.inv(change.covariance + signature.uncertainty(change.cycles))
     left = left_open(change.delta - responses, inverse)
-    cost = np.where(sizes == 0.0, np.inf, left - np.linalg.slogdet(inverse)[1][:, None])
+    cost = np.where(
+        (sizes == 0.0) | signature.is_whole & (sizes < 1.0), np.inf, left - np.linalg.slogdet(inverse)[1][:, None]
+    )
     best = np.unravel_index(np.argmin(cost), cost.shape)
     inside = sizes[cost <= cost[best] + INTERVAL + min(MODEL_SHARE**2 * weight, left[best])]
     size, open_share = map(float, (sizes[best], left[best] / weight))

@@ -84,6 +84,14 @@ def test_a_fault_that_takes_away_no_more_than_chance_does_is_not_named() -> None
     assert [found.name for found in candidates(change, [*faults, own])] == ["own"]
 
 
+def test_a_sensor_is_stuck_as_a_whole_or_not(setup: MonitorSetup) -> None:
+    stuck = Signature("sensor_stuck:a", "", "1", np.array([0.0, 1.0]), np.array([np.zeros(4), [40.0, 0.0, 8.0, 0.0]]))
+    with_it = replace(setup, signatures=(*setup.signatures, stuck))
+    assert last_of(with_it, 0.15 * stuck.responses[1], 5).finding == "unknown"
+    (found,) = last_of(with_it, stuck.responses[1], 5).candidates
+    assert (found.name, found.size, found.low_95, found.high_95) == ("sensor_stuck:a", 1.0, 1.0, 1.0)
+
+
 def test_an_opposite_effect_is_not_the_fault(setup: MonitorSetup) -> None:
     assert last_of(setup, -np.sqrt(0.3) * EFFECTS["soft"], 5).verdict == "unknown"
 
