@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -222,6 +223,19 @@ def test_a_speed_that_another_commands_ends_a_trial_and_is_where_the_next_advice
     assert advisor.state.phase == "trial"
     advisor.on_setting(COMMAND, 0.7)
     assert (advisor.state.phase, advisor.state.in_force, advisor._value) == ("idle", False, 0.7)
+
+
+@pytest.mark.parametrize("event", ["command", "restart"])
+def test_an_advice_computed_before_another_changed_the_output_is_not_offered(event: str, advisor: AdvisorNode) -> None:
+    found: Future[Recommendation | None] = Future()
+    advisor._thinking = found
+    if event == "command":
+        advisor.on_setting(COMMAND, 0.7)
+    else:
+        advisor.begin_anew()
+    found.set_result(ADVICE)
+    advisor.check_peers(advisor._received_s)
+    assert advisor.state.phase == "idle"
 
 
 def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_next_advice_begins(ros: None) -> None:

@@ -150,15 +150,20 @@ class AdvisorNode(TwinNode):
         self._take(ended(self.state, self._now_s, "the machine's time has become another"))
         self.state = self.state._replace(changed_s=float("-inf"))  # a stamp of the time before
         self._feed = self._feed.begun_anew()
-        self._figures.clear()
+        self._forget()
         self._decided_s = float("-inf")
 
     def on_setting(self, key: str, value: Any) -> None:
         """Take a change of the output: one that is not its own is the value in force, and ends an offer or trial."""
         if key == self.wish.output.key and value != self._value:
             self._value = value
-            self._figures.clear()
+            self._forget()
             self._take(overruled(self.state, self._now_s))
+
+    def _forget(self) -> None:
+        """Drop what was measured, and what is computed of it: neither is of the machine as it is now."""
+        self._figures.clear()
+        self._thinking = None
 
     def adopt(self, parameters: Parameters) -> None:
         """Use a model with other parameters from now on."""
