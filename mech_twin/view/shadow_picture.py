@@ -102,7 +102,7 @@ class ShownFit(NamedTuple):
 
     Attributes
     ----------
-    phase, told : str
+    phase, status_line : str
         State (``idle``, ``running``, ``found``, ``not better``, ``failed``, ``taken over``), and a line on it.
     free : tuple of str
         Keys that may change.
@@ -117,7 +117,7 @@ class ShownFit(NamedTuple):
     """
 
     phase: str
-    told: str
+    status_line: str
     free: tuple[str, ...]
     kept_s: int
     rows: tuple[tuple[str, str, str, str, str], ...] = ()

@@ -126,7 +126,7 @@ def test_a_hidden_mass_is_identified_from_the_last_seconds_and_the_model_goes_on
     ):
         expect(page.locator("#state")).to_have_text("locked", timeout=UP_MS)
         expect(page.locator("#fit-free")).to_have_text("1 free key: masses.extra_kg")
-        answers, told = page.locator("#answers li"), page.locator("#fit-told")
+        answers, told = page.locator("#answers li"), page.locator("#fit-status")
         expect(page.locator("#fit-answers")).to_be_hidden()
         expect(page.locator("#fit-span option").last).to_have_text("10 s", timeout=UP_MS)
         page.locator("#identify").click()

@@ -60,7 +60,7 @@ export function showGhost(message) {
     }
     Object.assign(ghost, { from: message.from_s, until: message.to_s });
     shown.drawn = null;
-    row.textContent = `with ${rounded(value)}: ${message.cards.map(([card, told]) => `${card} ${told}`).join(", ")}`;
+    row.textContent = `with ${rounded(value)}: ${message.cards.map(([card, text]) => `${card} ${text}`).join(", ")}`;
     ghost.begun = begun;
   }
   const next = ghost.next;

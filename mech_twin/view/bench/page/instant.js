@@ -27,7 +27,7 @@ export const plots = new Plots(find("plots"), {
     const found = other.isThere ? !other.isDifference && other.between(part.path, from, to, DRAWN_ROWS) : plots.to > plots.now && ghost.curves.get(part.path)?.between(from, to);
     return found || empty(part);
   },
-  told(at) {
+  pointed(at) {
     find("reading").textContent = at === null ? "" : `cursor t = ${at.toFixed(5)} s`;
     const words = at === null ? [] : Object.entries(lanes.at(at)).map(([name, word]) => `${name}: ${word}`);
     find("lane-reading").textContent = words.join(", ");
@@ -133,10 +133,10 @@ const isWhole = () => shown.span === null && find("span").value === WHOLE;
 const kept = () => `shown of ${run.machine?.recording ?? run.machine?.name ?? ""}`;
 
 export function listPanels() {
-  const told = JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
-  plots.hide(told.hidden ?? []);
+  const stored = JSON.parse(sessionStorage.getItem(kept()) ?? "{}");
+  plots.hide(stored.hidden ?? []);
   find("span").lastElementChild.hidden = !run.machine?.recording;
-  find("span").value = told.span ?? (run.machine?.recording ? WHOLE : "1");
+  find("span").value = stored.span ?? (run.machine?.recording ? WHOLE : "1");
   find("panel-names").replaceChildren(...plots.list.map(({ title }) => {
     const label = made("label"), box = made("input", { type: "checkbox", checked: !plots.hidden.has(title) });
     box.onchange = () => { if (box.checked) plots.hidden.delete(title); else plots.hidden.add(title); plots.hide(plots.hidden); keep(); };

@@ -16,11 +16,11 @@ export class Lanes {
   add(name, begin, word, changes) {
     if (!this.lanes.has(name)) this.lanes.set(name, { times: [], words: [] });
     const lane = this.lanes.get(name);
-    for (const [time, told] of [[begin, word], ...changes]) {
-      if (lane.words.at(-1) === told) continue;
-      if (!this.words.includes(told)) this.words.push(told);
+    for (const [time, regime] of [[begin, word], ...changes]) {
+      if (lane.words.at(-1) === regime) continue;
+      if (!this.words.includes(regime)) this.words.push(regime);
       lane.times.push(time);
-      lane.words.push(told);
+      lane.words.push(regime);
     }
     if (lane.times.length > MOST) { lane.times.splice(0, MOST / 2); lane.words.splice(0, MOST / 2); }
   }

@@ -28,7 +28,7 @@ export function showAdvice(rows) {
 
 // identification from the last minutes: progress, result, and whether it may be applied
 let configuration = "";
-export function showFit({ phase, told, free, kept_s: kept, rows, held_out: held, text }) {
+export function showFit({ phase, status_line: status, free, kept_s: kept, rows, held_out: held, text }) {
   find("fit").hidden = !run.orders.includes("identify");
   find("fit").dataset.phase = phase;
   find("fit-free").textContent = `${free.length} free key${free.length === 1 ? "" : "s"}: ${free.join(", ")}`;
@@ -40,7 +40,7 @@ export function showFit({ phase, told, free, kept_s: kept, rows, held_out: held,
     span.replaceChildren(...offered.map((each) => new Option(each < 120 ? `${each} s` : `${each / 60} min`, each)));
     if (seconds.includes(Number(chosen))) span.value = chosen; else span.lastChild.selected = true;
   }
-  find("fit-told").textContent = `${phase}: ${told}`;
+  find("fit-status").textContent = `${phase}: ${status}`;
   find("fit-keys").hidden = !rows.length;
   find("fit-rows").replaceChildren(...rows.map(fitRow));
   find("fit-held").hidden = !held.length;

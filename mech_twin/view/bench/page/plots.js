@@ -53,7 +53,7 @@ export class Plots {
 
   read() {
     for (const plot of this.shown) plot.read(this.at, this.share);
-    this.source.told(this.at);
+    this.source.pointed(this.at);
   }
 
   zoom(one, other) {
@@ -171,8 +171,8 @@ class Plot {
     this.line.hidden = !isIn;
     if (isIn) this.line.style.left = `${100 * share}%`;
     this.values.forEach((value, place) => {
-      const told = isIn ? [place, place + this.names.length].slice(0, this.all.ofTwo ? 2 : 1).map((column) => valueAt(this.plot.data, column + 1, at)) : [];
-      const text = told.filter((each) => each !== null).map(readOff).join(" | ");
+      const read = isIn ? [place, place + this.names.length].slice(0, this.all.ofTwo ? 2 : 1).map((column) => valueAt(this.plot.data, column + 1, at)) : [];
+      const text = read.filter((each) => each !== null).map(readOff).join(" | ");
       if (value.textContent !== text) value.textContent = text;
     });
   }

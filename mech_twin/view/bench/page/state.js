@@ -22,7 +22,7 @@ export function answer(text, kind) {
   line.className = kind;
   line.textContent = text;
   find("answers").prepend(line);
-  find("told").hidden = false;
+  find("answered").hidden = false;
   while (find("answers").childElementCount > 50) find("answers").lastChild.remove();
 }
 

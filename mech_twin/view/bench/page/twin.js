@@ -14,7 +14,7 @@ export function faultRow(fault, order, before) {
   const words = [`${fault.state} since ${seconds(fault.since_s)}`];
   if (fault.is_acknowledged) words.push("acknowledged");
   if (fault.shelved_until_s !== null) words.push(`shelved until ${seconds(fault.shelved_until_s)}`);
-  row.querySelector(".told").textContent = [words.join(", "), fault.size.replaceAll("_", " ")].filter(Boolean).join("\n");
+  row.querySelector(".fault-state").textContent = [words.join(", "), fault.size.replaceAll("_", " ")].filter(Boolean).join("\n");
   const idle = { acknowledge: fault.is_acknowledged || fault.state === "pending", shelve: fault.shelved_until_s !== null };
   for (const button of row.querySelectorAll("button")) {
     if (idle[button.name]) button.dataset.idle = ""; else delete button.dataset.idle;
@@ -26,7 +26,7 @@ function emptyRow(fault, order) {
   const row = made("div"), buttons = made("div", { className: "row" });
   row.dataset.name = fault;
   buttons.append(...ORDERS.map(([name, textContent]) => made("button", { type: "button", name, textContent, onclick: () => order(name, { fault }) })));
-  row.append(made("b", { textContent: fault.replaceAll("_", " ") }), made("div", { className: "told" }), buttons);
+  row.append(made("b", { textContent: fault.replaceAll("_", " ") }), made("div", { className: "fault-state" }), buttons);
   return row;
 }
 

@@ -4,8 +4,8 @@
 import { find } from "./state.js";
 
 const APART_MS = 50; // least time between two updates of the viewer's time
-const AGAIN_MS = 500, MOST_AGAIN = 240; // a time that it has not taken in yet is told again
-let told, listener, last = 0, again = 0; // the listener is of one viewer: closed and opened, it is another
+const AGAIN_MS = 500, MOST_AGAIN = 240; // a time that it has not taken in yet is sent again
+let sent, listener, last = 0, again = 0; // the listener is of one viewer: closed and opened, it is another
 
 function open(wanted) {
   document.querySelector("main").classList.toggle("in-rerun", wanted);
@@ -17,10 +17,10 @@ function open(wanted) {
 // set the viewer's time; null: follow the newest
 export function tellTime(at) {
   const viewer = find("viewer").hidden ? null : find("viewer").contentWindow, now = performance.now();
-  const isNew = at !== told || viewer?.seek !== listener;
+  const isNew = at !== sent || viewer?.seek !== listener;
   if (!viewer?.seek || !(isNew || again) || now - last < (isNew ? APART_MS : AGAIN_MS)) return;
   again = at === null ? 0 : isNew ? MOST_AGAIN : viewer.isAt(at) ? 0 : again - 1;
-  told = at;
+  sent = at;
   listener = viewer.seek;
   last = now;
   if (isNew || again) viewer.seek(at);
