@@ -30,7 +30,8 @@ export function answer(text, kind) {
 // ten times the value; null if the box is empty, or if its text, which is then named as refused, is no number
 export function typed(box, name) {
   const text = box.value.trim(), isUnclear = /^[-+]?[1-9]\d{0,2},\d{3}$/.test(text);
-  if (!isUnclear && /^[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?$/i.test(text)) return Number(text.replace(",", "."));
+  const isNumber = !isUnclear && /^[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?$/i.test(text), value = Number(text.replace(",", "."));
+  if (isNumber && Number.isFinite(value)) return value;
   if (text) answer(`${name}: ${text}: expected a number such as 0.5 or 1200`, "refused");
   return null;
 }
