@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Roles backed by kernels: convert a sample to a row, call the kernel of `compiled_steps`, convert back.
 
-A derived role defines only its constants (``model``) and the layout of its row (``layout``).  The compiled run uses
-both too, so its results are bit for bit those of the role.
+A derived role defines only its constants (``model``) and the layout of its row (``layout``); motors and force analyses
+without a state of their own are given them.  The compiled run uses both too, so its results are bit for bit those of
+the role.
 
 The constants stay in compiled memory, so that they are converted once and not at each call: unboxing a `NamedTuple` of
 some eighty numbers costs more than the step of most roles.  A role keeps its constants here and calls the kernels below
@@ -11,6 +12,8 @@ with them; the results are bit for bit those of `compiled_steps`.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -208,3 +211,50 @@ class CompiledBody(_Compiled[BodyLayout]):
         if count < 0:
             raise failed(self.failures, count, body.time_s)
         return layout.of_row(forces.step, forces.time_s, out, layout.events.events(log[:count]))
+
+
+@dataclass(frozen=True)
+class StepMotor(CompiledMotor):
+    """A motor computed by the kernel of `motor_step` for the type of its constants ``model``."""
+
+    model: Any
+    joints: tuple[str, ...]
+
+    @cached_property
+    def layout(self) -> MotorLayout:
+        """Row of the samples."""
+        return MotorLayout(self.joints)
+
+
+@dataclass(frozen=True)
+class EffortStepMotor(StepMotor):
+    """One that also accepts effort commands, up to ``effort_limit`` (N m, or N)."""
+
+    effort_limit: float
+
+
+@dataclass(frozen=True)
+class StepForces(CompiledForces):
+    """A force analysis computed by the kernel of `force_step` for the type of its constants.
+
+    Attributes
+    ----------
+    model : NamedTuple
+        Constants of the kernel.
+    layout : ForceLayout
+        Row of the samples: pins, quantities, residuals.
+    acts_on : tuple of str
+        The link on which each pin's wrench acts.
+    residual_limits : mapping
+        Limit of each residual.
+    """
+
+    model: Any
+    layout: ForceLayout
+    acts_on: tuple[str, ...]
+    residual_limits: Mapping[str, float]
+
+    @property
+    def pins(self) -> tuple[str, ...]:
+        """Names of the pins."""
+        return self.layout.bodies

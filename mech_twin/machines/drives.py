@@ -21,6 +21,7 @@ from typing import Literal, NamedTuple, Self
 from pydantic import field_validator, model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
+from mech_twin.engine.compiled_roles import EffortStepMotor, StepMotor
 from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.coupling import Coupling
 from mech_twin.engine.crank_state import ShaftFriction, Transmission
@@ -32,7 +33,6 @@ from mech_twin.engine.sample_vectors import (
     REGIME,
     Array,
 )
-from mech_twin.engine.step_roles import EffortStepMotor, StepMotor
 from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.friction_and_gear import Friction, Gear
 from mech_twin.parts.induction_motor import (

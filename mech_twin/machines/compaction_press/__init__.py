@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from functools import partial
 
+from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS
-from mech_twin.engine.step_roles import StepForces
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
 from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics

@@ -6,7 +6,7 @@ from __future__ import annotations
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
-from mech_twin.engine.step_roles import StepForces
+from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
 from mech_twin.machines.impact_mass.dynamics import impact_system
 from mech_twin.machines.impact_mass.forces import Stop, force_layout

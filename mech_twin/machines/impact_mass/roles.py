@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from mech_twin.engine.addresses import record_at, record_of
-from mech_twin.engine.compiled_roles import CompiledLinkage
+from mech_twin.engine.compiled_roles import CompiledLinkage, EffortStepMotor
 from mech_twin.engine.compiled_steps import LOG_FULL, Work, linkage_step, motor_step, step_of
 from mech_twin.engine.sample_vectors import (
     COMMAND,
@@ -22,7 +22,6 @@ from mech_twin.engine.sample_vectors import (
     EventLayout,
     LinkageLayout,
 )
-from mech_twin.engine.step_roles import EffortStepMotor
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.impact_mass.dynamics import (
     FREE_REGIME,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.compiled_roles import CompiledBody, CompiledLinkage
+from mech_twin.engine.compiled_roles import CompiledBody, CompiledLinkage, EffortStepMotor, StepForces
 from mech_twin.engine.compiled_steps import body_step, step_of
 from mech_twin.engine.sample_vectors import (
     BODY_JOINTS,
@@ -29,7 +29,6 @@ from mech_twin.engine.sample_vectors import (
     LinkageLayout,
     row_of,
 )
-from mech_twin.engine.step_roles import EffortStepMotor, StepForces
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.drives import KlossMotor, kloss_motor_role
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, TURN, Breaker

@@ -6,7 +6,7 @@ from __future__ import annotations
 from functools import partial
 from math import radians
 
-from mech_twin.engine.step_roles import StepForces
+from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.machines.drives import KlossMotor, kloss_motor_role
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
 from mech_twin.machines.roller_former.former_row import CoupledFormer

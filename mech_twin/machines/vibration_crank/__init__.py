@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from functools import partial
 
+from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS, CrankLinkage
 from mech_twin.engine.sample_vectors import ForceLayout
-from mech_twin.engine.step_roles import StepForces
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
 from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants

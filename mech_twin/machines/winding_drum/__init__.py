@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from mech_twin.engine.step_roles import StepForces, StepMotor
+from mech_twin.engine.compiled_roles import StepForces, StepMotor
 from mech_twin.machines.drives import SpeedDrive
 from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
 from mech_twin.machines.winding_drum.drum_row import ENDED, Drum, LoadedDrum
