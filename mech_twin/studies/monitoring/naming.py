@@ -12,10 +12,10 @@ F is the scatter from cycle to cycle of a machine that no longer repeats itself.
 least cost.  Each bound is a quantile of chi-square, plus 0.15^2 delta' K^-1 delta for the model error.
 
 A change lasts if delta' C^-1 delta exceeds the quantile of d degrees of freedom at 1e-4.  A fault explains it if
-open(s) is below that of d - 1 degrees at 1e-4, and its cost is less than without a fault by that of one degree at 1e-3,
-in units of the noise that open(s) shows; if none does, the change is unknown.  Rivals exceed the least cost by at
-most the quantile of one degree at 1e-3.  The interval of a size exceeds the fault's least cost by at most that at 5 %;
-where it holds the last size that is tried, it is open.
+open(s) is below that of d - 1 degrees at 1e-4, and if its cost is less than without a fault by that of one degree at
+1e-3.  The latter counts in units of the noise that open(s) shows.  If no fault explains it, the change is unknown.
+Rivals exceed the least cost by at most the quantile of one degree at 1e-3.  The interval of a size exceeds the fault's
+least cost by at most that at 5 %; where it holds the last size that is tried, it is open.
 """
 
 from __future__ import annotations
