@@ -43,7 +43,7 @@ from mech_twin.machines.compaction_press.design_problem import (
     unpacked,
 )
 from mech_twin.machines.compaction_press.dynamics import FREE, Press, StrokeLoad, loaded_height, press_reduced
-from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
+from mech_twin.machines.compaction_press.parameters import EQUAL, CompactionPress, press_constants
 from mech_twin.parts.four_bar import FourBar, acute_angles, position
 
 TURN = 2.0 * math.pi
@@ -94,12 +94,31 @@ def path_root(press: Press, low: float, high: float, height: float, rate: bool) 
 
 
 @kernel
-def exact_stroke(press: Press, duty: Duty, top_way: float, bottom_way: float) -> PressStroke:
-    """Return the stroke with every angle and height exact, from the angles of the highest and lowest sample (rad)."""
+def _dead_centre(press: Press, y: Array, direction: float, sign: float, after: float) -> tuple[int, float]:
+    """Return place among the samples and angle (rad) of the least ``sign`` times height.
+
+    Of extremes that are equal, the first after an angle turning forward, as `press_stroke` has it.
+    """
+    n, step = POSITIONS, TURN / POSITIONS
+    angles, found = np.empty(n), np.full(n, np.inf)
+    for k in range(n):
+        if sign * y[k] <= min(sign * y[k - 1], sign * y[(k + 1) % n]):
+            at = direction * k * step  # on the side where it falls: another extreme may lie on the other
+            beside = at - step if sign * loaded_height(press, at)[1] > 0.0 else at + step
+            angles[k] = path_root(press, min(at, beside), max(at, beside), 0.0, True)
+            found[k] = sign * loaded_height(press, angles[k])[0]
+    equal, first, least_way = found.min() + EQUAL * (y.max() - y.min()), 0, np.inf
+    for k in range(n):
+        way = (angles[k] - after) % TURN
+        if found[k] <= equal and way < least_way:
+            first, least_way = k, way
+    return first, angles[first]
+
+
+@kernel
+def exact_stroke(press: Press, duty: Duty, top: float, bottom: float) -> PressStroke:
+    """Return the stroke with every angle and height exact, from the angles of its top and bottom (rad)."""
     direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
-    step = TURN / POSITIONS
-    top = path_root(press, direction * top_way - step, direction * top_way + step, 0.0, True)
-    bottom = path_root(press, direction * bottom_way - step, direction * bottom_way + step, 0.0, True)
     top_y, _ = loaded_height(press, top)
     bottom_y, _ = loaded_height(press, bottom)
     contact_y = top_y - duty.contact_fraction * (top_y - bottom_y)
@@ -149,22 +168,18 @@ def turning_margins(lengths: Lengths, spare_m: float) -> tuple[float, float, flo
 
 
 @kernel
-def _sampled_press(press: Press, direction: float) -> tuple[Samples, float, float, int, int]:
-    """Return the unloaded samples, largest gamma and smallest transmission angle (rad), places of top and bottom."""
+def _sampled_press(press: Press, direction: float) -> tuple[Samples, float, float]:
+    """Return the unloaded samples, largest gamma and smallest transmission angle (rad)."""
     n = POSITIONS
     at = Samples(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
-    gamma_max, beta_min, top, bottom = 0.0, 10.0, 0, 0
+    gamma_max, beta_min = 0.0, 10.0
     for k in range(n):
         f = direction * TURN * k / n
         _, beta, gamma = acute_angles(position(press.bar, f))
         gamma_max, beta_min = max(gamma_max, gamma), min(beta_min, beta)
         now = press_reduced(press, f, FREE)
         at.inertia[k], at.slope[k], at.moment[k], at.y[k], at.y1[k] = now.inertia, now.slope, now.moment, now.y, now.y1
-        if at.y[k] > at.y[top]:
-            top = k
-        if at.y[k] < at.y[bottom]:
-            bottom = k
-    return at, gamma_max, beta_min, top, bottom
+    return at, gamma_max, beta_min
 
 
 @kernel
@@ -202,8 +217,10 @@ def sampled_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Marg
     duty, limits = problem.duty, problem.limits
     direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
     press = scaled_press(problem.rule, lengths)
-    at, gamma_max, beta_min, top, bottom = _sampled_press(press, direction)
-    stroke = exact_stroke(press, duty, TURN * top / POSITIONS, TURN * bottom / POSITIONS)
+    at, gamma_max, beta_min = _sampled_press(press, direction)
+    top, top_angle = _dead_centre(press, at.y, direction, -1.0, 0.0)
+    bottom, bottom_angle = _dead_centre(press, at.y, direction, 1.0, top_angle)
+    stroke = exact_stroke(press, duty, top_angle, bottom_angle)
     gamma, alpha = bottom_angles(press.bar, direction * TURN * bottom / POSITIONS)
     height = at.y[top] - at.y[bottom]
     _load_samples(at, duty, top, bottom)
@@ -256,8 +273,9 @@ def continuous_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, M
     heights = np.empty(POSITIONS)
     for k in range(POSITIONS):
         heights[k], _ = loaded_height(bare, direction * TURN * k / POSITIONS)
-    step = TURN / POSITIONS
-    stroke = exact_stroke(bare, duty, heights.argmax() * step, heights.argmin() * step)
+    _, top = _dead_centre(bare, heights, direction, -1.0, 0.0)
+    _, bottom = _dead_centre(bare, heights, direction, 1.0, top)
+    stroke = exact_stroke(bare, duty, top, bottom)
     load = StrokeLoad(duty.peak_n, stroke.contact_y, stroke.bottom_y, duty.exponent)
     press = Press(bare.bar, bare.crank, bare.plate, bare.pendulum, bare.along_m, bare.across_m, load, bare.gravity)
     return continuous_press(press, lengths, stroke, duty, problem.limits)

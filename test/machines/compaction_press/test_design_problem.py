@@ -246,6 +246,22 @@ def test_a_layer_met_in_the_working_quarter_is_the_same_in_bulk_and_as_written()
     assert tuple(evaluation(row, problem).objectives[0]) == pytest.approx(found, rel=2e-2)
 
 
+@pytest.mark.parametrize("speed_rpm", [300.0, -300.0])
+def test_of_two_equal_lows_a_design_is_judged_at_the_one_of_its_own_run(speed_rpm):
+    """Loaded at the pendulum's pin, every design passes its lowest point twice a turn."""
+    pin = {"working_force.application_from_a_m": 0.5, "drive.speed_rpm": speed_rpm}
+    parameters = machine_parameters("compaction_press", None, pin)
+    problem = design_problem(parameters, Limits()._asdict())
+    low, high = np.array(list(BOUNDS.values())).T
+    rows = np.random.default_rng(1).uniform(low, high, (400, 4))
+    rows = rows[np.isfinite(evaluation(rows, problem).objectives).all(axis=1)]
+    assert len(rows) > 50
+    curve, sampled = (evaluation(rows, problem, continuous=exact).objectives for exact in (True, False))
+    own = np.array([tuple(described(parameters, Lengths(*row), Limits()).objectives.values()) for row in rows])
+    assert curve == pytest.approx(own, rel=1e-9)
+    assert sampled == pytest.approx(own, rel=5e-2)
+
+
 def test_speed_and_force_of_the_configuration_enter_the_search():
     design = np.array([[0.055, 0.5, 0.24, 0.295]])
     reached = []
