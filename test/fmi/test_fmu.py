@@ -98,9 +98,10 @@ BOTH = (LINUX, WINDOWS)  # a fresh machine compiles the C library of Windows for
     ("library", "target", "run_by"),
     [
         ("linux64/impact_mass.so", ("x86_64-linux-gnu.2.17", "-ldl"), ()),
-        pytest.param("win64/impact_mass.dll", ("x86_64-windows-gnu",), ("wine",), marks=[with_wine, pytest.mark.slow]),
+        pytest.param("win64/impact_mass.dll", ("x86_64-windows-gnu",), ("wine",), marks=with_wine),
     ],
 )
+@pytest.mark.slow
 def test_a_library_of_a_unit_needs_no_python(
     unit: Any, tmp_path: Path, library: str, target: tuple[str, ...], run_by: tuple[str, ...]
 ) -> None:
