@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from datetime import datetime
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -232,8 +233,8 @@ def machine_of(node_name: str) -> Iterator[str]:
 def _program(role: str, node_name: str, description: str, option: str = "", usual: str = "") -> None:
     """Run a node of a role class, ``module:Class``, which is loaded where a signal ends the process.
 
-    The class gets the name of the machine, and the value of the option: the usual one, with that name for ``{}``, if
-    none is given.
+    The class gets the name of the machine, and the value of the option: the usual one, with that name and the present
+    time for ``{}``, if none is given.
     """
     parser = argparse.ArgumentParser(description=description)
     if option:
@@ -246,7 +247,7 @@ def _program(role: str, node_name: str, description: str, option: str = "", usua
         with machine_of(node_name) as machine:
             module, name = role.split(":")
             made = getattr(import_module(f"mech_twin.nodes.roles.{module}"), name)
-            given = [value or usual.format(machine) for value in vars(own).values()]
+            given = [value or usual.format(machine, datetime.now()) for value in vars(own).values()]
             node: TwinNode = made(machine, *given)
             return node
 
@@ -314,37 +315,21 @@ def _made(make: Callable[[], TwinNode], ros: list[str], at_end: ExitStack) -> Tw
     return node
 
 
-def motor_node() -> None:
-    """Run the motor node."""
-    _program("answering_nodes:MotorNode", "motor", "motor of a machine")
-
-
-def linkage_node() -> None:
-    """Run the linkage node."""
-    _program("linkage_node:LinkageNode", "linkage", "linkage of a machine, and time authority of its run")
-
-
-def force_node() -> None:
-    """Run the force analysis node."""
-    _program("answering_nodes:ForceNode", "force_analysis", "force analysis of a machine")
-
-
-def body_node() -> None:
-    """Run the body node."""
-    _program("answering_nodes:BodyNode", "body", "body of a machine")
-
-
-def frames_node() -> None:
-    """Run the frames node."""
-    _program("frames_node:FramesNode", "frames", "frames of a machine for TF, and its robot description")
-
-
-def recorder_node() -> None:
-    """Run the recorder node."""
-    usual = f"recordings/{{}}-{datetime.now():%Y%m%d-%H%M%S}"
-    _program("recorder_node:RecorderNode", "recorder", "recorder of a machine", "--directory", usual)
-
-
-def viewer_node() -> None:
-    """Run the viewer node."""
-    _program("viewer_node:ViewerNode", "viewer", "viewer of a machine", "--place", "{}.rrd")
+motor_node = partial(_program, "answering_nodes:MotorNode", "motor", "motor of a machine")
+linkage_node = partial(
+    _program, "linkage_node:LinkageNode", "linkage", "linkage of a machine, and time authority of its run"
+)
+force_node = partial(_program, "answering_nodes:ForceNode", "force_analysis", "force analysis of a machine")
+body_node = partial(_program, "answering_nodes:BodyNode", "body", "body of a machine")
+frames_node = partial(
+    _program, "frames_node:FramesNode", "frames", "frames of a machine for TF, and its robot description"
+)
+recorder_node = partial(
+    _program,
+    "recorder_node:RecorderNode",
+    "recorder",
+    "recorder of a machine",
+    "--directory",
+    "recordings/{}-{:%Y%m%d-%H%M%S}",
+)
+viewer_node = partial(_program, "viewer_node:ViewerNode", "viewer", "viewer of a machine", "--place", "{}.rrd")
