@@ -63,37 +63,25 @@ def settle_domain(open_to_other_hosts: bool = False) -> str:
     """
     os.environ.setdefault(DISCOVERY, OTHER_HOSTS if open_to_other_hosts else THIS_HOST)
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
-    if LOG_DIRECTORY not in os.environ and not _home_takes_logs():
-        os.environ[LOG_DIRECTORY] = tempfile.gettempdir()
-    _check_log_directory()
+    if LOG_DIRECTORY not in os.environ:
+        home = os.environ.get("ROS_HOME") or f"{os.environ.get('HOME', os.devnull)}/.ros"  # rclpy's default
+        if _lack_of_logs(Path(home, "log")):
+            os.environ[LOG_DIRECTORY] = tempfile.gettempdir()
+    named = os.environ.get(LOG_DIRECTORY)
+    if named and (lack := _lack_of_logs(Path(named))):
+        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: {lack}")
     check_address_space(ADDRESS_SPACE_BYTES, "ROS 2 takes")
     _check_shared_memory()
     return os.environ[DISCOVERY]
 
 
-def _home_takes_logs() -> bool:
-    """Return whether rclpy can write to its default log directory; it fails in one owned by another user."""
-    if "HOME" not in os.environ:
-        return False
-    place = Path(os.environ.get("ROS_HOME") or Path(os.environ["HOME"]) / ".ros") / "log"
+def _lack_of_logs(place: Path) -> str:
+    """Return why rclpy could not write to a log directory, which is made; empty if it can."""
     try:
         place.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(place, os.W_OK)
-
-
-def _check_log_directory() -> None:
-    """Raise if the log directory named by the user cannot be created: rclpy would not start."""
-    named = os.environ.get(LOG_DIRECTORY)
-    if not named:
-        return
-    try:
-        Path(named).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be made ({error.strerror})") from error
-    if not os.access(named, os.W_OK):
-        raise SurroundingsError(f"{LOG_DIRECTORY} {named}: cannot be written")
+        return f"cannot be made ({error.strerror})"
+    return "" if os.access(place, os.W_OK) else "cannot be written"
 
 
 def _check_shared_memory() -> None:
