@@ -180,8 +180,8 @@ def services() -> list[tuple[str, str, str]]:
         tree = ast.parse(file.read_text(encoding="utf-8"))
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
         for call in calls:
-            if isinstance(call.func, ast.Attribute) and call.func.attr == "create_service":
-                kind, name, _ = call.args
+            if ast.unparse(call.func) in ("offer", "self.create_service"):
+                *_, kind, name, _ = call.args
                 found.append((ast.literal_eval(name), f"std_srvs/srv/{ast.unparse(kind)}", f"`{file.stem}`"))
     return found
 

@@ -198,27 +198,26 @@ def test_a_machine_that_was_stopped_in_a_trial_is_not_started_by_its_end(
     sent: list[Setting] = []
     assert advisor._outlet is not None
     monkeypatch.setattr(advisor._outlet, "send", sent.append)
-    yes = SetBool.Request(data=True)
     advisor._take(offered(advisor.state, ADVICE, 1.0))
-    assert advisor._accept(yes, SetBool.Response()).success
+    assert advisor.accept()[0]
     assert sent == [Setting(COMMAND, 0.9)]
     advisor._received_s -= 10.0
     ends = {
         "silence": lambda: advisor.check_peers(advisor._received_s + 10.0),
-        "no": lambda: advisor._reject(yes, SetBool.Response()),
+        "no": advisor.reject,
         "restart": advisor.begin_anew,
         "close": advisor.close,
     }
     ends[end]()
     assert (advisor.state.phase, advisor.state.in_force) == ("idle", True)
     advisor._take(offered(advisor.state, ADVICE, 40.0))
-    assert advisor._accept(yes, SetBool.Response()).message == "the machine stands, and a speed would start it"
+    assert advisor.accept()[1] == "the machine stands, and a speed would start it"
     assert len(sent) == 1
 
 
 def test_a_speed_that_another_commands_ends_a_trial_and_is_where_the_next_advice_begins(advisor: AdvisorNode) -> None:
     advisor._take(offered(advisor.state, ADVICE, 1.0))
-    assert advisor._accept(SetBool.Request(data=True), SetBool.Response()).success
+    assert advisor.accept()[0]
     advisor.on_setting(COMMAND, 0.9)  # its own
     assert advisor.state.phase == "trial"
     advisor.on_setting(COMMAND, 0.7)
@@ -268,13 +267,11 @@ def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_ne
 def test_an_advice_after_a_restart_of_the_machine_needs_not_wait_for_a_change_before_it(advisor: AdvisorNode) -> None:
     advisor._now_s = 900.0
     advisor._take(offered(advisor.state, ADVICE._replace(expires_s=1500.0), 900.0))
-    yes = SetBool.Request(data=True)
-    assert advisor._accept(yes, SetBool.Response()).success
+    assert advisor.accept()[0]
     advisor.begin_anew()
     advisor._now_s = 5.0
     advisor._take(offered(advisor.state, ADVICE, 5.0))
-    answer = advisor._accept(yes, SetBool.Response())
-    assert (answer.success, answer.message) == (True, "accepted: on trial for 2 cycles")
+    assert advisor.accept() == (True, "accepted: on trial for 2 cycles")
     advisor._now_s = 6.0
-    assert advisor._reject(yes, SetBool.Response()).success
-    assert advisor._accept(yes, SetBool.Response()).message == "nothing is offered"
+    assert advisor.reject()[0]
+    assert advisor.accept()[1] == "nothing is offered"

@@ -11,7 +11,6 @@ import pytest
 from bench_run import ShadowBench
 from catalogue import built
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
@@ -61,17 +60,11 @@ def seen(duration_s: float) -> Iterator[SeenSample]:
         yield SeenSample(float(run["time_s"][row]), (0, 1), values)
 
 
-def asked(service: object) -> Trigger.Response:
-    """Return what a service answers."""
-    return service(Trigger.Request(), Trigger.Response())  # type: ignore[operator]
-
-
 def test_what_cannot_be_done_is_refused_in_words(shadowed) -> None:
     _, identifier = shadowed
-    answer = asked(identifier._identify)
-    assert (answer.success, "at least 20 samples" in answer.message) == (False, True)
-    answer = asked(identifier._take_over)
-    assert (answer.success, answer.message) == (False, "nothing is found that foretells better than before")
+    is_done, message = identifier.identify()
+    assert (is_done, "at least 20 samples" in message) == (False, True)
+    assert identifier.take_over() == (False, "nothing is found that foretells better than before")
     (judged,) = identifier.set_parameters([Parameter("span_s", value=1e4)])
     assert (judged.successful, judged.reason) == (False, "span_s 10000: expected 2 to 300 s")
 
@@ -91,8 +84,8 @@ def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowe
         shadow.observer.take(sample)
     assert identifier.recent.span_s == pytest.approx(8.0, abs=0.05)
     identifier.set_parameters([Parameter("span_s", value=4.0)])
-    assert asked(identifier._identify).message == "1 keys, the last 4 s"
-    assert not asked(identifier._identify).success, "one fit at a time"
+    assert identifier.identify()[1] == "1 keys, the last 4 s"
+    assert not identifier.identify()[0], "one fit at a time"
     before, lines, end = shadow.observer, set(), time.monotonic() + LIMIT_S
     while identifier.phase == "running" and time.monotonic() < end:
         identifier.check_peers(time.monotonic())
@@ -103,11 +96,10 @@ def test_a_hidden_mass_is_found_and_shadow_and_description_go_on_with_it(shadowe
     (key,) = identifier.found.keys
     assert key.low_95 < HIDDEN < key.high_95
     assert KEY in identifier.diagnostic_values()
-    answer = asked(identifier._take_over)
-    assert answer.success
+    assert identifier.take_over()[0]
     assert shadow.observer is not before
     assert configuration_tree(identifier.model)["masses"]["extra_kg"] == key.estimate
-    assert not asked(identifier._take_over).success, "it is taken over once"
+    assert not identifier.take_over()[0], "it is taken over once"
     old = PhaseLockedObserver(built(NAME), catalogue_entry(NAME).build, before.channels)
     misses = [
         [abs(e.innovations[1]) for s in samples if (e := each.take(s)) is not None] for each in (old, shadow.observer)
@@ -128,11 +120,11 @@ def test_a_fit_whose_process_is_killed_is_told_as_failed(shadowed) -> None:
     _, identifier = shadowed
     for row in range(400):
         identifier.observe(SeenSample(0.02 * row, (0, 1), (0.1 * row, 0.0)))
-    assert asked(identifier._identify).success
+    assert identifier.identify()[0]
     identifier._fit._process.kill()
     end = time.monotonic() + 60.0
     while identifier.phase == "running" and time.monotonic() < end:
         identifier.check_peers(time.monotonic())
         time.sleep(0.02)
     assert (identifier.phase, identifier.status_line) == ("failed", "the fit ended with code -9")
-    assert asked(identifier._identify).success, "another may be asked for"
+    assert identifier.identify()[0], "another may be asked for"

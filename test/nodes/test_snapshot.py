@@ -15,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
-from std_srvs.srv import Trigger
 
 from mech_twin.messages.topics import DIAGNOSTICS
 from mech_twin.nodes.exchange.base_node import RunOptions
@@ -90,9 +89,9 @@ def test_without_a_trigger_nothing_is_left(recorder: RecorderNode, tmp_path: Pat
 def test_a_recorder_of_everything_refuses_a_snapshot(recorder: RecorderNode) -> None:
     heard(recorder, (f"/{DRUM}/linkage", OK))
     assert recorder.diagnostic_values()["written"] == "1"
-    answer = recorder._on_snapshot(Trigger.Request(), Trigger.Response())
-    assert not answer.success
-    assert "run.snapshot_s is 0" in answer.message
+    is_done, message = recorder.snapshot()
+    assert not is_done
+    assert "run.snapshot_s is 0" in message
 
 
 def told_snapshot() -> str:

@@ -89,10 +89,10 @@ def test_calls_without_end_leave_the_run_nine_tenths_of_its_time() -> None:
         assert isinstance(motor, MotorNode)
         begun, refused = time.monotonic(), 0
         for _ in range(200):
-            motor._on_stop(Trigger.Request(), Trigger.Response())
-            answer = motor._on_start(Trigger.Request(), Trigger.Response())
-            refused += not answer.success
-            assert answer.success or "ask again in" in answer.message
+            motor.stop()
+            is_done, message = motor.start()
+            refused += not is_done
+            assert is_done or "ask again in" in message
         taken_s = time.monotonic() - begun
         assert refused >= 150, taken_s
         run.steps(20)
@@ -111,7 +111,7 @@ def test_changes_and_starts_in_turn_without_end_leave_the_run_its_time() -> None
             linkage.set_parameters([Parameter(key, value=40000.0 + number)])
             run.steps(1)
             asked_s = time.monotonic()
-            motor._on_start(Trigger.Request(), Trigger.Response())
+            motor.start()
             starts_s.append(time.monotonic() - asked_s)
         taken_s = time.monotonic() - begun
         assert sum(starts_s) < FORECAST_BURST_S + FORECAST_SHARE * taken_s + 2.0 * max(starts_s)

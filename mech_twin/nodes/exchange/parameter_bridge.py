@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Declares every key of a parameter model as a ROS 2 parameter with type, range, unit and description."""
+"""Declares every key of a parameter model as a ROS 2 parameter with type, range, unit and description.
+
+Offers the services of std_srvs, which answer with success and message.
+"""
 
 from __future__ import annotations
 
@@ -102,6 +105,16 @@ def watch_parameters(node: Node, namespace: str, changed: Callable[[str, Any], N
                 changed(each.name, parameter_value_to_python(each.value))
 
     node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
+
+
+def offer(node: Node, kind: Any, name: str, act: Callable[[Any], tuple[bool, str]]) -> None:
+    """Offer a service of std_srvs; ``act`` returns success and message of the answer to a request."""
+
+    def answer(request: Any, response: Any) -> Any:
+        response.success, response.message = act(request)
+        return response
+
+    node.create_service(kind, name, answer)
 
 
 def machine_override(node: Node) -> str | None:

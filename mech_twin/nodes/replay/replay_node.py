@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
 from mech_twin.nodes.exchange.counting import array_message, status_message
+from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
 from mech_twin.recording.bag_contents import stamp_ns
@@ -133,9 +134,9 @@ class ReplayNode(Node):
         self._messages: Iterator[BagMessage] = iter(())
         self._following: BagMessage | None = None
         self._declare()
-        self.create_service(Trigger, "~/pause", self._on_pause)
-        self.create_service(Trigger, "~/resume", self._on_resume)
-        self.create_service(Trigger, "~/next_impact", self._on_next_impact)
+        offer(self, Trigger, "~/pause", lambda _: (True, self.pause()))
+        offer(self, Trigger, "~/resume", lambda _: (True, self.resume()))
+        offer(self, Trigger, "~/next_impact", lambda _: self.go_to_next_impact())
         self.create_timer(WINDOW_S, self.report)
 
     # -- position --------------------------------------------------------------------------------------------------
@@ -282,18 +283,6 @@ class ReplayNode(Node):
             return False, f"no impact after {self.position_s:.6f} s"
         self._jump(found, "next impact")
         return True, f"impact at {self._source.seconds(found):.6f} s"
-
-    def _on_pause(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, self.pause()
-        return response
-
-    def _on_resume(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, self.resume()
-        return response
-
-    def _on_next_impact(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self.go_to_next_impact()
-        return response
 
     def _declare(self) -> None:
         first, last = (self._source.seconds(end) for end in (self._source.first_ns, self._source.last_ns))

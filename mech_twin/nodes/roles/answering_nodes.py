@@ -56,6 +56,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import HandedStep
+from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.roles.follower_node import FollowerNode
 from mech_twin.nodes.roles.stepping import Ration
 from mech_twin.roles import BodyRole
@@ -87,8 +88,8 @@ class MotorNode(FollowerNode):
         self.subscribe(EFFORT_COMMAND, self._on_effort)
         self.subscribe(POSITION_COMMAND, self._on_position)
         self.subscribe(REJOIN_MOTOR, self._on_last_sample)
-        self.create_service(Trigger, "start", self._on_start)
-        self.create_service(Trigger, "stop", self._on_stop)
+        offer(self, Trigger, "start", lambda _: self.start())
+        offer(self, Trigger, "stop", lambda _: self.stop())
 
     def answer(self, question: LinkageSample, previous: MotorSample | None) -> MotorSample | None:
         """Return the drive at the linkage's step; a restarted motor first asks for its last command."""
@@ -156,30 +157,26 @@ class MotorNode(FollowerNode):
         if fraction > 0.0:
             self._asked_target = fraction
 
-    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def start(self) -> tuple[bool, str]:
         """Switch the supply on if a forecast shows that the machine starts; the run waits for the forecast."""
         linkage, asked = self.last_question, self._asked_target
         refused = self._forecasts.refusal()
         if refused:
-            response.success, response.message = False, refused
-            return response
+            return False, refused
         with self._forecasts.taking():
             forecast = None if linkage is None else start_forecast(self.machine, linkage, asked)
-        response.success = forecast is None or forecast.turns
         if forecast is None or forecast.turns:
             self.target = asked
-            response.message = f"supply on at {asked:g} of rated frequency"
-            return response
+            return True, f"supply on at {asked:g} of rated frequency"
         why = f"drive at {forecast.position:.6g} would stand still {LOOK_AHEAD_S:g} s after switching on"
         self.get_logger().warning(f"start: {why}")
         self.diagnostics.warn(f"start: {why}")
-        response.message = f"supply left as it is: {why}"
-        return response
+        return False, f"supply left as it is: {why}"
 
-    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def stop(self) -> tuple[bool, str]:
+        """Switch the supply off."""
         self.target = 0.0
-        response.success, response.message = True, "supply off, until a start or the next command"
-        return response
+        return True, "supply off, until a start or the next command"
 
 
 def _wrench(frame: str, place: int, sample: ForceSample) -> bytes:

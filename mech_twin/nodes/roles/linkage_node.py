@@ -26,6 +26,7 @@ from mech_twin.engine.coupling import restarted
 from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
 from mech_twin.errors import StateError
 from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.exchange.peers import PeerWait
 from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, LinkageRejoin
 from mech_twin.nodes.roles.role_node import PLACES, RETRY_S, RoleNode
@@ -96,12 +97,12 @@ class LinkageNode(RoleNode):
         self._out = LinkageOutputs(self)
         self._in = LinkageInputs(self, self._rejoin, self._wait, self._step_of_sample, self._on_answer)
         self._barrier = self._in.barrier
-        self.create_service(Trigger, "reset", self._on_reset)
-        self.create_service(SetBool, "pause", self._on_pause)
+        offer(self, Trigger, "reset", lambda _: self.reset().answer)
+        offer(self, SetBool, "pause", lambda request: (True, self.pause(request.data)))
         self._stepping = SteppingServices(self, self._on_answer)
         answer_later(self.create_service(Trigger, "step", self._stepping.on_step))
-        self.create_service(Trigger, "get_state", self._stepping.on_get_state)
-        self.create_service(Trigger, "get_features", self._stepping.on_get_features)
+        offer(self, Trigger, "get_state", lambda _: self.stored().answer)
+        offer(self, Trigger, "get_features", lambda _: (True, self._stepping.features()))
         self.add_post_set_parameters_callback(self._on_parameters)
         self.every(RETRY_S, self._attend)
 
@@ -297,16 +298,6 @@ class LinkageNode(RoleNode):
         )
         self._out.describe(self.description)
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        outcome = self.reset()
-        response.success, response.message = outcome.done, outcome.line
-        return response
-
-    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        """Pause or continue the run; the time of a pause is not caught up."""
-        response.success, response.message = True, self.pause(request.data)
-        return response
-
     # -- stepped from outside -----------------------------------------------------------------------------------
 
     def step_text(self) -> str:
@@ -314,7 +305,10 @@ class LinkageNode(RoleNode):
         return "not begun" if self.sample is None else f"step {self.sample.step}, {self.sample.time_s:.9g} s"
 
     def pause(self, held: bool) -> str:
-        """Pause or continue the run, which ends a request for steps; return a line that says which."""
+        """Pause or continue the run, which ends a request for steps; return a line that says which.
+
+        The time of a pause is not caught up.
+        """
         self.paused = held
         self.diagnostics.state = "paused" if held else "running"
         self._stepping.settle(answered=True, ended=True)

@@ -41,6 +41,7 @@ from mech_twin.messages.topics import (
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.counting import StepSequence
 from mech_twin.nodes.exchange.hand_over import Handed, HandedStep, Listener, ReceivedBytes
+from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import catalogue_entry
@@ -129,7 +130,7 @@ class RecorderNode(TwinNode):
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
         self._alarms: set[str] = set()
         self._snapshots = 0
-        self.create_service(Trigger, "~/snapshot", self._on_snapshot)
+        offer(self, Trigger, "~/snapshot", lambda _: self.snapshot())
         has_body = catalogue_entry(machine_name).has_body
         self._steps = {
             topic.name: StepInput(topic, self.resolve_topic_name(topic.name), self.options.peer_timeout_s)
@@ -329,23 +330,18 @@ class RecorderNode(TwinNode):
 
     # -- snapshots of the last seconds ------------------------------------------------------------------------------
 
-    def _on_snapshot(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        before = self._snapshots
-        response.message = "run.snapshot_s is 0: everything is recorded" if self._recent is None else self._snapshot()
-        response.success = self._snapshots > before
-        return response
-
-    def _snapshot(self) -> str:
-        """Write the messages of the last seconds; return a line on the result."""
-        assert self._recent is not None
+    def snapshot(self) -> tuple[bool, str]:
+        """Write the messages of the last seconds; return whether there are any, and a line on them."""
+        if self._recent is None:
+            return False, "run.snapshot_s is 0: everything is recorded"
         messages = self._recent.released()
         if not messages:
-            return "nothing was heard since the start or the last snapshot"
+            return False, "nothing was heard since the start or the last snapshot"
         for message in messages:
             self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
         self._snapshots += 1
         span = (messages[-1].at_ns - messages[0].at_ns) * 1e-9
-        return f"{len(messages)} messages of the last {span:.3g} s written to {self.writer.directory}"
+        return True, f"{len(messages)} messages of the last {span:.3g} s written to {self.writer.directory}"
 
     def _is_own(self, status: DiagnosticStatus) -> bool:
         return bool(status.name.startswith(f"{self.get_namespace().rstrip('/')}/"))
@@ -362,7 +358,7 @@ class RecorderNode(TwinNode):
         new = alarms - self._alarms
         self._alarms = (self._alarms | alarms) - {status.name for status in own if status.name not in alarms}
         if new:
-            self.get_logger().warning(f"{', '.join(sorted(new))}: alarm; {self._snapshot()}")
+            self.get_logger().warning(f"{', '.join(sorted(new))}: alarm; {self.snapshot()[1]}")
 
     def _tick(self) -> None:
         now_s = time.monotonic()

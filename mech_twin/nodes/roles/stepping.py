@@ -164,9 +164,9 @@ class RequestOutcome(NamedTuple):
     line: str
 
     @property
-    def done(self) -> bool:
-        """Whether it succeeded."""
-        return self.result == "RESULT_OK"
+    def answer(self) -> tuple[bool, str]:
+        """Success and message."""
+        return self.result == "RESULT_OK", self.line
 
 
 class SteppingServices:
@@ -223,14 +223,10 @@ class SteppingServices:
         """Take ``run.step_count`` steps of a paused run; the response is a future."""
         return self._take(self._run.get_parameter("run.step_count").value, partial(_with_outcome, response))
 
-    def on_get_state(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Return the state."""
-        return _with_outcome(response, self._run.stored())
-
-    def on_get_features(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Return the supported features of simulation_interfaces."""
+    def features(self) -> str:
+        """Return the supported features of simulation_interfaces, one a line."""
         lines = [*FEATURES, *([STATE_FEATURE] if self._run.stored().result != "RESULT_FEATURE_UNSUPPORTED" else [])]
-        return _with_outcome(response, RequestOutcome("RESULT_OK", "\n".join(lines)))
+        return "\n".join(lines)
 
     # -- simulation_interfaces --------------------------------------------------------------------------------------
 
@@ -279,7 +275,8 @@ class SteppingServices:
 
     def _answered(self, response: Any, outcome: RequestOutcome) -> Any:
         response.result.result = getattr(self._messages.Result, outcome.result)
-        response.result.error_message = "" if outcome.done else outcome.line
+        is_done, line = outcome.answer
+        response.result.error_message = "" if is_done else line
         return response
 
 
@@ -297,5 +294,5 @@ def answer_later(service: Any) -> None:
 
 
 def _with_outcome(response: Trigger.Response, outcome: RequestOutcome) -> Trigger.Response:
-    response.success, response.message = outcome.done, outcome.line
+    response.success, response.message = outcome.answer
     return response

@@ -24,7 +24,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DECISIONS, RECOMMENDATION, SPEED_COMMAND
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import status_message
-from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
+from mech_twin.nodes.exchange.parameter_bridge import offer, watch_parameters
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
@@ -136,8 +136,8 @@ class AdvisorNode(TwinNode):
         self._decisions = self.output(DECISIONS, recorded=False)
         watch_parameters(self, namespace, self.on_setting)
         self.declare_parameter(PENDING, 0)
-        self.create_service(SetBool, "~/accept", self._accept)
-        self.create_service(SetBool, "~/reject", self._reject)
+        offer(self, SetBool, "~/accept", lambda request: self.accept(request.data))
+        offer(self, SetBool, "~/reject", lambda request: self.reject(request.data))
 
     def observe(self, sample: SeenSample) -> None:
         """Update with a sample of the machine."""
@@ -233,30 +233,25 @@ class AdvisorNode(TwinNode):
         silent_s = time.monotonic() - self._received_s
         return self.wish.output.key == COMMAND and silent_s > max(STANDS_S, STANDS_CYCLES * self._period_s)
 
-    def _accept(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+    def accept(self, is_meant: bool = True) -> tuple[bool, str]:
+        """Accept the advice offered, unless that would start the machine."""
         if self._would_start():
-            response.success, response.message = False, "the machine stands, and a speed would start it"
-            return response
-        return self._answered(
-            request, response, lambda: accepted(self.state, self._miss(), self._now_s, self.wish.rules)
-        )
+            return False, "the machine stands, and a speed would start it"
+        return self._answered(is_meant, accepted(self.state, self._miss(), self._now_s, self.wish.rules))
 
-    def _reject(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        return self._answered(request, response, lambda: rejected(self.state, self._now_s))
+    def reject(self, is_meant: bool = True) -> tuple[bool, str]:
+        """Reject the advice offered, or end its trial."""
+        return self._answered(is_meant, rejected(self.state, self._now_s))
 
-    def _answered(
-        self, request: SetBool.Request, response: SetBool.Response, step: Callable[[], AdviceStep]
-    ) -> SetBool.Response:
-        if not request.data:
-            response.success, response.message = False, "expected data: true"
-            return response
-        found = step()
-        self._take(found)
-        decision = found.decision
-        response.success = decision is not None and decision.what not in ("refused", "expired")
-        if decision is not None:
-            response.message = f"{decision.what}: {decision.reason}" if response.success else decision.reason
-        return response
+    def _answered(self, is_meant: bool, step: AdviceStep) -> tuple[bool, str]:
+        if not is_meant:
+            return False, "expected data: true"
+        self._take(step)
+        decision = step.decision
+        if decision is None:
+            return False, ""
+        is_done = decision.what not in ("refused", "expired")
+        return is_done, f"{decision.what}: {decision.reason}" if is_done else decision.reason
 
     def _take(self, step: AdviceStep) -> None:
         """Execute a decision, and publish it."""

@@ -21,6 +21,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MeasurementError, MotionError, StudyError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.nodes.exchange.base_node import TwinNode
+from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.process.interruption import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
@@ -111,8 +112,8 @@ class IdentifierNode(TwinNode):
         self._fit: _RunningFit | None = None
         self.declare_parameter(SPAN_S, USUAL_SPAN_S)
         self.add_on_set_parameters_callback(_judged)
-        self.create_service(Trigger, "~/identify", self._identify)
-        self.create_service(Trigger, "~/take_over", self._take_over)
+        offer(self, Trigger, "~/identify", lambda _: self.identify())
+        offer(self, Trigger, "~/take_over", lambda _: self.take_over())
 
     def observe(self, sample: SeenSample) -> None:
         """Store a sample of the machine."""
@@ -149,32 +150,29 @@ class IdentifierNode(TwinNode):
         self.phase = "found" if message.better else "not better"
         self.status_line = "; ".join(filter(None, (f"fitted in {message.seconds:.0f} s", message.lack)))
 
-    def _identify(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def identify(self) -> tuple[bool, str]:
+        """Begin a fit of the last seconds, unless one goes on."""
         if self._fit is not None:
-            response.success, response.message = False, f"a fit goes on: {self.status_line}"
-            return response
+            return False, f"a fit goes on: {self.status_line}"
         try:
             run = self.recent.run(float(self.get_parameter(SPAN_S).value))
         except MeasurementError as error:
-            response.success, response.message = False, str(error)
-            return response
+            return False, str(error)
         question = IdentificationQuestion(
             self.machine_name, self.model, self.keys, self._bounds, longest_begin_s=LATEST_BEGIN_S, cores=1
         )
         self.phase, self.status_line, self.found = "running", f"fitting {run.path}", None
         self._fit = _RunningFit(question, run)
-        response.success, response.message = True, f"{len(self.keys)} keys, {run.path}"
-        return response
+        return True, f"{len(self.keys)} keys, {run.path}"
 
-    def _take_over(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def take_over(self) -> tuple[bool, str]:
+        """Apply the result of the fit to the model."""
         if self.phase != "found" or self.found is None:
-            response.success, response.message = False, "nothing is found that foretells better than before"
-            return response
+            return False, "nothing is found that foretells better than before"
         self.model, self.phase = self.found.parameters, "taken over"
         self.status_line = "the model goes on with what was found"
         self.on_taken(self.model)
-        response.success, response.message = True, self.status_line
-        return response
+        return True, self.status_line
 
 
 def _judged(parameters: Sequence[Parameter]) -> SetParametersResult:

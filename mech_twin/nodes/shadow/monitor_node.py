@@ -23,6 +23,7 @@ from mech_twin.messages.cdr import Header, StepMessage, encoded
 from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import status_message
+from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
@@ -258,8 +259,8 @@ class MonitorNode(TwinNode):
         self.declare_parameter(FAULT, "")
         self.declare_parameter(SHELVE_S, USUAL_SHELVE_S)
         self.add_on_set_parameters_callback(_judged)
-        self.create_service(Trigger, "~/acknowledge", self._acknowledge)
-        self.create_service(Trigger, "~/shelve", self._shelve)
+        offer(self, Trigger, "~/acknowledge", lambda _: self.acknowledge())
+        offer(self, Trigger, "~/shelve", lambda _: self.shelve())
 
     def observe(self, sample: SeenSample) -> None:
         """Update with a sample of the machine."""
@@ -348,17 +349,17 @@ class MonitorNode(TwinNode):
 
     # -- services ---------------------------------------------------------------------------------------------------
 
-    def _acknowledge(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def acknowledge(self) -> tuple[bool, str]:
+        """Acknowledge the faults that the parameter names."""
         acknowledge = self.live.monitor.acknowledge
-        return self._done(response, "acknowledged", SEEN, lambda name: acknowledge(name, self._now_s))
+        return self._done("acknowledged", SEEN, lambda name: acknowledge(name, self._now_s))
 
-    def _shelve(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def shelve(self) -> tuple[bool, str]:
+        """Shelve the faults that the parameter names."""
         until_s = self._now_s + float(self.get_parameter(SHELVE_S).value)
-        return self._done(response, "shelved", LEVELS, lambda name: self.live.monitor.shelve(name, until_s))
+        return self._done("shelved", LEVELS, lambda name: self.live.monitor.shelve(name, until_s))
 
-    def _done(
-        self, response: Trigger.Response, done: str, states: Collection[str], act: Callable[[str], None]
-    ) -> Trigger.Response:
+    def _done(self, done: str, states: Collection[str], act: Callable[[str], None]) -> tuple[bool, str]:
         """Act on the faults in these states that the parameter names, alone or in a group; answer on which."""
         fault, lives = self.get_parameter(FAULT).value, self.live.monitor.lives
         living = [name for name, life in lives.items() if life.state in LEVELS]
@@ -368,11 +369,9 @@ class MonitorNode(TwinNode):
             act(name)
         if names and self.live.newest is not None:
             self._send_faults(self.live.newest)
-        response.success = bool(names)
         there = "; ".join(f"{name} is {lives[name].state}" for name in living) or "there is none"
         none = f"no fault{f' {fault!r}' if fault else ''} that can be {done}: {there}"
-        response.message = f"{done}: {', '.join(names)}" if names else none
-        return response
+        return bool(names), f"{done}: {', '.join(names)}" if names else none
 
 
 def _judged(asked: list[Parameter]) -> SetParametersResult:
