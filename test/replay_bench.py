@@ -77,7 +77,7 @@ class ReplayBench(Bench):
 
         def turned() -> bool:
             if not self.node.done:
-                self.node.turn()
+                self.node.tick()
             return predicate() or time.monotonic() > end
 
         self.spinner.until(turned)

@@ -203,7 +203,7 @@ def test_it_goes_from_impact_to_impact(impact_bag: Path) -> None:
         times = sorted(
             {entry.log_time_ns for entry in entries_of(impact_bag) if entry.topic.endswith("/impacts") and blow(entry)}
         )
-        bench.until(lambda: bench.node.turn() > 1.0)
+        bench.until(lambda: bench.node.tick() > 1.0)
         for expected in [time for time in times if time > 0][:3]:
             answer = bench.ask("next_impact")
             assert answer.success, answer.message

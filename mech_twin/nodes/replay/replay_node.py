@@ -28,7 +28,7 @@ from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
 from mech_twin.recording.bag_contents import stamp_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from mech_twin.recording.bag_contents import BagMessage
 
@@ -117,6 +117,7 @@ class ReplayNode(Node):
 
     def __init__(self, source: ReplaySource, options: ReplayOptions) -> None:
         super().__init__("replay")
+        self.interrupt: Callable[[], None] = lambda: None  # of `Ticking`: no message makes another one due earlier
         self.done = False
         self.loops = 0
         self._source = source
@@ -166,7 +167,7 @@ class ReplayNode(Node):
 
     # -- playback ---------------------------------------------------------------------------------------------------
 
-    def turn(self) -> float:
+    def tick(self) -> float:
         """Publish due messages, a limited number; return the time to the next one (s)."""
         if not self._begun:
             if not self._listeners_are_there():

@@ -5,16 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import NamedTuple
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from mech_twin.nodes.exchange.peers import other_clocks
-from mech_twin.nodes.exchange.spinner import destroy_nodes
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.replay_node import ReplayNode, ReplayOptions
 from mech_twin.nodes.replay.source import ReplaySource
@@ -23,8 +23,6 @@ from mech_twin.nodes.run.domain import replay_arguments
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.process.stop_signal import StopSignal
 
-LONGEST_WAIT_S = 0.05
-SHORTEST_WAIT_S = 1e-4
 ARRIVAL_LIMIT_S = 1.0
 FASTER = 1.25
 KEYS = "space: pause or go on, n: next impact, +/-: faster or slower, q: quit"
@@ -75,7 +73,8 @@ def replayed(
                 node.get_logger().warning(clocks)
             if keys.listening:
                 node.get_logger().info(KEYS)
-            _spin(node, stop, keys, progress)
+            with Spinner([node]) as spinner:
+                spinner.until(partial(_is_over, node, stop, keys, progress))
             node.finish(0.0 if stop.asked else ARRIVAL_LIMIT_S)
             return _outcome(node, source)
     finally:
@@ -90,19 +89,12 @@ def _outcome(node: ReplayNode, source: ReplaySource) -> ReplayOutcome:
     return ReplayOutcome(published, dict(source.malformed), refused, dict(source.unknown))
 
 
-def _spin(node: ReplayNode, stop: StopSignal, keys: TerminalKeys, progress: Callable[[ReplayNode], None]) -> None:
-    executor = EventsExecutor()
-    executor.add_node(node)
-    try:
-        while rclpy.ok() and not (stop.asked or node.done):
-            wait = min(node.turn(), LONGEST_WAIT_S)
-            executor.spin_once(timeout_sec=max(wait, SHORTEST_WAIT_S))
-            for key in keys.pressed():
-                obey(node, key)
-            progress(node)
-    finally:
-        executor.remove_node(node)
-        executor.shutdown()
+def _is_over(node: ReplayNode, stop: StopSignal, keys: TerminalKeys, progress: Callable[[ReplayNode], None]) -> bool:
+    """Obey the keys and report progress; return whether the replay is over."""
+    for key in keys.pressed():
+        obey(node, key)
+    progress(node)
+    return stop.asked or node.done
 
 
 def obey(node: ReplayNode, key: str) -> None:
