@@ -40,7 +40,7 @@ class RecentMessage(NamedTuple):
 
 
 class RecentMessages:
-    """Buffer of the messages of the last seconds of log time.
+    """Buffer of the messages of the last seconds of log time, ``kept``.
 
     Parameters
     ----------
@@ -50,22 +50,22 @@ class RecentMessages:
 
     def __init__(self, seconds: float) -> None:
         self._keep_ns = round(seconds * NS_PER_S)
-        self._kept: deque[RecentMessage] = deque()
+        self.kept: deque[RecentMessage] = deque()
         self.received: Counter[str] = Counter()
 
     def take(self, message: RecentMessage) -> None:
         """Add a message and drop those that are too old; if log time jumps back, drop all earlier ones."""
-        if self._kept and message.at_ns < self._kept[0].at_ns:
-            self._kept.clear()
+        if self.kept and message.at_ns < self.kept[0].at_ns:
+            self.kept.clear()
         self.received[message.topic] += 1
-        self._kept.append(message)
-        while message.at_ns - self._kept[0].at_ns > self._keep_ns:
-            self._kept.popleft()
+        self.kept.append(message)
+        while message.at_ns - self.kept[0].at_ns > self._keep_ns:
+            self.kept.popleft()
 
     def released(self) -> tuple[RecentMessage, ...]:
         """Return the buffered messages, and clear the buffer."""
-        found = tuple(self._kept)
-        self._kept.clear()
+        found = tuple(self.kept)
+        self.kept.clear()
         return found
 
 

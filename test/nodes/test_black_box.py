@@ -53,9 +53,9 @@ def test_what_is_kept_and_written_is_of_the_machines_present_time_also_when_it_i
             box.take(RecentMessage(DIAGNOSTICS.name, b"", second * SECOND_NS))
 
     heard(range(1000, 1030))
-    assert [message.at_ns // SECOND_NS for message in box._kept] == list(range(1019, 1030))
+    assert [message.at_ns // SECOND_NS for message in box._recent.kept] == list(range(1019, 1030))
     heard(range(3))
-    assert [message.at_ns // SECOND_NS for message in box._kept] == [0, 1, 2]
+    assert [message.at_ns // SECOND_NS for message in box._recent.kept] == [0, 1, 2]
     box.trigger(FAULT, 2.0)
     heard(range(3, 6))
     heard(range(500, 502))  # another time: the bag of the fault is over

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
@@ -16,7 +15,7 @@ from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.shadow_node import FOLLOWED
 from mech_twin.parameters.description import description_text
-from mech_twin.recording.bag_contents import RecentMessage, stamp_ns
+from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import SECOND_NS
@@ -182,7 +181,7 @@ class BlackBox(ShadowListener):
         self.bags: list[Path] = []
         self.failed: list[str] = []
         self._directory = directory
-        self._kept: deque[RecentMessage] = deque()
+        self._recent = RecentMessages(BEFORE_S)
         self._writer: BagWriter | None = None
         self._since_ns, self._until_ns = 0, 0
         self.diagnostics.state = "no fault yet"
@@ -203,15 +202,13 @@ class BlackBox(ShadowListener):
         self.bags.append(place)
         self.diagnostics.state = f"writing {place}"
         self._since_ns = round((time_s - BEFORE_S) * SECOND_NS)
-        for message in self._kept:
+        for message in self._recent.kept:
             if message.at_ns >= self._since_ns:
                 self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
 
     def take(self, message: RecentMessage) -> None:
         """Store a message, and write it near a fault."""
-        self._kept.append(message)
-        while not 0 <= message.at_ns - self._kept[0].at_ns <= round(BEFORE_S * SECOND_NS):
-            self._kept.popleft()
+        self._recent.take(message)
         if self._writer is None:
             return
         if not self._since_ns <= message.at_ns <= self._until_ns:  # over, or the machine was restarted
