@@ -22,7 +22,7 @@ from mech_twin.recording.record_file import (
     Record,
     RecordFile,
     UnreadableRecordError,
-    parse,
+    inner_records,
 )
 
 _MESSAGE_INDEX = struct.Struct("<HI")  # channel, size of the entries
@@ -75,15 +75,7 @@ def _summary_records(file: RecordFile, footer: Footer, footer_at: int) -> list[R
     data = file.bytes_at(footer.summary_start, footer_at + FOOTER_BYTES - footer.summary_start)
     if footer.summary_crc and zlib.crc32(data[:-4]) != footer.summary_crc:
         raise UnreadableRecordError("its checksum fails")
-    records: list[Record] = []
-    offset = 0
-    while offset < len(data) - FOOTER_BYTES:
-        opcode, length = struct.unpack_from("<BQ", data, offset)
-        if offset + HEAD_BYTES + length > len(data):
-            raise UnreadableRecordError("a record exceeds it")
-        records.append(parse(opcode, data[offset + HEAD_BYTES : offset + HEAD_BYTES + length]))
-        offset += HEAD_BYTES + length
-    return records
+    return list(inner_records(data[:-FOOTER_BYTES], "summary"))
 
 
 def _from_summary(file: RecordFile, records: list[Record]) -> FileIndex | None:

@@ -166,8 +166,8 @@ def decompressed(chunk: records.Chunk) -> bytes:
     return data
 
 
-def inner_records(data: bytes) -> Iterator[Record]:
-    """Yield the schemas, channels and messages of a decompressed chunk.
+def inner_records(data: bytes, whole: str = "chunk") -> Iterator[Record]:
+    """Yield the schemas, channels and messages of a decompressed chunk, or the records of another whole.
 
     Raises
     ------
@@ -178,13 +178,13 @@ def inner_records(data: bytes) -> Iterator[Record]:
     while offset < size:
         count += 1
         if count > MAX_CHUNK_RECORDS:
-            raise UnreadableRecordError(f"a chunk of more than {MAX_CHUNK_RECORDS} records")
+            raise UnreadableRecordError(f"a {whole} of more than {MAX_CHUNK_RECORDS} records")
         if size - offset < HEAD_BYTES:
-            raise UnreadableRecordError("a chunk that ends within a record")
+            raise UnreadableRecordError(f"a {whole} that ends within a record")
         opcode, length = struct.unpack_from("<BQ", data, offset)
         start, stop = offset + HEAD_BYTES, offset + HEAD_BYTES + length
         if stop > size:
-            raise UnreadableRecordError("a chunk that ends within a record")
+            raise UnreadableRecordError(f"a {whole} that ends within a record")
         yield _message(data, start, stop) if opcode == Opcode.MESSAGE else parse(opcode, data[start:stop])
         offset = stop
 
