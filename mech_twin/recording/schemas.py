@@ -65,7 +65,7 @@ def message_schema(type_name: str) -> MessageSchema:
     hashes = {item["type_name"]: item["hash_string"] for item in description["type_hashes"]}
     others = [item["type_name"] for item in description["type_description_msg"]["referenced_type_descriptions"]]
     parts = [_text(type_name)]
-    parts += [f"{_SEPARATOR}\nMSG: {_short(other)}\n{_text(other)}" for other in others]
+    parts += [f"{_SEPARATOR}\nMSG: {other.replace('/msg/', '/')}\n{_text(other)}" for other in others]
     return MessageSchema(type_name, "\n".join(parts), hashes[type_name])
 
 
@@ -87,11 +87,6 @@ def offered_qos(
         f"  liveliness: automatic\n  liveliness_lease_duration:\n    {forever}\n"
         "  avoid_ros_namespace_conventions: false\n"
     )
-
-
-def _short(type_name: str) -> str:
-    package, _, name = type_name.split("/")
-    return f"{package}/{name}"
 
 
 def _file(type_name: str, ending: str) -> Path:
