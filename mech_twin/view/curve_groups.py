@@ -13,6 +13,9 @@ from mech_twin.declarations.captions import caption, titled
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
 
 RESIDUAL_FLOOR = 1e-18
+UNITLESS = "number"
+# what derived quantities are by their unit, the most relevant first
+QUANTITIES = {"W": "Power", "J": "Energy", "m": "Lengths", "m/s": "Further speeds", "N s": "Impulses"}
 
 
 class Group(NamedTuple):
@@ -29,6 +32,15 @@ class Group(NamedTuple):
 
 
 Groups = list[Group]
+
+
+def quantity_path(unit: str) -> str:
+    """Return the entity path of the derived quantities of a unit: ``quantities/n_m`` for N m."""
+    word = unit.replace("²", "2").replace("³", "3").replace("/", " per ").replace("%", "percent").lower()
+    return "quantities/" + ("_".join(word.split()) or UNITLESS)
+
+
+MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
 
 
 def motor_groups(samples: Sequence[MotorSample], sliding: frozenset[str] = frozenset()) -> Groups:
@@ -94,12 +106,6 @@ def by_unit(names: Sequence[str]) -> dict[str, list[int]]:
     return places
 
 
-def quantity_path(unit: str) -> str:
-    """Return the entity path of the derived quantities of a unit: ``quantities/n_m`` for N m."""
-    word = unit.replace("²", "2").replace("³", "3").replace("/", " per ").replace("%", "percent").lower()
-    return "quantities/" + ("_".join(word.split()) or "number")
-
-
 def _by_unit_of_joint(
     role: str, joints: tuple[str, ...], columns: Mapping[str, npt.NDArray[np.float64]], sliding: frozenset[str]
 ) -> Groups:
@@ -143,3 +149,40 @@ def _names(sample: Any) -> tuple[tuple[str, ...], ...]:
 def present(curves: Mapping[str, tuple[str, ...]], *prefixes: str) -> list[str]:
     """Return the entity paths that lie under any of the prefixes."""
     return [path for path in curves if any(path == prefix or path.startswith(prefix + "/") for prefix in prefixes)]
+
+
+def plots(curves: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return the entity paths of the plots of a run by title, in order of relevance: pressing, impacts, rotation.
+
+    Parameters
+    ----------
+    curves, units : mapping
+        Names of the curves, and unit, by entity path.
+    """
+    known = {quantity_path(unit): f"{name}, {unit}" for unit, name in QUANTITIES.items()}
+    rest = [path for path in present(curves, "quantities") if path not in (MOMENTS, FORCES, *known)]
+    # without a body the moment on it is zero
+    moment = present(curves, "body_moment", "body/effort") if present(curves, "body") else []
+    every = {
+        "Pressing force, N": present(curves, "body/pressing_force"),
+        "Pin reactions, N": present(curves, "pins/magnitude"),
+        "Torque, N m": [*present(curves, "motor/torque"), *present(curves, MOMENTS)],
+        "Speed, rad/s": present(curves, "motor/speed", "linkage/speed"),
+        "Speed, m/s": present(curves, "motor_sliding/speed", "linkage_sliding/speed"),
+        "Force of the drive, N": present(curves, "motor_sliding/torque"),
+        "Forces, N": present(curves, FORCES),
+        **{title: present(curves, path) for path, title in known.items()},
+        **{f"Quantities, {units.get(path) or UNITLESS}": [path] for path in rest},
+        "Position, rad": present(curves, "linkage/position"),
+        "Position, m": present(curves, "linkage_sliding/position"),
+        "Body position, rad": present(curves, "body/position"),
+        "Body speed, rad/s": present(curves, "body/speed"),
+        "Moment on the body, N m": moment,
+        "Effort of the joints, N m": present(curves, "linkage/effort"),
+        "Effort of the joints, N": present(curves, "linkage_sliding/effort"),
+        "Pin reactions along x, N": present(curves, "pins/force_x"),
+        "Pin reactions along y, N": present(curves, "pins/force_y"),
+        "Supply, share of rated": present(curves, "motor/supply"),
+        "Residuals, powers of ten": present(curves, "residuals"),
+    }
+    return {title: paths for title, paths in every.items() if paths}

@@ -39,7 +39,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TimelineColumn
 
 from mech_twin.samples import BodySample
-from mech_twin.view.curve_groups import present, quantity_path
+from mech_twin.view.curve_groups import plots
 from mech_twin.view.curves import SIM_TIME
 from mech_twin.view.extent import Bounds, round_above
 
@@ -52,9 +52,19 @@ PHASE_PORTRAIT = "phase_portrait"
 ASPECT = 2.0
 # share of a plot's width kept free right of the curves for the legend: frame, per letter of a name, and maximum
 LEGEND_FRAME, LEGEND_LETTER, LEGEND_MOST = 0.09, 0.0135, 0.42
-MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
 CONTACTS = ("a contact",)  # typical length of a mark's name, which is that of a contact
-FIRST_UNITS = ("W", "J", "m", "m/s", "N s")
+# plots that share a panel; those left share the last one
+SLOTS = (
+    (
+        "Torque, N m",
+        "Moment on the body, N m",
+        "Force of the drive, N",
+        "Effort of the joints, N m",
+        "Effort of the joints, N",
+    ),
+    ("Speed, rad/s", "Speed, m/s", "Position, rad", "Position, m", "Supply, share of rated"),
+    ("Pin reactions, N", "Pin reactions along x, N", "Pin reactions along y, N", "Forces, N"),
+)
 SHADES = 6
 TRACE = (86, 180, 233)
 NOW = (230, 159, 0)
@@ -131,47 +141,13 @@ def events_view(*, has_level: bool) -> rrb.TextLogView:
 
 
 def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.View | rrb.Tabs]) -> rrb.Vertical | None:
-    curves = contents.curves
-    # without a body the moment on it is zero
-    moment = present(curves, "body_moment", "body/effort") if present(curves, "body") else []
-    units = contents.units
-    others = sorted(
-        (path for path in present(curves, "quantities") if path not in (MOMENTS, FORCES)),
-        key=lambda path: FIRST_UNITS.index(units[path]) if units.get(path) in FIRST_UNITS else len(FIRST_UNITS),
-    )
-    slots: list[dict[str, Sequence[str]]] = [
-        {
-            "Torque, N m": [*present(curves, "motor/torque"), *present(curves, MOMENTS)],
-            "Moment on the body, N m": moment,
-            "Force, N": present(curves, "motor_sliding/torque"),
-            "Effort, N m": present(curves, "linkage/effort"),
-            "Effort, N": present(curves, "linkage_sliding/effort"),
-        },
-        {
-            "Speed, rad/s": present(curves, "motor/speed", "linkage/speed"),
-            "Speed, m/s": present(curves, "motor_sliding/speed", "linkage_sliding/speed"),
-            "Position, rad": present(curves, "linkage/position"),
-            "Position, m": present(curves, "linkage_sliding/position"),
-            "Supply, share": present(curves, "motor/supply"),
-        },
-        {
-            "Pin reactions, N": present(curves, "pins/magnitude"),
-            "along x, N": present(curves, "pins/force_x"),
-            "along y, N": present(curves, "pins/force_y"),
-            "Forces, N": present(curves, FORCES),
-        },
-        {
-            "Pressing force, N": present(curves, "body/pressing_force"),
-            "Body position, rad": present(curves, "body/position"),
-            "Body speed, rad/s": present(curves, "body/speed"),
-            **{f"Quantities, {units.get(path) or 'number'}": [path] for path in others},
-            "Residuals, powers of ten": present(curves, "residuals"),
-        },
-    ]
+    shown = plots(contents.curves, contents.units)
+    titles = [*SLOTS, [title for title in shown if not any(title in slot for slot in SLOTS)]]
     stack = [
-        [plot(name, paths, window_s, _names(curves, paths)) for name, paths in slot.items() if paths] for slot in slots
+        [plot(title, shown[title], window_s, _names(contents.curves, shown[title])) for title in slot if title in shown]
+        for slot in titles
     ]
-    panels = [_slot([*plots, *last] if place == len(stack) - 1 else plots) for place, plots in enumerate(stack)]
+    panels = [_slot([*views, *last] if place == len(stack) - 1 else views) for place, views in enumerate(stack)]
     filled = [panel for panel in panels if panel is not None]
     return rrb.Vertical(*filled) if filled else None
 

@@ -37,8 +37,7 @@ from mech_twin.view.curve_groups import (
     force_groups,
     linkage_groups,
     motor_groups,
-    present,
-    quantity_path,
+    plots,
     same_names,
 )
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
@@ -54,8 +53,6 @@ MOST_EVENTS = 200  # per picture
 LOUD = 0.01  # share of the largest impulse so far: weaker impacts are recorded, but not logged
 HEALTH_S = 0.5  # wall-clock time between two reports of the residuals
 HALTED_S = 0.3  # time without a step that counts as a pause or a wait for a peer, not as lag
-MOMENTS, FORCES = quantity_path("N m"), quantity_path("N")
-UNITLESS = "number"
 TINY = 1e-300
 
 
@@ -317,7 +314,8 @@ class BenchScene(Closing):
         names = self._names | {curve.path: curve.names for curve in curves}
         if names != self._names:
             self._names = names
-            self._link.tell("layout", packed_layout(panels(names, self._roles.units), names))
+            panels = [Panel(title, tuple(paths)) for title, paths in plots(names, self._roles.units).items()]
+            self._link.tell("layout", packed_layout(panels, names))
 
 
 def rated_power_w(machine: Machine) -> float | None:
@@ -330,36 +328,3 @@ def rated_power_w(machine: Machine) -> float | None:
 def body_regimes(machine: Machine) -> tuple[str, ...]:
     """Return the names of the regimes of the machine's body; empty without a body."""
     return () if machine.body is None else tuple(machine.body.regimes)
-
-
-def panels(names: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> list[Panel]:
-    """Return the plots of a machine in order of relevance: pressing, impacts, rotation."""
-    moment = present(names, "body_moment", "body/effort") if present(names, "body") else []
-    rest = [path for path in present(names, "quantities") if path not in (MOMENTS, FORCES)]
-    wanted = {
-        "Pressing force, N": present(names, "body/pressing_force"),
-        "Pin reactions, N": present(names, "pins/magnitude"),
-        "Torque, N m": [*present(names, "motor/torque"), *present(names, MOMENTS)],
-        "Speed, rad/s": present(names, "motor/speed", "linkage/speed"),
-        "Speed, m/s": present(names, "motor_sliding/speed", "linkage_sliding/speed"),
-        "Force of the drive, N": present(names, "motor_sliding/torque"),
-        "Forces, N": present(names, FORCES),
-        **{_quantity(units.get(path, "")): [path] for path in rest},
-        "Position, rad": present(names, "linkage/position"),
-        "Position, m": present(names, "linkage_sliding/position"),
-        "Body position, rad": present(names, "body/position"),
-        "Body speed, rad/s": present(names, "body/speed"),
-        "Moment on the body, N m": moment,
-        "Effort of the joints, N m": present(names, "linkage/effort"),
-        "Effort of the joints, N": present(names, "linkage_sliding/effort"),
-        "Pin reactions along x, N": present(names, "pins/force_x"),
-        "Pin reactions along y, N": present(names, "pins/force_y"),
-        "Supply, share of rated": present(names, "motor/supply"),
-        "Residuals, powers of ten": present(names, "residuals"),
-    }
-    return [Panel(title, tuple(paths)) for title, paths in wanted.items() if paths]
-
-
-def _quantity(unit: str) -> str:
-    names = {"W": "Power, W", "J": "Energy, J", "m": "Lengths, m", "m/s": "Further speeds, m/s", "N s": "Impulses, N s"}
-    return names.get(unit, f"Quantities, {unit or UNITLESS}")
