@@ -6,7 +6,7 @@ Sensor readings are recorded as foreign topics: the messages that a real machine
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,17 +32,22 @@ from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing, ForceSample, Frame
 
-_TYPES = {
-    "wrench": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
-    "vector": (Vector3Stamped, "geometry_msgs/msg/Vector3Stamped"),
-    STAMP: (Vector3Stamped, "geometry_msgs/msg/Vector3Stamped"),
-    "angular_velocity": (Imu, "sensor_msgs/msg/Imu"),
-    "linear_acceleration": (Imu, "sensor_msgs/msg/Imu"),
-    "data": (Float64, "std_msgs/msg/Float64"),
+FIELD_TYPES: Mapping[str, Any] = {
+    "wrench": WrenchStamped,
+    "vector": Vector3Stamped,
+    STAMP: Vector3Stamped,
+    "angular_velocity": Imu,
+    "linear_acceleration": Imu,
+    "data": Float64,
 }
-_JOINT_STATE = (JointState, "sensor_msgs/msg/JointState")
+FIELDS = ", ".join((*JOINT_FIELDS, *FIELD_TYPES))
 DEPTH = 100
 VIEW_RATE_HZ = 30.0
+
+
+def field_type(joint: str | None, field: str) -> Any:
+    """Return the message type of a field of a foreign topic; None if it is none of `FIELDS`."""
+    return JointState if joint is not None and field in JOINT_FIELDS else FIELD_TYPES.get(field.partition(".")[0])
 
 
 class SensorRecorder(Closing):
@@ -55,22 +60,18 @@ class SensorRecorder(Closing):
     """
 
     def __init__(self, directory: Path, fields: Iterable[TopicField]) -> None:
-        self._kinds: dict[str, tuple[Any, str]] = {}
+        self._kinds: dict[str, Any] = {}
         for item in fields:
-            kind = (
-                _JOINT_STATE
-                if item.joint is not None and item.field in JOINT_FIELDS
-                else _TYPES.get(item.field.partition(".")[0])
-            )
+            kind = field_type(item.joint, item.field)
             if kind is None:
-                known = ", ".join((*JOINT_FIELDS, *_TYPES))
-                raise BagError(directory, f"field {item.field!r} of topic {item.topic!r}: expected one of {known}")
-            if self._kinds.setdefault(item.topic, kind) != kind:
-                raise BagError(
-                    directory, f"topic {item.topic!r} would have two types, {self._kinds[item.topic][1]} and {kind[1]}"
-                )
+                raise BagError(directory, f"field {item.field!r} of topic {item.topic!r}: expected one of {FIELDS}")
+            before = self._kinds.setdefault(item.topic, kind)
+            if before != kind:
+                names = f"{before.__name__} and {kind.__name__}"
+                raise BagError(directory, f"topic {item.topic!r} would have two types, {names}")
         self._writer = BagWriter(directory, configuration="")
-        for topic, (_, name) in self._kinds.items():
+        for topic, kind in self._kinds.items():
+            name = topics.type_name(topics.Topic(topic, kind))
             self._writer.add_topic(topic, name, offered_qos(durability="volatile", depth=DEPTH))
 
     def close(self) -> None:
@@ -80,7 +81,7 @@ class SensorRecorder(Closing):
     def write(self, time_s: float, fields: Sequence[TopicField], values: Sequence[float]) -> None:
         """Record one message: fields of one topic at one stamp (s), which is also the log time."""
         topic = fields[0].topic
-        message = self._kinds[topic][0]()
+        message = self._kinds[topic]()
         if hasattr(message, "header"):
             set_stamp(message.header, time_s)
         if isinstance(message, JointState):

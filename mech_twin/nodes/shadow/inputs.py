@@ -8,20 +8,19 @@ continue the others is damaged or from another publisher: it does not set the ti
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from geometry_msgs.msg import Vector3Stamped, WrenchStamped
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Imu, JointState
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.units import is_event
 from mech_twin.messages.cdr import CdrError, Stamp, received_message, stamp_of
 from mech_twin.messages.topics import BODY_JOINT_STATES, JOINT_STATES, Topic
+from mech_twin.recording.frame_recorder import FIELD_TYPES, FIELDS, field_type
 from mech_twin.recording.measured_topics import EPOCH_NS, JOINT_FIELDS, SECOND_NS, STAMP
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import SeenSample, SensedChannel
@@ -136,14 +135,6 @@ class StampGate(Generic[Item]):
         return found
 
 
-TYPES: Mapping[str, Any] = {
-    "wrench": WrenchStamped,
-    "vector": Vector3Stamped,
-    "angular_velocity": Imu,
-    "linear_acceleration": Imu,
-    "data": Float64,
-}
-EVENT_TYPE = Vector3Stamped  # of a topic of which only the stamps are used
 COMMAND = "motor.command"
 
 
@@ -231,7 +222,7 @@ class FollowedTopic:
 
     def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
         self.fields = tuple(fields)
-        kinds = {_type_of(field) for field in fields if not field.of_stamp} or {EVENT_TYPE}
+        kinds = {_type_of(field) for field in fields if not field.of_stamp} or {FIELD_TYPES[STAMP]}
         if len(kinds) != 1:
             raise ConfigurationError(f"topic {name!r} would have several types: {', '.join(k.__name__ for k in kinds)}")
         if len({field.of_event for field in fields}) != 1:
@@ -334,14 +325,11 @@ def own_map(machine: Machine) -> MeasurementMap:
 
 
 def _type_of(field: FollowedField) -> Any:
-    channel = field.channel
-    if field.of_joint:
-        return JointState
-    root = (channel.source.field or "").partition(".")[0]
-    if root not in TYPES:
-        known = ", ".join((*JOINT_FIELDS, *TYPES))
-        raise ConfigurationError(f"field {channel.source.field!r} of {channel.source.topic!r}: expected one of {known}")
-    return TYPES[root]
+    source = field.channel.source
+    found = field_type(source.joint, source.field or "")
+    if found is None:
+        raise ConfigurationError(f"field {source.field!r} of {source.topic!r}: expected one of {FIELDS}")
+    return found
 
 
 def _sigma(channel: Channel) -> float:
