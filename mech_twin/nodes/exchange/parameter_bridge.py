@@ -107,6 +107,13 @@ def watch_parameters(node: Node, namespace: str, changed: Callable[[str, Any], N
     node.create_subscription(ParameterEvent, "/parameter_events", on_event, qos_profile_parameter_events)
 
 
+def declare_range(node: Node, name: str, value: float, text: str, low: float, high: float) -> None:
+    """Declare a number, for which rclpy refuses a value out of range."""
+    described = ParameterDescriptor(name=name, description=text)
+    described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    node.declare_parameter(name, value, described)
+
+
 def offer(node: Node, kind: Any, name: str, act: Callable[[Any], tuple[bool, str]]) -> None:
     """Offer a service of std_srvs; ``act`` returns success and message of the answer to a request."""
 

@@ -11,7 +11,7 @@ import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
 from mech_twin.nodes.exchange.counting import array_message, status_message
-from mech_twin.nodes.exchange.parameter_bridge import offer
+from mech_twin.nodes.exchange.parameter_bridge import declare_range, offer
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
 from mech_twin.recording.bag_contents import stamp_ns
@@ -287,15 +287,10 @@ class ReplayNode(Node):
 
     def _declare(self) -> None:
         first, last = (self._source.seconds(end) for end in (self._source.first_ns, self._source.last_ns))
-        self._declared("rate", self._options.rate, "recorded seconds per second [1]", SLOWEST, FASTEST)
-        self._declared("seek_s", first, "go to this time from the beginning of the bag [s]", first, last)
+        declare_range(self, "rate", self._options.rate, "recorded seconds per second [1]", SLOWEST, FASTEST)
+        declare_range(self, "seek_s", first, "go to this time from the beginning of the bag [s]", first, last)
         self.add_on_set_parameters_callback(self._judge)
         self.add_post_set_parameters_callback(self._apply)
-
-    def _declared(self, name: str, value: float, text: str, low: float, high: float) -> None:
-        described = ParameterDescriptor(name=name, description=text)
-        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        self.declare_parameter(name, value, described)
 
     def _judge(self, changes: list[Parameter]) -> SetParametersResult:
         for change in changes:

@@ -12,8 +12,6 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -21,7 +19,7 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MeasurementError, MotionError, StudyError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.nodes.exchange.base_node import TwinNode
-from mech_twin.nodes.exchange.parameter_bridge import offer
+from mech_twin.nodes.exchange.parameter_bridge import declare_range, offer
 from mech_twin.process.interruption import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
@@ -110,8 +108,7 @@ class IdentifierNode(TwinNode):
         self.found: RecentFit | None = None
         self.on_taken: Callable[[Parameters], None] = lambda parameters: None
         self._fit: _RunningFit | None = None
-        self.declare_parameter(SPAN_S, USUAL_SPAN_S)
-        self.add_on_set_parameters_callback(_judged)
+        declare_range(self, SPAN_S, USUAL_SPAN_S, "time before now that is fitted [s]", SHORTEST_SPAN_S, LONGEST_SPAN_S)
         offer(self, Trigger, "~/identify", lambda _: self.identify())
         offer(self, Trigger, "~/take_over", lambda _: self.take_over())
 
@@ -173,11 +170,3 @@ class IdentifierNode(TwinNode):
         self.status_line = "the model goes on with what was found"
         self.on_taken(self.model)
         return True, self.status_line
-
-
-def _judged(parameters: Sequence[Parameter]) -> SetParametersResult:
-    for each in parameters:
-        if each.name == SPAN_S and not SHORTEST_SPAN_S <= each.value <= LONGEST_SPAN_S:
-            expected = f"expected {SHORTEST_SPAN_S:g} to {LONGEST_SPAN_S:g} s"
-            return SetParametersResult(successful=False, reason=f"{SPAN_S} {each.value:g}: {expected}")
-    return SetParametersResult(successful=True)

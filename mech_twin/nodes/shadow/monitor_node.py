@@ -13,8 +13,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -23,7 +21,7 @@ from mech_twin.messages.cdr import Header, StepMessage, encoded
 from mech_twin.messages.topics import DIAGNOSTICS, STANDARD_RESIDUALS
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import status_message
-from mech_twin.nodes.exchange.parameter_bridge import offer
+from mech_twin.nodes.exchange.parameter_bridge import declare_range, offer
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.dependencies import extra_needed
@@ -211,7 +209,7 @@ class PrometheusOutlet:
 
 
 FAULT, SHELVE_S = "fault", "shelve_s"
-USUAL_SHELVE_S, LONGEST_SHELVE_S = 3600.0, 30.0 * 86400.0
+USUAL_SHELVE_S, SHORTEST_SHELVE_S, LONGEST_SHELVE_S = 3600.0, 1e-3, 30.0 * 86400.0
 SEEN = ("active", "latched")  # seen in enough cycles to be acknowledged
 LEVELS = {"active": DiagnosticStatus.WARN, "latched": DiagnosticStatus.WARN, "pending": DiagnosticStatus.OK}
 
@@ -257,8 +255,8 @@ class MonitorNode(TwinNode):
         self._standard = self.output(STANDARD_RESIDUALS, recorded=False)
         self._faults = self.output(DIAGNOSTICS, recorded=False)
         self.declare_parameter(FAULT, "")
-        self.declare_parameter(SHELVE_S, USUAL_SHELVE_S)
-        self.add_on_set_parameters_callback(_judged)
+        text = "time for which a fault is shelved [s]"
+        declare_range(self, SHELVE_S, USUAL_SHELVE_S, text, SHORTEST_SHELVE_S, LONGEST_SHELVE_S)
         offer(self, Trigger, "~/acknowledge", lambda _: self.acknowledge())
         offer(self, Trigger, "~/shelve", lambda _: self.shelve())
 
@@ -372,14 +370,3 @@ class MonitorNode(TwinNode):
         there = "; ".join(f"{name} is {lives[name].state}" for name in living) or "there is none"
         none = f"no fault{f' {fault!r}' if fault else ''} that can be {done}: {there}"
         return bool(names), f"{done}: {', '.join(names)}" if names else none
-
-
-def _judged(asked: list[Parameter]) -> SetParametersResult:
-    """Return whether the parameters are valid; an unknown fault is reported by the service that acts on it."""
-    for parameter in asked:
-        if parameter.name == SHELVE_S and not 0.0 < float(parameter.value) <= LONGEST_SHELVE_S:
-            given = f"{SHELVE_S} = {parameter.value:g} s"
-            return SetParametersResult(
-                successful=False, reason=f"{given} must be above 0 and at most {LONGEST_SHELVE_S:g} s"
-            )
-    return SetParametersResult(successful=True)
