@@ -14,7 +14,7 @@ import os
 import socket
 import subprocess
 import time
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
@@ -24,7 +24,7 @@ from typing import Any
 from urllib.error import URLError
 from urllib.request import urlopen
 
-from aiohttp import WSCloseCode, web
+from aiohttp import web
 
 from mech_twin.errors import ViewerError
 from mech_twin.view.bench.guard import content_policy, plain, sent_file
@@ -128,30 +128,22 @@ class RerunDoor:
         Of this user alone: the viewer's files go there.
     states : mapping
         Messages for the pages, as text by kind.
-    has_token : callable
-        Whether a connection begins with the token.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        states: Mapping[str, str],
-        history: Pictures,
-        has_token: Callable[[web.WebSocketResponse], Awaitable[bool]],
-    ) -> None:
-        self._folder, self._states, self._history, self._has_token = folder, states, history, has_token
-        self._viewers: list[_Viewer] = []
+    def __init__(self, folder: Path, states: Mapping[str, str], history: Pictures) -> None:
+        self._folder, self._states, self._history = folder, states, history
+        self.viewers: list[_Viewer] = []
         self._fetching = asyncio.Lock()
 
     def show(self, picture: bytes) -> None:
         """Add a picture of the run."""
-        for viewer in self._viewers:
+        for viewer in self.viewers:
             viewer.pending.add(picture)
             viewer.wake.set()
 
     def begin_anew(self) -> None:
         """Clear the run so far: another starts, or other curves."""
-        for viewer in self._viewers:
+        for viewer in self.viewers:
             viewer.pending.clear()
             for picture in self._history:
                 viewer.pending.add(picture)
@@ -169,23 +161,18 @@ class RerunDoor:
                     return plain(404, str(error))
         return await sent_file(request, file, KINDS[file.suffix], {}, SLOW_S)
 
-    async def serve_run(self, socket: web.WebSocketResponse) -> None:
+    async def serve_run(self, _: web.Request, socket: web.WebSocketResponse) -> None:
         """Send the run so far and its continuation, until the page disconnects."""
-        if not await self._has_token(socket):
-            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
-        elif len(self._viewers) >= MOST_VIEWERS:
-            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"viewers")
-        else:
-            viewer = _Viewer(self._history.most_bytes)
-            self._viewers.append(viewer)
-            pump = asyncio.ensure_future(self._pumped(socket, viewer))
-            self.begin_anew()
-            try:
-                async for _ in socket:
-                    pass
-            finally:
-                pump.cancel()
-                self._viewers.remove(viewer)
+        viewer = _Viewer(self._history.most_bytes)
+        self.viewers.append(viewer)
+        pump = asyncio.ensure_future(self._pumped(socket, viewer))
+        self.begin_anew()
+        try:
+            async for _message in socket:
+                pass
+        finally:
+            pump.cancel()
+            self.viewers.remove(viewer)
 
     async def _pumped(self, socket: web.WebSocketResponse, viewer: _Viewer) -> None:
         convert: Callable[[Sequence[Mapping[str, Any]]], bytes] | None = None

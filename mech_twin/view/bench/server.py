@@ -15,8 +15,9 @@ import asyncio
 import hmac
 import json
 import secrets
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sized
 from contextlib import suppress
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ from mech_twin.view.bench.guard import (
 )
 from mech_twin.view.bench.link import HEAD, LARGEST_BYTES, PICTURE
 from mech_twin.view.bench.picture import Pictures
-from mech_twin.view.bench.rerun_door import PAGE, SLOW_S, RerunDoor, viewer_policy
+from mech_twin.view.bench.rerun_door import MOST_VIEWERS, PAGE, SLOW_S, RerunDoor, viewer_policy
 
 FOLDER = Path(str(files("mech_twin.view.bench"))) / "page"
 LOOPBACK, EVERYWHERE = "127.0.0.1", "0.0.0.0"
@@ -112,9 +113,9 @@ class Bench:
             The port is in use.
         """
         app = web.Application(middlewares=[self._guard.middleware], client_max_size=0)
-        self._rerun = RerunDoor(feed.parent / "rerun", self._states, self._history, self._has_token)
-        app.router.add_get("/feed", self._serve_page)
-        app.router.add_get("/rerun", self._serve_rerun)
+        self._rerun = door = RerunDoor(feed.parent / "rerun", self._states, self._history)
+        app.router.add_get("/feed", partial(self._connect, HEARTBEAT_S, self.pages, MOST_PAGES, self._attend))
+        app.router.add_get("/rerun", partial(self._connect, SLOW_S, door.viewers, MOST_VIEWERS, door.serve_run))
         app.router.add_get("/{name:re_viewer(?:[.]js|_bg[.]wasm)}", self._rerun.serve_file)
         app.router.add_get("/offer/{ticket}", self._serve_offer)
         app.router.add_get("/{name:[a-z.]*}", self._serve_file)
@@ -248,35 +249,27 @@ class Bench:
         named = {"Content-Disposition": f'attachment; filename="{file.name}"'}
         return await sent_file(request, file, "application/octet-stream", named, FETCH_S)
 
-    async def _serve_page(self, request: web.Request) -> web.StreamResponse:
-        """Serve one page over its WebSocket, which begins with the token."""
-        socket = await self._connected(request, HEARTBEAT_S)
-        if not isinstance(socket, web.WebSocketResponse):
-            return socket
-        if not await self._has_token(socket):
-            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
-        elif len(self.pages) >= MOST_PAGES:
-            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"pages")
-        else:
-            await self._attend(socket, lambda: request.transport.abort() if request.transport is not None else None)
-        return socket
-
-    async def _serve_rerun(self, request: web.Request) -> web.StreamResponse:
-        """Serve the run to a page of rerun's viewer over its WebSocket, which begins with the token."""
-        socket = await self._connected(request, SLOW_S)
-        if isinstance(socket, web.WebSocketResponse) and self._rerun is not None:
-            await self._rerun.serve_run(socket)
-        return socket
-
-    @staticmethod
-    async def _connected(request: web.Request, heartbeat_s: float) -> web.Response | web.WebSocketResponse:
-        """Return the WebSocket of a page of this server, or a refusal."""
+    async def _connect(
+        self,
+        heartbeat_s: float,
+        present: Sized,
+        most: int,
+        attend: Callable[[web.Request, web.WebSocketResponse], Awaitable[None]],
+        request: web.Request,
+    ) -> web.StreamResponse:
+        """Attend to a page of this server over its WebSocket, which begins with the token, or refuse it."""
         if "Origin" not in request.headers:  # a browser always sends it
             return plain(403, "expected a page of this server")
         socket = web.WebSocketResponse(max_msg_size=LARGEST_ORDER, heartbeat=heartbeat_s, compress=False, timeout=1.0)
         if not socket.can_prepare(request):
             return plain(400, "expected a WebSocket")
         await socket.prepare(request)
+        if not await self._has_token(socket):
+            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"token")
+        elif len(present) >= most:
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"pages")
+        else:
+            await attend(request, socket)
         return socket
 
     async def _has_token(self, socket: web.WebSocketResponse) -> bool:
@@ -288,8 +281,10 @@ class Bench:
         given = message.data if message.type is WSMsgType.TEXT else ""
         return hmac.compare_digest(given.encode(), self.token.encode())
 
-    async def _attend(self, socket: web.WebSocketResponse, abort: Callable[[], None]) -> None:
-        page = BenchPage(socket, self._pending_bytes, abort)
+    async def _attend(self, request: web.Request, socket: web.WebSocketResponse) -> None:
+        """Serve a page until it disconnects."""
+        transport = request.transport
+        page = BenchPage(socket, self._pending_bytes, lambda: None if transport is None else transport.abort())
         for text in self._states.values():
             page.tell(text)
         for picture in self._history:

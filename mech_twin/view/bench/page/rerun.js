@@ -35,7 +35,7 @@ function connect(take) {
   socket.onopen = () => socket.send(sessionStorage.getItem("token") ?? "");
   socket.onmessage = ({ data }) => { say(""); take(new Uint8Array(data)); window.received = (window.received ?? 0) + 1; };
   socket.onclose = ({ reason }) => {
-    say(reason === "viewers" ? "rerun is open in too many pages" : "no connection");
+    say(reason === "pages" ? "rerun is open in too many pages" : "no connection");
     if (!reason) setTimeout(() => connect(take), RETRY_MS);
   };
   window.cut = () => socket.close();
