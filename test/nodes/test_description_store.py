@@ -32,7 +32,7 @@ def test_an_older_revision_does_not_replace_a_newer_one() -> None:
     store.add(described(1.0, 2), "second")
     found = store.find(ConfigurationMark(3, 1.0))
     assert found is not None
-    assert found.mark == (3, 1.0)
+    assert (found.content.revision, found.content.source) == (3, 1.0)
     assert store.find(ConfigurationMark(4, 1.0)) is None
 
 

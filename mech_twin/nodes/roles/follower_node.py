@@ -31,11 +31,6 @@ class StoredDescription(NamedTuple):
     content: Description
     text: str
 
-    @property
-    def mark(self) -> ConfigurationMark:
-        """The configuration row of step messages computed with it."""
-        return ConfigurationMark(self.content.revision, self.content.source)
-
 
 class DescriptionStore:
     """The newest configuration of each of the last `REMEMBERED_SOURCES` sources."""
@@ -72,16 +67,11 @@ class Exchange(NamedTuple, Generic[Question, Answer]):
 
 
 class ExchangeMemory(Generic[Question, Answer]):
-    """Questions and answers of the newest few steps."""
+    """Questions and answers of the newest few steps; ``last_step`` is the last one answered."""
 
     def __init__(self) -> None:
         self._exchanges: dict[int, Exchange[Question, Answer]] = {}
-        self._last: int | None = None
-
-    @property
-    def last_step(self) -> int | None:
-        """The last step answered."""
-        return self._last
+        self.last_step: int | None = None
 
     def get(self, step: int) -> Exchange[Question, Answer] | None:
         """Return the exchange at a step, if it is stored."""
@@ -90,12 +80,12 @@ class ExchangeMemory(Generic[Question, Answer]):
     def remember(self, step: int, question: Question | None, answer: Answer) -> None:
         """Store an exchange, and drop old ones."""
         self._exchanges[step] = Exchange(question, answer)
-        if self._last == step - 1:
+        if self.last_step == step - 1:
             self._exchanges.pop(step - REMEMBERED_STEPS, None)
         else:
             for old in [known for known in self._exchanges if known <= step - REMEMBERED_STEPS]:
                 del self._exchanges[old]
-        self._last = max(self._exchanges) if self._last is None or step < self._last else step
+        self.last_step = max(self._exchanges) if self.last_step is None or step < self.last_step else step
 
     def return_to(self, step: int) -> None:
         """Drop the exchanges after this step: the run continues from there, or a new one starts."""
@@ -103,7 +93,7 @@ class ExchangeMemory(Generic[Question, Answer]):
             self._exchanges.clear()
         for later in [known for known in self._exchanges if known > step]:
             del self._exchanges[later]
-        self._last = max(self._exchanges, default=None)
+        self.last_step = max(self._exchanges, default=None)
 
 
 class FollowerNode(RoleNode):
@@ -299,6 +289,6 @@ class FollowerNode(RoleNode):
         if found is None:
             return False
         self.use(found.content.parameters)
-        self.revision, self.described_by = found.mark
+        self.revision, self.described_by = found.content.revision, found.content.source
         self.description = found.text
         return True
