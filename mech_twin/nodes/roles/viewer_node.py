@@ -19,15 +19,12 @@ from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import MessageError
-from mech_twin.messages.step_message import body as body_messages
-from mech_twin.messages.step_message import force as force_messages
-from mech_twin.messages.step_message import linkage as linkage_messages
-from mech_twin.messages.step_message import motor as motor_messages
-from mech_twin.messages.topics import EVERY, SCENE, STEP_BODY, STEP_FORCES, STEP_LINKAGE, STEP_MOTOR, step_topics
+from mech_twin.messages.topics import EVERY, SCENE, STEP_LINKAGE, step_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
+from mech_twin.recording.bag_samples import STEP_TOPICS
 from mech_twin.samples import Drawing, Frame, Sample, Shape
 from mech_twin.studies.simulation import RunMetrics
 from mech_twin.view.bench.link import PREFIX, BenchLink
@@ -38,12 +35,7 @@ if TYPE_CHECKING:
     from mech_twin.view.rerun_scene import RerunScene
 
 FIRST_STEP_S = 1.0  # step length for messages without a step number, until the first step: at time 0 any value does
-DECODERS: dict[str, Callable[..., Sample]] = {
-    STEP_LINKAGE.name: linkage_messages.from_message,
-    STEP_MOTOR.name: motor_messages.from_message,
-    STEP_FORCES.name: force_messages.from_message,
-    STEP_BODY.name: body_messages.from_message,
-}
+DECODERS: dict[str, Callable[..., Sample]] = {step.topic.name: step.decode for step in STEP_TOPICS}
 
 
 class ObserverNode(TwinNode):
