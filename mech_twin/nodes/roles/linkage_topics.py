@@ -9,7 +9,6 @@ one machine; each machine has another clock in its namespace.
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -285,9 +284,9 @@ class SharedClock:
         shared = self._node.resolve_topic_name(CLOCK.name)
         if shared == self._node.resolve_topic_name(OWN_CLOCK.name):
             return
-        self._claim = HostClaims([shared]) if sys.platform == "linux" else None
+        self._claim = HostClaims([shared])
         others = other_publishers(self._node, CLOCK.name)
-        if others or (self._claim and self._claim.holder):
+        if others or self._claim.holder:
             self._leave(others)
         else:
             self._output = self._node.output(CLOCK, recorded=False)

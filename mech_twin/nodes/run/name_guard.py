@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import os
 import secrets
-import sys
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -41,7 +40,7 @@ LONGEST_CLAIM = 10_000
 def discovery_s() -> float:
     """Return the longest time (s) in which a publisher without a claim on this host may stay undiscovered."""
     alone = os.environ.get(DISCOVERY) == THIS_HOST and not os.environ.get("ROS_STATIC_PEERS")
-    return ON_THIS_HOST_S if alone and sys.platform == "linux" else DISCOVERY_S
+    return ON_THIS_HOST_S if alone else DISCOVERY_S
 
 
 class NameGuard(Closing):
@@ -58,8 +57,8 @@ class NameGuard(Closing):
     def __init__(self, topics: Sequence[str]) -> None:
         self._topics = tuple(topics)
         self._born_s = time.monotonic()
-        self._on_host = HostClaims(self._topics) if sys.platform == "linux" else None
-        self._conflict: str | None = (self._on_host.holder if self._on_host else "") or None
+        self._on_host = HostClaims(self._topics)
+        self._conflict = self._on_host.holder
         # all processes of a host share the steady clock; between two hosts the order of claims is arbitrary
         self._claim = f"{time.monotonic_ns():020d}-{secrets.token_hex(8)}"
         # a fixed name, unaffected by the remapping rules of the process
@@ -96,7 +95,7 @@ class NameGuard(Closing):
         self._serve_until(self._born_s + discovery_s())
         if any(self._node.count_publishers(name) > own_publishers for name in self._topics):
             self._serve_until(time.monotonic() + PROOF_S)
-        if self._conflict is not None:
+        if self._conflict:
             raise NameInUseError(f"{self._conflict}; use another ROS_DOMAIN_ID or --namespace")
         self._listen_no_more()
 
@@ -110,7 +109,7 @@ class NameGuard(Closing):
         self._executor.shutdown()
 
     def _serve_until(self, end_s: float) -> None:
-        while self._conflict is None and rclpy.ok() and time.monotonic() < end_s:
+        while not self._conflict and rclpy.ok() and time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=TURN_S)
 
     def _on_step(self, name: str, raw: bytes) -> None:
@@ -137,8 +136,7 @@ class NameGuard(Closing):
         """Release the claims."""
         self._listen_no_more()
         self._node.destroy_node()
-        if self._on_host is not None:
-            self._on_host.close()
+        self._on_host.close()
 
 
 def _published(name: str) -> str:
