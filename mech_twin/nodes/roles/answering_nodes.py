@@ -6,9 +6,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray, String
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -84,9 +85,9 @@ class MotorNode(FollowerNode):
         self._rejoin = self.output(REJOIN, recorded=False)
         self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
         self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)
-        self.subscribe(SPEED_COMMAND, self._on_speed)
-        self.subscribe(EFFORT_COMMAND, self._on_effort)
-        self.subscribe(POSITION_COMMAND, self._on_position)
+        self._obey(SPEED_COMMAND, lambda message: self._take_speed(message.data))
+        self._obey(EFFORT_COMMAND, lambda message: self._take_effort(EffortCommand(message.data)))
+        self._obey(POSITION_COMMAND, self._hold)
         self.subscribe(REJOIN_MOTOR, self._on_last_sample)
         offer(self, Trigger, "start", lambda _: self.start())
         offer(self, Trigger, "stop", lambda _: self.stop())
@@ -125,26 +126,21 @@ class MotorNode(FollowerNode):
             self._description_rejoins.send(String(data=self.description))
             self._linkage_rejoins.send(JointState() if self.last_message is None else self.last_message.raw)
 
-    def _on_speed(self, message: Float64) -> None:
-        self._obey(SPEED_COMMAND, lambda: self._take_speed(message.data))
+    def _obey(self, topic: Topic, take: Callable[[Any], None]) -> None:
+        """Subscribe to a command; a refused one is counted with the reason."""
 
-    def _on_effort(self, message: Float64) -> None:
-        self._obey(EFFORT_COMMAND, lambda: self._take_effort(EffortCommand(message.data)))
+        def receive(message: Any) -> None:
+            try:
+                take(message)
+            except (MessageError, StudyError) as error:
+                self.statistics.count(topic.name, "malformed", str(error))
 
-    def _on_position(self, message: Float64MultiArray) -> None:
-        def hold() -> None:
-            if len(message.data) != len(HOLD):
-                raise MessageError(f"{len(message.data)} numbers; expected {len(HOLD)}: {', '.join(HOLD)}")
-            self._take_effort(EffortCommand(0.0, *message.data))
+        self.subscribe(topic, receive)
 
-        self._obey(POSITION_COMMAND, hold)
-
-    def _obey(self, topic: Topic, take: Callable[[], None]) -> None:
-        """Accept a command, or count a refused one with the reason."""
-        try:
-            take()
-        except (MessageError, StudyError) as error:
-            self.statistics.count(topic.name, "malformed", str(error))
+    def _hold(self, message: Float64MultiArray) -> None:
+        if len(message.data) != len(HOLD):
+            raise MessageError(f"{len(message.data)} numbers; expected {len(HOLD)}: {', '.join(HOLD)}")
+        self._take_effort(EffortCommand(0.0, *message.data))
 
     def _take_effort(self, asked: EffortCommand) -> None:
         check_effort(self.machine, asked)
