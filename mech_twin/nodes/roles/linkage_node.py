@@ -147,18 +147,15 @@ class LinkageNode(RoleNode):
         """Start when all subscribers are matched; repeat the question while a peer is missing."""
         now = time.monotonic()
         if self.sample is None:
-            self._begin_if_ready(now)
+            if not self.matched and now - self._born_s < self.options.discovery_limit_s:
+                self.diagnostics.state = "waiting for peers"
+            elif self._rejoin.settled(now):
+                self._begin()
         elif not self.done and self._stepping.held and self._wait.due(now):
             self._wait.stepped(now)
             self._out.send_step(self.sample)  # so that no peer takes a pause for a lost linkage
         elif not self.done and not self._barrier.complete and self._wait.due(now):
             self._ask_again(self.sample, now)
-
-    def _begin_if_ready(self, now: float) -> None:
-        if not self.matched and now - self._born_s < self.options.discovery_limit_s:
-            self.diagnostics.state = "waiting for peers"
-        elif self._rejoin.settled(now):
-            self._begin()
 
     def _begin(self) -> None:
         self._rejoin.request.close()
