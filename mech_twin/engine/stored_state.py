@@ -13,12 +13,13 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from mech_twin.engine.coupling import GIVEN_STATE, RESET, next_frame
+from mech_twin.engine.sample_vectors import BODILY
 from mech_twin.errors import StateError
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Event, Frame, LinkageSample, Named
 
 ORIGIN_STEP, ORIGIN_TIME = "origin_step_1", "origin_s"
-SAMPLE = ("regime", "position", "velocity", "effort", "memory")
+SAMPLE = ("regime", *BODILY, "memory")
 LAST_STEP = 2**53  # the last whole number that a float tells from the next
 Moving = TypeVar("Moving", LinkageSample, BodySample)
 
@@ -64,9 +65,7 @@ def state_text(machine: Machine, state: StoredState) -> str:
     for name, sample in zip(("linkage", "body"), samples, strict=False):
         document[name] = {
             "regime": sample.regime,
-            "position": dict(zip(sample.joints, sample.position, strict=True)),
-            "velocity": dict(zip(sample.joints, sample.velocity, strict=True)),
-            "effort": dict(zip(sample.joints, sample.effort, strict=True)),
+            **{key: dict(zip(sample.joints, getattr(sample, key), strict=True)) for key in BODILY},
             "memory": sample.memory.as_dict(),
         }
     if state.body is not None:
@@ -115,11 +114,9 @@ def stored_state(machine: Machine, text: str, like: StoredState, step: int) -> S
 def _going_on(machine: Machine, state: StoredState) -> StoredState:
     """Return a state from which the machine can take a step."""
     try:
-        motor, forces = (
-            machine.motor.respond(state.linkage, state.linkage.command),
-            machine.forces.analyse(state.linkage),
-        )
-        after = next_frame(machine, Frame(state.linkage, motor, forces, state.body), state.linkage.command)
+        motor = machine.motor.respond(state.linkage, state.linkage.command)
+        frame = Frame(state.linkage, motor, machine.forces.analyse(state.linkage), state.body)
+        after = next_frame(machine, frame, state.linkage.command)
     except (ArithmeticError, ValueError) as error:
         raise StateError(f"state: {machine.name} cannot go on from it: {error}") from error
     moved = (after.linkage,) if after.body is None else (after.linkage, after.body)
