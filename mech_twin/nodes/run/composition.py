@@ -268,7 +268,8 @@ def run_processes(
             look = observer.every(SETTLE_S, describe)
             with Spinner([observer]) as spinner:
                 with attended(machine_name, observer.run_metrics, directory, spinner) as quits:
-                    spinner.serve(lambda: stop.asked or _any_ended(processes) or quits())
+                    running = processes.values()
+                    spinner.serve(lambda: stop.asked or any(each.poll() is not None for each in running) or quits())
                 settled = time.monotonic() + SETTLE_S
                 spinner.until(lambda: stop.asked or time.monotonic() > settled)
         finally:
@@ -302,10 +303,6 @@ def _started(name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         return subprocess.Popen(command, stdout=sys.stderr.fileno())
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _any_ended(processes: Processes) -> bool:
-    return any(process.poll() is not None for process in processes.values())
 
 
 def _stopped(processes: Processes) -> dict[str, int]:

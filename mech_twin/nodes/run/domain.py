@@ -90,21 +90,16 @@ def _check_shared_memory() -> None:
     The tracing library of rclpy always writes there.  So does Fast DDS with discovery on this host only, whatever its
     configuration.  If shared memory is not writable at all, both work without it.
     """
-    free = _free_shared_memory()
-    if free is not None and free < SHARED_MEMORY_BYTES:
+    try:
+        place = os.statvfs(SHARED_MEMORY)
+    except OSError:
+        return
+    free = place.f_bavail * place.f_frsize
+    if free < SHARED_MEMORY_BYTES and os.access(SHARED_MEMORY, os.W_OK):
         needed = f"{SHARED_MEMORY_BYTES >> 20} MiB"
         raise SurroundingsError(
             f"{SHARED_MEMORY} is full ({free >> 10} KiB free, ROS 2 needs {needed}): remove files there"
         )
-
-
-def _free_shared_memory() -> int | None:
-    """Return the free bytes of shared memory; None if it is not writable."""
-    try:
-        place = os.statvfs(SHARED_MEMORY)
-    except OSError:
-        return None
-    return place.f_bavail * place.f_frsize if os.access(SHARED_MEMORY, os.W_OK) else None
 
 
 NAME = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
