@@ -76,17 +76,13 @@ def replayed(
             with Spinner([node]) as spinner:
                 spinner.until(partial(_is_over, node, stop, keys, progress))
             node.finish(0.0 if stop.asked else ARRIVAL_LIMIT_S)
-            return _outcome(node, source)
+            published = {name: output.published for name, output in node.outputs.items()}
+            refused = {name: output.refused for name, output in node.outputs.items() if output.refused}
+            return ReplayOutcome(published, dict(source.malformed), refused, dict(source.unknown))
     finally:
         if node is not None:
             destroy_nodes([node])
         rclpy.try_shutdown()
-
-
-def _outcome(node: ReplayNode, source: ReplaySource) -> ReplayOutcome:
-    published = {name: output.published for name, output in node.outputs.items()}
-    refused = {name: output.refused for name, output in node.outputs.items() if output.refused}
-    return ReplayOutcome(published, dict(source.malformed), refused, dict(source.unknown))
 
 
 def _is_over(node: ReplayNode, stop: StopSignal, keys: TerminalKeys, progress: Callable[[ReplayNode], None]) -> bool:
