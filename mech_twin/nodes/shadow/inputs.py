@@ -174,17 +174,14 @@ class ReceivedValues(NamedTuple):
     @property
     def led_ns(self) -> int | None:
         """The machine's time (ns): stamp less delay; None without a stamp."""
-        return None if self.stamp is None else stamp_ns_of(self.stamp) - round(self.lag_s * SECOND_NS)
+        if self.stamp is None:
+            return None
+        return self.stamp.sec * SECOND_NS + self.stamp.nanosec - round(self.lag_s * SECOND_NS)
 
     def sample(self, origin: StampOrigin, else_ns: int) -> SeenSample:
         """Return the sample at the machine's time since the origin; a message without a stamp has the time given."""
         stamp = Stamp(*divmod(else_ns, SECOND_NS)) if self.stamp is None else self.stamp
         return SeenSample(origin.seconds(stamp) - self.lag_s, self.channels, self.values)
-
-
-def stamp_ns_of(stamp: Any) -> int:
-    """Return a stamp in nanoseconds."""
-    return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
 
 
 class FollowedField(NamedTuple):
