@@ -285,7 +285,7 @@ def test_a_second_shadow_of_a_machine_refuses_to_start() -> None:
     with FollowedMachine() as bench, NameGuard([full_name(NAME, ESTIMATED)]) as guard:
         bench.play(ROWS[:40])
         with pytest.raises(NameInUseError, match="twin/estimated/joint_states"):
-            bench.spinner.until(lambda: guard._conflict is not None or _checked(guard, bench))
+            bench.spinner.until(lambda: _checked(guard, bench))
 
 
 def _checked(guard: NameGuard, bench: FollowedMachine) -> bool:
