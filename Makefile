@@ -156,7 +156,7 @@ $(VENV)/.docs: constraints/docs.txt $(VENV)/.run
 
 # the JavaScript readers that recordings are proved against; without npm their test is skipped, and says so
 $(READERS)/node_modules: $(READERS)/package-lock.json
-	@if command -v npm >/dev/null; then npm ci --prefix $(READERS) --loglevel=error --no-audit --no-fund --ignore-scripts && touch $@; \
+	@if command -v npm >/dev/null; then npm ci --prefix $(READERS) --prefer-offline --loglevel=error --no-audit --no-fund --ignore-scripts && touch $@; \
 	  else echo "npm not found: the test with the JavaScript readers will be skipped"; fi
 
 $(VENV)/.bench: $(VENV)/.test
