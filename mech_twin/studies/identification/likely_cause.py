@@ -68,9 +68,9 @@ def likely_cause(
         best = max(cause.score for cause in alike)
         return f"; but {words} would fit better, which the interval does not hold" if best > SCORE else ""
     lacking, told, least = noise_misfit(fitted) ** 2 - 1.0, [], 1.0
-    for cause in alike if most > MOST * beyond else ():
+    for cause in alike if 0.0 < MOST * beyond < most and lacking > 0.0 else ():
         found, size = cause.refitted(cause.size)
-        share = min((lacking - noise_misfit(found) ** 2 + 1.0) / max(lacking, TINY), 1.0)
+        share = min((lacking - noise_misfit(found) ** 2 + 1.0) / lacking, 1.0)
         if share > MOST:
             told.append(cause.words(size))
             least = min(least, share)
@@ -131,7 +131,7 @@ def _causes(
             of_channel = line.channels == number
             by_delay[of_channel] = -robust[of_channel] / fitted.comparison.sigmas[j]
     found.append(FitCause(*explained(by_delay * times), _of_clock, partial(_other_clock, own, fitted)))
-    return found, max(beyond, TINY)
+    return found, beyond
 
 
 def _of_sensor(kind: str, channel: FitChannel, size: float) -> str:
