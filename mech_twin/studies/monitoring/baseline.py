@@ -173,22 +173,6 @@ class Baseline:
         """Standard deviation of the innovations, shape (d,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    @cached_property
-    def steady(self) -> Array:
-        """Mean innovation for each unit of a lasting change, shape (d,): 1 less the sum of the coefficients."""
-        return np.asarray(1.0 - self.coefficients.sum(axis=0))
-
-    @cached_property
-    def steady_error(self) -> Array:
-        """Relative standard error of `steady`, as the coefficients were fitted to so many cycles, shape (d,).
-
-        Their covariance is that of the innovations over N G, with G the covariance of p consecutive features; the sum
-        over its inverse follows from partial sums of the coefficients (Gohberg and Semencul).
-        """
-        partial = 1.0 - np.cumsum(np.vstack([np.zeros_like(self.mean), self.coefficients])[:-1], axis=0)
-        spread = 2.0 * partial.sum(axis=0) - self.order * self.steady
-        return np.asarray(np.sqrt(np.maximum(spread, 0.0) / (self.cycles * self.steady)))
-
     def innovations(self, rows: Array) -> Array:
         """Return the innovations of consecutive cycles, (n, d) to (n - p, d)."""
         return innovations_of(self.coefficients, rows - self.mean)

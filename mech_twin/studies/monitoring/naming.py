@@ -178,19 +178,16 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
         sum over i = 0 .. s of psi_i e_(s-i) = delta + error of the forecast from before the onset
         e_t = (1 - sum of a_i) delta + noise,      t >= s + max(p, 1)
 
-    If they contradict each other, there was a transient at the onset, and only the second estimate is used.  Its error
-    includes that of the coefficients: of a feature that wanders slowly, 1 - sum of a_i is small and hardly known.
+    If they contradict each other, there was a transient at the onset, and only the second estimate is used.
     Single outlying cycles are left out.
     """
     later = innovations[settling + max(baseline.order, 1) :]
     if not len(later):
         return None
     later = _without_single_cycles(later, baseline.covariance)
-    steady = baseline.steady
+    steady = 1.0 - baseline.coefficients.sum(axis=0)
     stayed = later.mean(axis=0) / steady
-    known = baseline.covariance / (len(later) * np.outer(steady, steady)) + np.diag(
-        (stayed * baseline.steady_error) ** 2
-    )
+    known = baseline.covariance / (len(later) * np.outer(steady, steady))
     impulse = baseline.features(np.eye(settling + 1, 1) * np.ones_like(steady)) - baseline.mean
     apart = (impulse * innovations[settling::-1]).sum(axis=0) - stayed
     both = known + baseline.covariance * (impulse.T @ impulse)

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
-from scipy import signal
 from studies.monitoring.synthetic import autoregressive, vectors
 
 from mech_twin.files.output_file import plain
@@ -209,19 +208,3 @@ def test_a_size_is_not_continued_beyond_all_of_a_share_nor_where_there_is_one_al
     np.testing.assert_allclose(lost.reaching.doubt, 0.0, atol=1e-12)
     bent = replace(lost, responses=np.array([-1.2, -0.3, 0.0, 1.0])[:, None] * effect)
     assert (bent.reaching.doubt[0] > 0.3 * np.abs(effect)).all()
-
-
-@pytest.mark.parametrize("coefficients", [[], [0.5], [0.9, 0.05], [1.2, -0.5, 0.1, 0.05], [-0.6, 0.1]])
-def test_the_error_of_a_fitted_memory_is_that_of_its_scatter(coefficients: list[float]) -> None:
-    """Fits of many healthy series by least squares tell how well 1 less the sum of their coefficients is known."""
-    order, cycles, random = len(coefficients), 2000, np.random.default_rng(0)
-    found = []
-    for _ in range(200):
-        series = signal.lfilter([1.0], [1.0, *(-c for c in coefficients)], random.standard_normal(cycles + 500))[500:]
-        earlier = [series[order - 1 - i : cycles - 1 - i] for i in range(order)]
-        fit = np.linalg.lstsq(np.array(earlier).T, series[order:], rcond=None)[0] if order else np.zeros(0)
-        found.append(1.0 - fit.sum())
-    true = np.array(coefficients).reshape(order, 1)
-    baseline = Baseline(("feature",), np.zeros(1), true, np.eye(1), cycles, 1.0)
-    assert baseline.steady[0] == pytest.approx(np.mean(found), abs=0.05)
-    assert baseline.steady_error[0] * baseline.steady[0] == pytest.approx(np.std(found), rel=0.12, abs=1e-12)
