@@ -67,14 +67,14 @@ def likely_cause(
         words = " or ".join(cause.words(cause.size) for cause in alike)
         best = max(cause.score for cause in alike)
         return f"; but {words} would fit better, which the interval does not hold" if best > SCORE else ""
-    lacking, told, least = noise_misfit(fitted) ** 2 - 1.0, [], 1.0
+    lacking, named, least = noise_misfit(fitted) ** 2 - 1.0, [], 1.0
     for cause in alike if 0.0 < MOST * beyond < most and lacking > 0.0 else ():
         found, size = cause.refitted(cause.size)
         share = min((lacking - noise_misfit(found) ** 2 + 1.0) / lacking, 1.0)
         if share > MOST:
-            told.append(cause.words(size))
+            named.append(cause.words(size))
             least = min(least, share)
-    return f"; {' or '.join(told)} would explain {100.0 * least:.0f} % of what noise does not" if told else ""
+    return f"; {' or '.join(named)} would explain {100.0 * least:.0f} % of what noise does not" if named else ""
 
 
 def _causes(

@@ -240,15 +240,16 @@ class FeatureFeed:
             self._quick += 1
             return True
         if self._quick or self._is_rest:
-            self._wrong[crossed_s], self._quick = self._told(self._quick and self._quick + 1, crossed_s), 0
+            self._wrong[crossed_s], self._quick = self._certain_turns(self._quick and self._quick + 1, crossed_s), 0
         elif turn_s < np.inf:
             self._turns_s.append(turn_s)
         self._begun_turn_s, self._is_rest = crossed_s, False
         return False
 
-    def _told(self, turns: int, until_s: float) -> int:
+    def _certain_turns(self, turns: int, until_s: float) -> int:
+        """Return wrong turns of an encoder, 0 where samples lack for half a turn: the shortest way may be wrong."""
         longest_s = self._buffers[self.declared.reference.column].longest_step_s(self._begun_turn_s, until_s)
-        return 0 if 2.0 * longest_s > self._usual_turn_s > 0.0 else turns  # else the shortest way may be the wrong one
+        return 0 if 2.0 * longest_s > self._usual_turn_s > 0.0 else turns
 
     def _turned_back(self, before_s: float) -> float | None:
         """Return the first instant before ``before_s`` at which the angle is a turn below the last boundary.
@@ -266,7 +267,7 @@ class FeatureFeed:
         place = int(is_back.argmax())
         turns = ceil((buffer.values[place] + CROSSING_RAD - reference.begin) / TURN)
         back_s, ahead = float(buffer.times_s[place]), reference.begin + TURN * turns
-        turned = self._told(round((ahead - self._next_angle) / TURN), back_s)
+        turned = self._certain_turns(round((ahead - self._next_angle) / TURN), back_s)
         self._wrong[back_s], self._quick, self._is_rest = turned, 0, True
         self._next_angle = ahead
         return back_s

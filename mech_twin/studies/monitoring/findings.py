@@ -15,7 +15,7 @@ The states are those of an alarm in ISA-18.2 (normal, unacknowledged, acknowledg
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import isfinite
+from math import isfinite, nan
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
@@ -233,9 +233,8 @@ def alerts_of(
     alerts = []
     for life in lives:
         best = next((c for c in found.candidates if life.name in (found.finding, c.name)), None)
-        size, low, high = (
-            (None, None, None) if best is None else (each if isfinite(each) else None for each in best[1:4])
-        )
+        numbers = (nan, nan, nan) if best is None else best[1:4]
+        size, low, high = (each if isfinite(each) else None for each in numbers)
         alarm = life.is_announced(now_s) and not life.is_acknowledged
         alerts.append(
             Alert(
