@@ -20,7 +20,7 @@ from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.process.stop_signal import raising_interrupt
+from mech_twin.process.interruption import raising_interrupt
 from mech_twin.results.objects import Analysis, Columns, Numbers, Run, RunComparison, SizingResult, with_pictures
 
 if TYPE_CHECKING:

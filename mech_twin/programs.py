@@ -2,7 +2,7 @@
 """Entry points of all programs of the package: they install signal handlers before any large import.
 
 Importing the libraries takes up to 1 s.  No file is open then, so a signal ends the process at once; later code sets
-its own handlers (`mech_twin.process.stop_signal`).
+its own handlers (`mech_twin.process.interruption`).
 
 A fifth of that time would go into looking for garbage that loading does not leave, so the collector runs less often.
 

@@ -14,8 +14,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from mech_twin.engine.crank_state import mechanism_reduced
-from mech_twin.engine.integration import Workspace, method_of, rates_of, start_step, take_step
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.engine.integration import DORMAND_PRINCE_8, Workspace, method_of, rates_of, start_step, take_step
 from mech_twin.kernels.kernel import kernel, parallel_kernel
 from mech_twin.machines.compaction_press.dynamics import FREE, Press
 from mech_twin.parts.four_bar import FourBar, Link, coefficients, motion, pin_forces, position

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import mech_twin
-from mech_twin.kernels.sources import _imports, _loaded_statements, _statements
+from mech_twin.kernels.cache import _imports, _loaded_statements, _statements
 
 FILES = sorted(Path(mech_twin.__file__).parent.rglob("*.py"))
 

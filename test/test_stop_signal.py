@@ -13,7 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from mech_twin.kernels.kernel import kernel
-from mech_twin.process.stop_signal import StopSignal, closed_first, raising_interrupt
+from mech_twin.process.interruption import StopSignal, closed_first, raising_interrupt
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -7,8 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from mech_twin.cli.console import numbered, print_csv, print_json, print_table, progress
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, numbered, print_csv, print_json, print_table, progress
 from mech_twin.cli.run_summary import analysed_groups, group_rows, show_groups
 from mech_twin.cli.verbs import AnalyseVerb
 from mech_twin.declarations.captions import unit_of

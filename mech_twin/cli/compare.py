@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mech_twin.cli.console import print_json, print_table, progress, say, say_result
-from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.console import FOUND, CommandError, print_json, print_table, progress, say, say_result
 from mech_twin.cli.live_view import NO_VIEW, hold_view, opened_bench
 from mech_twin.cli.verbs import CompareVerb
 from mech_twin.declarations.captions import caption

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from mech_twin.cli.console import bar, print_json, print_table, say, write_text
-from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.console import FOUND, CommandError, bar, print_json, print_table, say, write_text
 from mech_twin.cli.measured import NoNameError, runs_of_map
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers

@@ -10,8 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mech_twin.cli.console import say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, say
 from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.verbs import BenchVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
@@ -21,8 +20,7 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import PAGE
 from mech_twin.process.dependencies import require_modules
-from mech_twin.process.interruption import end_with_parent
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import StopSignal, end_with_parent
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.view.bench.link import BEGUN_BY, BenchLink
 

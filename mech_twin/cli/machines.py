@@ -11,8 +11,7 @@ from typing import Any
 import yaml
 
 from mech_twin import __version__
-from mech_twin.cli.console import busy, print_json, print_numbers, print_table, say_result
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, busy, print_json, print_numbers, print_table, say_result
 from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE, FORMER

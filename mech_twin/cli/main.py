@@ -16,8 +16,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from mech_twin import __version__
 from mech_twin.cli import measurement_verbs, study_verbs, verbs
-from mech_twin.cli.console import compiling_shown
-from mech_twin.cli.failure import INTERRUPTED, CommandError, report_cli_errors
+from mech_twin.cli.console import INTERRUPTED, CommandError, compiling_shown, report_cli_errors
 from mech_twin.cli.verb import check_rules, command, in_library, verbs_in
 from mech_twin.process.dependencies import NUMERICS_BYTES, check_address_space
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once

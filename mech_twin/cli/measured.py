@@ -9,8 +9,17 @@ from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from mech_twin.cli.console import print_json, print_table, progress, rounded, say, say_result, write_text
-from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.console import (
+    FOUND,
+    CommandError,
+    print_json,
+    print_table,
+    progress,
+    rounded,
+    say,
+    say_result,
+    write_text,
+)
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
 from mech_twin.errors import MeasurementError
@@ -23,7 +32,7 @@ from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.measurements.units import machine_columns, shown_units
 from mech_twin.parameters.load import machine as built_machine
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import StopSignal
 from mech_twin.results.opened_runs import checked_run, configured_map, given_map, opened_run
 from mech_twin.roles import Machine
 from mech_twin.samples import Drawing

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError
 from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
 from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
 from mech_twin.files.output_file import YAML_SUFFIXES

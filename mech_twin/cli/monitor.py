@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import typer
 
 from mech_twin.capabilities.cycle import CycleFeature
-from mech_twin.cli.console import print_json, print_table, progress, rounded, say, write_text
-from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.console import FOUND, CommandError, print_json, print_table, progress, rounded, say, write_text
 from mech_twin.cli.measured import runs_of_map
 from mech_twin.cli.measurement_verbs import FleetVerb, MonitorVerb
 from mech_twin.cli.monitor_baseline import (

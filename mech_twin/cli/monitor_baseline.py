@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS
 from mech_twin.capabilities.cycle import TURN
-from mech_twin.cli.console import say, write_text
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, say, write_text
 from mech_twin.cli.measurement_verbs import FleetVerb, MonitorVerb
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import typer
 from typer import Context
 
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError
 
 Value = TypeVar("Value")
 

@@ -14,8 +14,17 @@ import yaml
 from rich.filesize import decimal
 
 from mech_twin import __version__
-from mech_twin.cli.console import bar, print_csv, print_json, print_table, progress, say, say_result
-from mech_twin.cli.failure import FOUND, CommandError
+from mech_twin.cli.console import (
+    FOUND,
+    CommandError,
+    bar,
+    print_csv,
+    print_json,
+    print_table,
+    progress,
+    say,
+    say_result,
+)
 from mech_twin.cli.machines import check_page
 from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb, ReplayVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -228,8 +237,7 @@ def replay_bag(request: ReplayVerb) -> None:
     if not SLOWEST <= request.rate <= FASTEST:  # false for NaN, too
         raise CommandError(f"--rate {request.rate:g}: expected {SLOWEST:g} to {FASTEST:g}")
     settle_domain()
-    from mech_twin.nodes.replay.replay_node import ReplayOptions
-    from mech_twin.nodes.replay.session import replayed
+    from mech_twin.nodes.replay.replay_node import ReplayOptions, replayed
     from mech_twin.nodes.replay.source import ReplaySource
     from mech_twin.recording.bag_reader import open_bag
 

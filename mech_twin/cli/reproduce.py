@@ -10,8 +10,7 @@ from pathlib import Path
 from textwrap import fill
 
 from mech_twin.capabilities.published import PublishedRow
-from mech_twin.cli.console import busy, print_csv, print_json, print_table, progress, say, say_result
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, busy, print_csv, print_json, print_table, progress, say, say_result
 from mech_twin.cli.verbs import ReproduceVerb
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.process.dependencies import require_extra

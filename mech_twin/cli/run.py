@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from mech_twin.cli.console import print_json, say, say_result
-from mech_twin.cli.failure import CommandError, messages_in, report_losses
+from mech_twin.cli.console import CommandError, messages_in, print_json, report_losses, say, say_result
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEW, check_view, hold_view, machine_message, opened_view
 from mech_twin.cli.run_summary import digits_note, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
@@ -31,7 +30,7 @@ from mech_twin.parameters.load import (
     run_group,
 )
 from mech_twin.process.dependencies import require_modules
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import StopSignal
 from mech_twin.recording.bag_metadata import check_recording_directory, kept_until_replaced
 from mech_twin.studies.simulation import event_record
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from mech_twin.cli.console import print_json, say
-from mech_twin.cli.failure import CommandError, report_losses
+from mech_twin.cli.console import CommandError, print_json, report_losses, say
 from mech_twin.cli.live_view import (
     ADVISOR_ORDERS,
     IDENTIFIER_ORDERS,

@@ -9,8 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mech_twin.cli.console import busy, numbered, print_csv, print_json, progress, say, say_result
-from mech_twin.cli.failure import FOUND, CommandError, report_losses
+from mech_twin.cli.console import (
+    FOUND,
+    CommandError,
+    busy,
+    numbered,
+    print_csv,
+    print_json,
+    progress,
+    report_losses,
+    say,
+    say_result,
+)
 from mech_twin.cli.run_summary import digits_note, say_consequences, show_events, show_numbers, show_residuals
 from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.run import frames, steps_for, warm_up_run
@@ -22,7 +32,7 @@ from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.live_change import ChangingMachine, LiveChange, live_changes
 from mech_twin.parameters.load import assignments, catalogue_entry, run_group
-from mech_twin.process.stop_signal import closed_first
+from mech_twin.process.interruption import closed_first
 from mech_twin.results.opened_runs import given_map, recorded_to, topic_field
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame

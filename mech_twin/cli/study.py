@@ -18,16 +18,15 @@ import yaml
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import listening
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.cli.console import counted, estimating, numbered, print_numbers, write_text
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, counted, estimating, numbered, print_numbers, write_text
 from mech_twin.cli.option_values import assigned
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.report_page import page, picture, section, versions
+from mech_twin.parameters.load import scalar
 from mech_twin.parameters.written_configuration import write_configuration
-from mech_twin.parameters.yaml_text import scalar
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings

@@ -11,8 +11,16 @@ from typing import Any
 
 from mech_twin.capabilities.design import Design
 from mech_twin.cli import study
-from mech_twin.cli.console import counted, print_csv, print_json, print_numbers, print_table, say
-from mech_twin.cli.failure import INTERRUPTED, CommandError
+from mech_twin.cli.console import (
+    INTERRUPTED,
+    CommandError,
+    counted,
+    print_csv,
+    print_json,
+    print_numbers,
+    print_table,
+    say,
+)
 from mech_twin.cli.run_summary import digits_note, shorter_record
 from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
 from mech_twin.declarations.configuration_tree import configuration_tree

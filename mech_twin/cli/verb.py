@@ -15,8 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
 from mech_twin.cli import option_values
-from mech_twin.cli.console import say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, say
 from mech_twin.files.output_file import check_output_file
 from mech_twin.process.dependencies import require_extra
 

@@ -18,8 +18,7 @@ from mech_twin.cli.compare import (
     drawn,
     know_machine,
 )
-from mech_twin.cli.console import progress, say
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError, progress, say
 from mech_twin.cli.live_view import opened_bench
 from mech_twin.cli.verbs import ViewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
@@ -28,7 +27,7 @@ from mech_twin.engine.trajectory import StepSamples
 from mech_twin.files.output_file import written_file
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.load import is_page, own_name
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import StopSignal
 from mech_twin.roles import Machine
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.simulation import RunMetrics

@@ -76,6 +76,7 @@ from mech_twin.engine.hybrid.loop import (
     room_sizes,
 )
 from mech_twin.engine.hybrid.motion import find_accelerations
+from mech_twin.engine.integration import DORMAND_PRINCE_5
 from mech_twin.engine.sample_vectors import (
     COMMAND,
     LINKAGE_JOINTS,
@@ -85,7 +86,6 @@ from mech_twin.engine.sample_vectors import (
     EventLayout,
     LinkageLayout,
 )
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.roles import CrankState
 from mech_twin.samples import LinkageSample

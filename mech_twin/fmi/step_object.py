@@ -41,10 +41,9 @@ from mech_twin.engine.sample_vectors import (
     TIME,
     Places,
 )
-from mech_twin.kernels.cache import load, module_key, save
+from mech_twin.kernels.cache import is_known_module, load, module_key, save
 from mech_twin.kernels.dispatcher import compiled_ahead
-from mech_twin.kernels.sources import is_known_module
-from mech_twin.mechanics.straight_line import Code
+from mech_twin.mechanics.recording import Code
 
 _numba: Any = numba  # its type hints lack the names used here
 

@@ -21,6 +21,7 @@ from mech_twin.recording.bag_directory import (
     plain_message,
 )
 from mech_twin.recording.bag_metadata import FILE_NAME, custom_data, read_metadata
+from mech_twin.recording.bag_split import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 from mech_twin.recording.errors import (
     BagBeyondLimitsError,
     BagError,
@@ -28,10 +29,16 @@ from mech_twin.recording.errors import (
     MissingPartError,
     UnfinishedBagError,
 )
-from mech_twin.recording.file_index import MAX_CHANNELS, Extent, FileIndex, counter_rows, parsed_mapping, scanned_index
-from mech_twin.recording.file_summary import summary_index
+from mech_twin.recording.file_index import (
+    MAX_CHANNELS,
+    Extent,
+    FileIndex,
+    counter_rows,
+    parsed_mapping,
+    scanned_index,
+    summary_index,
+)
 from mech_twin.recording.record_file import RawMessage, RecordFile, UnreadableRecordError
-from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 
 Answer = TypeVar("Answer")
 MAX_OPEN_BYTES = 1 << 30

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sensor_msgs.msg import JointState
 
-from mech_twin.engine.assembly import StepAssembler
-from mech_twin.engine.trajectory import StepSamples
+from mech_twin.engine.trajectory import StepAssembler, StepSamples
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import CdrError, received_message
 from mech_twin.messages.step_message import SOURCE, MessageError, body, configuration_mark, force, linkage, motor

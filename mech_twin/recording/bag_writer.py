@@ -14,10 +14,17 @@ from pathlib import Path
 from mech_twin.process.closing import Closing
 from mech_twin.process.interruption import UninterruptedLock
 from mech_twin.recording.bag_metadata import new_directory
-from mech_twin.recording.bag_split import BagSplit, SplitRule, Storage, TopicCounters
+from mech_twin.recording.bag_split import (
+    BagSplit,
+    Latched,
+    RecordedTopic,
+    SplitRule,
+    SplitSeries,
+    Storage,
+    TopicCounters,
+)
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.schemas import message_schema, offered_qos
-from mech_twin.recording.split_series import Latched, RecordedTopic, SplitSeries
 
 LOG = logging.getLogger(__name__)  # without a handler, warnings go to standard error
 _CLOSE_AT = 0.6  # of max_loss_s: the rest allows for the interval between ticks and for the write

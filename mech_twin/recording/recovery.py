@@ -26,12 +26,18 @@ from mech_twin.recording.bag_metadata import (
     remove_recording,
     write_metadata,
 )
-from mech_twin.recording.bag_split import LIBRARY, TOPIC_RECORD, MessageWriter
+from mech_twin.recording.bag_split import (
+    COUNTERS_KEY,
+    FINISHED_KEY,
+    LIBRARY,
+    RECOVERED_KEY,
+    TOPIC_RECORD,
+    MessageWriter,
+)
 from mech_twin.recording.errors import BagError, BagExistsError, DamagedBagError, UnwritableDirectoryError
 from mech_twin.recording.file_index import Extent, FileIndex, scanned_index
 from mech_twin.recording.record_file import RawMessage, RecordFile, UnreadableRecordError
 from mech_twin.recording.split_file import SplitFile
-from mech_twin.recording.split_series import COUNTERS_KEY, FINISHED_KEY, RECOVERED_KEY
 
 _NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
 _CHUNK_BYTES = 256 * 1024

@@ -24,7 +24,7 @@ from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
 from mech_twin.process.dependencies import require_extra
-from mech_twin.process.stop_signal import raising_interrupt
+from mech_twin.process.interruption import raising_interrupt
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 from mech_twin.studies.spreading import used_cores

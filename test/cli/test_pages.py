@@ -13,7 +13,7 @@ import yaml
 from rrd_tables import rrd_tables
 from typer.testing import CliRunner
 
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError
 from mech_twin.cli.machines import shipped_pages
 from mech_twin.cli.main import app
 from mech_twin.declarations.configuration_tree import ConfigurationError

@@ -9,7 +9,7 @@ import pytest
 from bag_cases import string_cdr, written
 from small_disk import small_disk
 
-from mech_twin.cli.failure import LOSS_EXIT_CODE, messages_in, report_losses
+from mech_twin.cli.console import LOSS_EXIT_CODE, messages_in, report_losses
 from mech_twin.cli.recording import show_info
 from mech_twin.cli.run import ended_early
 from mech_twin.cli.verbs import InfoVerb

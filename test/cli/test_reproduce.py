@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError
 from mech_twin.cli.reproduce import reproduce_machines
 from mech_twin.cli.verbs import ReproduceVerb
 

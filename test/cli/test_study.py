@@ -8,7 +8,7 @@ import yaml
 from command_line import mech_twin
 
 from mech_twin.capabilities.progress import listening, tell
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError
 from mech_twin.cli.study import axes_of, limits_of
 from mech_twin.parameters.load import machine
 

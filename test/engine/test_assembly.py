@@ -4,7 +4,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mech_twin.engine.assembly import FIELDS, OPEN_STEPS, FrameAssembler, StepAssembler
+from mech_twin.engine.trajectory import FIELDS, OPEN_STEPS, FrameAssembler, StepAssembler
 from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample, Named
 
 NONE = Named((), ())

@@ -17,6 +17,8 @@ import pytest
 from scipy.optimize import brentq
 
 from mech_twin.engine.integration import (
+    DORMAND_PRINCE_5,
+    DORMAND_PRINCE_8,
     controlled_step,
     finish_step,
     following_step,
@@ -28,7 +30,6 @@ from mech_twin.engine.integration import (
     take_step,
     workspace,
 )
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import kernel
 
 ECCENTRICITY = 0.3
@@ -291,7 +292,7 @@ def test_compiled_step_costs_no_more_than_its_stages():
 SYSTEM = """
 from typing import NamedTuple
 from mech_twin.engine.integration import rates_of
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.engine.integration import DORMAND_PRINCE_5
 
 class Growth(NamedTuple):
     rate: float
@@ -303,7 +304,7 @@ def growth(system, t, y, out):
 CALL = """
 import numpy as np
 from mech_twin.engine.integration import start_step, take_step, workspace
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.engine.integration import DORMAND_PRINCE_5
 from growth_trial.system import Growth
 work, y = workspace(DORMAND_PRINCE_5, 1), np.array([1.0])
 start_step(Growth(3.0), 0.0, y, work)

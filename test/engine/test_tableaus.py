@@ -4,7 +4,7 @@
 import numpy as np
 from scipy.integrate import DOP853, RK45
 
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8
+from mech_twin.engine.integration import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 
 
 def test_order_8_has_the_numbers_of_scipy() -> None:

@@ -7,8 +7,17 @@ import math
 
 import pytest
 
-from mech_twin.mechanics.recording import Expression, Recording, cosine, larger, power, sine, square_root, tangents
-from mech_twin.mechanics.straight_line import generated
+from mech_twin.mechanics.recording import (
+    Expression,
+    Recording,
+    cosine,
+    generated,
+    larger,
+    power,
+    sine,
+    square_root,
+    tangents,
+)
 
 
 def formula(x, y):

@@ -15,8 +15,7 @@ from mech_twin.kernels.kernel import kernel
 from mech_twin.mechanics.dynamics import AppliedLoad, JointEffort, ReducedSystem
 from mech_twin.mechanics.kinematics import Kinematics, Scalar
 from mech_twin.mechanics.linear_solve import solution
-from mech_twin.mechanics.recording import Recording
-from mech_twin.mechanics.straight_line import call_straight_line, generated
+from mech_twin.mechanics.recording import Recording, call_straight_line, generated
 from mech_twin.mechanics.structure import (
     COORDINATES,
     FirmGear,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from mech_twin.cli.failure import LOSS_EXIT_CODE, report_losses
+from mech_twin.cli.console import LOSS_EXIT_CODE, report_losses
 from mech_twin.messages.topics import DIAGNOSTICS
-from mech_twin.nodes.shadow.recorder import BlackBox, ShadowTopics
+from mech_twin.nodes.shadow.session import BlackBox, ShadowTopics
 from mech_twin.recording.bag_contents import RecentMessage
 from mech_twin.recording.bag_reader import BagReader
 

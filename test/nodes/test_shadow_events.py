@@ -21,8 +21,7 @@ from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA
 from mech_twin.nodes.shadow.inputs import followed_topics
 from mech_twin.nodes.shadow.monitor_node import MonitorNode
-from mech_twin.nodes.shadow.recorder import ShadowRecorder
-from mech_twin.nodes.shadow.session import Company
+from mech_twin.nodes.shadow.session import Company, ShadowRecorder
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.results.opened_runs import opened_run
 from mech_twin.studies.monitoring.baseline import fitted_baseline

@@ -23,8 +23,7 @@ from mech_twin.measurements.runs import read_run
 from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of
 from mech_twin.messages.topics import DATA, DIAGNOSTICS, STANDARD_RESIDUALS, full_name
 from mech_twin.nodes.shadow.monitor_node import FAULT, SHELVE_S, MonitorNode
-from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder
-from mech_twin.nodes.shadow.session import Company
+from mech_twin.nodes.shadow.session import BlackBox, Company, ShadowRecorder
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
 from mech_twin.results.opened_runs import opened_run

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "mech_twin"
 SCRIPT_ROOMS = ("benchmarks", ".ci", "launch")
 SAYS_NOTHING = {"utils", "util", "helpers", "helper", "common", "manager", "misc", "data", "base", "core"}
-LONGEST_FILE = 400  # lines; a file of one purpose has about 300
+LONGEST_FILE = 500  # lines; a file of one purpose has about 300
 
 
 @cache

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import lower, upper
-from mech_twin.parameters import yaml_text
+from mech_twin.parameters import load
 from mech_twin.parameters.load import assignments, configuration_file, file_tree, machine_parameters, text_tree
 
 DRUM = "winding_drum"
@@ -216,7 +216,7 @@ def test_a_batch_reads_its_configuration_once(monkeypatch: pytest.MonkeyPatch) -
     read = []
     scan = yaml.parse
     monkeypatch.setattr(yaml, "parse", lambda text, **how: read.append(text) or scan(text, **how))
-    yaml_text._parsed.cache_clear()
+    load._parsed.cache_clear()
     for radius_m in (0.1, 0.2, 0.3):
         assert machine_parameters(DRUM, overrides={"package_radius_m": radius_m}).package_radius_m == radius_m
     assert len(read) == 1

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from mutations import mutated, mutated_tree
 
-from mech_twin.cli.failure import CommandError
+from mech_twin.cli.console import CommandError
 from mech_twin.cli.machines import former_page
 from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.declarations.configuration_tree import ConfigurationError

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from mech_twin.cli.failure import EXIT_CODE
+from mech_twin.cli.console import EXIT_CODE
 from mech_twin.kernels.cache import directories
 from mech_twin.process.dependencies import lacking
 

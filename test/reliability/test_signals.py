@@ -29,7 +29,7 @@ from signal_cases import (
     until,
 )
 
-from mech_twin.process.stop_signal import interruptible
+from mech_twin.process.interruption import interruptible
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.split_file import SplitFile

@@ -78,8 +78,8 @@ kept = weakref.ref(gone, lambda reference: os.kill(os.getpid(), {number}))
 del gone
 """
 UNDER_WAY = {
-    "a verb": "from mech_twin.process.stop_signal import interruptible as answering",
-    "a node": "from mech_twin.process.stop_signal import StopSignal\ndef answering():\n    return stop.interrupting()",
+    "a verb": "from mech_twin.process.interruption import interruptible as answering",
+    "a node": "from mech_twin.process.interruption import StopSignal\ndef answering():\n    return stop.interrupting()",
 }
 IMPORT = """
 from contextlib import nullcontext

@@ -20,11 +20,10 @@ from mech_twin.engine.rollout import roll_out
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SeenSample, SensedChannel
-from mech_twin.studies.observer.filter_state import FilterState, SaltedFilter
+from mech_twin.studies.observer.filter_state import FilterState, SaltedFilter, state_space
 from mech_twin.studies.observer.model_run import AnchorNow, held_sigma, model_run, without_turns
 from mech_twin.studies.observer.observer import PhaseLockedObserver
 from mech_twin.studies.observer.parameter_error import wrong_machine
-from mech_twin.studies.observer.state_space import state_space
 
 LATER_S = 1000.0  # clocks of a machine and of a model have nothing to do with each other
 CRANK = ("linkage.crank.position", 1e-3)

@@ -32,8 +32,7 @@ from mech_twin.engine.hybrid.laws import (
     pass_signal,
 )
 from mech_twin.engine.hybrid.motion import Piece, PieceAt, prepare_instant, settle_regimes
-from mech_twin.engine.integration import Tableau, Workspace
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5
+from mech_twin.engine.integration import DORMAND_PRINCE_5, Tableau, Workspace
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
 
 TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4

@@ -14,7 +14,7 @@ from mech_twin.engine.compiled_steps import LOG_FULL
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Indices
 from mech_twin.engine.hybrid.loop import MOST_PIECES, TOO_LONG, TOO_MANY, advance, room_in, room_sizes
-from mech_twin.engine.tableaus import DORMAND_PRINCE_8
+from mech_twin.engine.integration import DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
 from mech_twin.machines.mb10_breaker.dynamics import (
     BLOCKED,

@@ -13,8 +13,16 @@ from mech_twin.machines.page.force_elements import GasCharge, SpringElement
 from mech_twin.machines.page.state_places import HERTZ, NEAR_M, NO_GAP, StartLengths, StatePlaces
 from mech_twin.machines.page.system import LEAST_VOLUME
 from mech_twin.machines.page.tables import Line, Rows, line, repeats, scaled_rows, wrapped
-from mech_twin.mechanics.actions import Action, contact_action, force_action, joint_action, line_action, moment_action
-from mech_twin.mechanics.dynamics import JointEffort, ReducedSystem
+from mech_twin.mechanics.dynamics import (
+    Action,
+    JointEffort,
+    ReducedSystem,
+    contact_action,
+    force_action,
+    joint_action,
+    line_action,
+    moment_action,
+)
 from mech_twin.mechanics.kinematics import JointRates, Kinematics, MovingPoint, Scalar
 from mech_twin.mechanics.recording import Number, Recording, larger, power, sine, smaller, total
 

@@ -35,11 +35,9 @@ from mech_twin.machines.page.step import (
     SPEED,
     TABLE,
 )
-from mech_twin.mechanics.actions import Action, joint_action
-from mech_twin.mechanics.dynamics import ReducedSystem
+from mech_twin.mechanics.dynamics import Action, ReducedSystem, joint_action
 from mech_twin.mechanics.kinematics import Kinematics, dot
-from mech_twin.mechanics.recording import Number, Recording, total
-from mech_twin.mechanics.straight_line import Generated, generated
+from mech_twin.mechanics.recording import Generated, Number, Recording, generated, total
 from mech_twin.mechanics.structure import FREE, Vector
 from mech_twin.parts.induction_motor import motor_constants
 

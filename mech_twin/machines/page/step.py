@@ -26,7 +26,7 @@ from mech_twin.machines.page.system import (
     starting_regimes,
     tell_regimes,
 )
-from mech_twin.mechanics.straight_line import call_straight_line
+from mech_twin.mechanics.recording import call_straight_line
 from mech_twin.parts.induction_motor import (
     MotorConstants,
     limited_change,

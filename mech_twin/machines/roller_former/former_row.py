@@ -30,7 +30,7 @@ from mech_twin.machines.roller_former.dynamics import (
     state_of,
     stored_energy,
 )
-from mech_twin.machines.roller_former.integration import NO_STEP, TIGHT, advance_in, former_room
+from mech_twin.machines.roller_former.motion import NO_STEP, TIGHT, advance_in, former_room
 from mech_twin.parts.induction_motor import motor_in_step
 
 TURN = 2.0 * np.pi

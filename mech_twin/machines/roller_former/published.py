@@ -11,9 +11,9 @@ from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, INK, RED, Picture,
 from mech_twin.capabilities.published import CHANGED, CONTRADICTS, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.roller_former.cart_statics import cart_load, load_moments
-from mech_twin.machines.roller_former.drive_choice import STUDIED_DAMPING, SWEEP_DAMPING, damping_sweep, installation
 from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, bank_of, former_of
+from mech_twin.machines.roller_former.sizing import STUDIED_DAMPING, SWEEP_DAMPING, damping_sweep, installation
 from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parts.induction_motor import breakdown_slip, motor_constants, motor_torque
 

@@ -29,8 +29,8 @@ from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
 from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
+from mech_twin.engine.integration import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
-from mech_twin.engine.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
 from mech_twin.parts.friction_and_gear import sliding_torque
 

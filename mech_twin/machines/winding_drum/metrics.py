@@ -23,9 +23,11 @@ from mech_twin.capabilities.cycle import (
     CycleFeatures,
     CycleReference,
     SampledCycle,
+    fitted_slope,
+    fourier_coefficient,
     speed_harmonic,
+    weighted_sum,
 )
-from mech_twin.capabilities.cycle_kernels import fitted_slope, fourier_coefficient, weighted_sum
 from mech_twin.capabilities.faults import (
     MachineFault,
     OperatingVariable,

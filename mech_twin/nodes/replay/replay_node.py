@@ -1,36 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 """The replay node: publishes a recording on its topics again, and can be paused and moved while it runs.
 
-Its publishers count messages, and wait for listeners that must not miss any.
+Its publishers count messages, and wait for listeners that must not miss any.  A replay from start to end serves the
+node, executes keys and reports progress.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import CLOCK, DATA, DIAGNOSTICS
 from mech_twin.nodes.exchange.counting import array_message, status_message
 from mech_twin.nodes.exchange.parameter_bridge import declare_range, offer
+from mech_twin.nodes.exchange.peers import other_clocks
+from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.replay import FASTEST, SLOWEST
 from mech_twin.nodes.replay.source import PlayedTopic, ReplayClock, ReplaySource
+from mech_twin.nodes.run.console import TerminalKeys
+from mech_twin.nodes.run.domain import replay_arguments
+from mech_twin.nodes.run.name_guard import NameGuard
+from mech_twin.process.interruption import StopSignal
 from mech_twin.recording.bag_contents import stamp_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from mech_twin.recording.bag_contents import BagMessage
+
 
 ACKNOWLEDGED_LIMIT_S = 0.1
 IMPATIENCE_S = 1.0
@@ -328,3 +342,94 @@ class ReplayNode(Node):
         values |= {f"left out {name}": why for name, why in self._source.unknown.items()}
         status = status_message(self.get_fully_qualified_name(), text, values, level=level)
         self._diagnostics_out.publish(array_message(self.position_ns * 1e-9, status))
+
+
+ARRIVAL_LIMIT_S = 1.0
+FASTER = 1.25
+KEYS = "space: pause or go on, n: next impact, +/-: faster or slower, q: quit"
+
+
+class ReplayOutcome(NamedTuple):
+    """Result of a replay: messages by topic."""
+
+    published: dict[str, int]
+    malformed: dict[str, int]
+    refused: dict[str, int]
+    unknown: dict[str, str]
+
+
+def replayed(
+    source: ReplaySource,
+    options: ReplayOptions,
+    progress: Callable[[ReplayNode], None],
+    namespace: str | None = None,
+) -> ReplayOutcome:
+    """Replay a bag until its end, a signal or the key that quits.
+
+    Parameters
+    ----------
+    source, options
+        The recording, and the options.
+    progress : callable
+        Called with the node repeatedly.
+    namespace : str, optional
+        Namespace of the topics instead of the recorded one.
+
+    Raises
+    ------
+    NameInUseError
+        If a run or another replay is alive there.
+    """
+    names = {name: source.below(name) for name in source.topics}
+    rclpy.init(args=replay_arguments(names, namespace), signal_handler_options=SignalHandlerOptions.NO)
+    node: ReplayNode | None = None
+    try:
+        with StopSignal() as stop, TerminalKeys() as keys, ExitStack() as at_end:
+            node = ReplayNode(source, options)
+            steps = [node.resolve_topic_name(name) for name, topic in source.topics.items() if topic.kind is JointState]
+            with stop.interrupting():
+                at_end.enter_context(NameGuard(steps)).check(own_publishers=1)
+            clocks = other_clocks(node)
+            if clocks:
+                node.get_logger().warning(clocks)
+            if keys.listening:
+                node.get_logger().info(KEYS)
+            with Spinner([node]) as spinner:
+                spinner.until(partial(_is_over, node, stop, keys, progress))
+            node.finish(0.0 if stop.asked else ARRIVAL_LIMIT_S)
+            published = {name: output.published for name, output in node.outputs.items()}
+            refused = {name: output.refused for name, output in node.outputs.items() if output.refused}
+            return ReplayOutcome(published, dict(source.malformed), refused, dict(source.unknown))
+    finally:
+        if node is not None:
+            destroy_nodes([node])
+        rclpy.try_shutdown()
+
+
+def _is_over(node: ReplayNode, stop: StopSignal, keys: TerminalKeys, progress: Callable[[ReplayNode], None]) -> bool:
+    """Obey the keys and report progress; return whether the replay is over."""
+    for key in keys.pressed():
+        obey(node, key)
+    progress(node)
+    return stop.asked or node.done
+
+
+def obey(node: ReplayNode, key: str) -> None:
+    """Execute the command of a key; other keys do nothing."""
+    if key == " ":
+        node.get_logger().info(node.resume() if node.paused else node.pause())
+    elif key == "n":
+        found, line = node.go_to_next_impact()
+        if not found:
+            node.get_logger().info(line)
+    elif key in "+=":
+        _change_rate(node, node.rate * FASTER)
+    elif key in "-_":
+        _change_rate(node, node.rate / FASTER)
+    elif key == "q":
+        node.done = True
+
+
+def _change_rate(node: ReplayNode, rate: float) -> None:
+    node.set_parameters([Parameter("rate", value=min(max(rate, SLOWEST), FASTEST))])
+    node.get_logger().info(f"rate {node.rate:.4g}")

@@ -45,7 +45,7 @@ from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.exchange.peers import Admission, HeardSource, LivingPublishers
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.process.stop_signal import closed_first
+from mech_twin.process.interruption import closed_first
 from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
 from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import DecodeError

@@ -15,7 +15,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.assembly import OPEN_STEPS, FrameAssembler
+from mech_twin.engine.trajectory import OPEN_STEPS, FrameAssembler
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import StepMessage
 from mech_twin.messages.step_message import MessageError

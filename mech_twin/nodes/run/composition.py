@@ -20,7 +20,7 @@ import yaml
 from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.assembly import FrameAssembler
+from mech_twin.engine.trajectory import FrameAssembler
 from mech_twin.messages.topics import FRAMES, ROBOT_DESCRIPTION, run_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, sent_messages
 from mech_twin.nodes.exchange.parameter_bridge import ros_values
@@ -36,8 +36,7 @@ from mech_twin.nodes.run.domain import NodeEndedError, ros_arguments, run_namesp
 from mech_twin.nodes.run.executables import LaunchRequest, programs
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.parameters.load import MACHINE_KEY, RUN_GROUP, catalogue_entry
-from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import EXIT_CODE_BASE, SIGNALS, StopSignal
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame, Sample, Shape
 from mech_twin.studies.simulation import RunMetrics

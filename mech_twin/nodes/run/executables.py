@@ -32,8 +32,7 @@ from mech_twin.nodes.run.domain import (
 )
 from mech_twin.parameters.load import MACHINE_KEY, catalogue_entry, configuration_file
 from mech_twin.process.dependencies import lacking, missing_extra
-from mech_twin.process.interruption import end_at_once
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import StopSignal, end_at_once
 from mech_twin.process.terminal_output import printable
 
 if TYPE_CHECKING:

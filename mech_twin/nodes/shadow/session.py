@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A shadow from start to end: checks its name, serves its nodes until a signal or the end of its time."""
+"""A shadow from start to end: checks its name, serves its nodes until a signal or the end of its time.
+
+Its inputs and outputs are recorded in one bag, or the seconds around a fault (the black box).
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,21 +19,241 @@ from rclpy.signals import SignalHandlerOptions
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.messages.topics import ESTIMATED, RESIDUALS, TWIN, shadow_topics
+from mech_twin.messages.topics import DIAGNOSTICS, ESTIMATED, EVERY, RESIDUALS, TWIN, Topic, shadow_topics, type_name
 from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.identifier_node import IdentifierNode
+from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
-from mech_twin.nodes.shadow.recorder import BlackBox, ShadowRecorder, ShadowTopics
-from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.shadow_node import FOLLOWED, ShadowNode, ShadowSetup
+from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.process.stop_signal import StopSignal
+from mech_twin.process.interruption import StopSignal
+from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
+from mech_twin.recording.bag_writer import BagWriter, WriterState
+from mech_twin.recording.errors import BagError
+from mech_twin.recording.measured_topics import SECOND_NS
+from mech_twin.recording.schemas import offered_qos
 from mech_twin.studies.advice_search import COMMAND, AdviceWish
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.observer.estimate import SeenSample
+
+TICK_S = 0.1
+BEFORE_S, AFTER_S = 10.0, 5.0
+
+
+class UntimedMessage(NamedTuple):
+    """A message as bytes: full topic name, and the machine's time in it, None if it has none."""
+
+    topic: str
+    raw: bytes
+    led_ns: int | None
+
+
+class ShadowTopics(NamedTuple):
+    """Topics that the shadow publishes, and those it subscribes to."""
+
+    own: tuple[Topic, ...]
+    followed: tuple[FollowedTopic, ...]
+
+
+class ShadowListener(TwinNode):
+    """Subscribes to the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
+
+    The log time of a message is its stamp if that is accepted (`FollowedClock`) and not earlier than the newest one,
+    else the newest.  Rejected stamps are counted; until one is accepted, messages are held.
+
+    Parameters
+    ----------
+    topics : ShadowTopics
+        Topics to subscribe to.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        machine_name: str,
+        topics: ShadowTopics,
+        parameters: Parameters | None = None,
+    ) -> None:
+        super().__init__(name, machine_name, parameters)
+        self.admission = StampGate[UntimedMessage]()
+        self._jumps = self._logged_ns = 0
+        followed = tuple(each.topic for each in topics.followed)
+        self._has_stamps = any(each.has_stamps for each in topics.followed)
+        self._lags_ns = {each.topic.name: round(each.lag_s * SECOND_NS) for each in topics.followed}
+        self.topics = {self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *followed)}
+        self.described = description_text(machine_name, self.initial_parameters)
+        for full, topic in self.topics.items():
+            received = partial(self._on_message, full, type_name(topic))
+            self.subscribe(topic, received, qos=FOLLOWED if topic in followed else EVERY, raw=True)
+        self.every(TICK_S, self.tick_writer)
+
+    def take(self, message: RecentMessage) -> None:
+        """Store a message."""
+        raise NotImplementedError
+
+    def tick_writer(self) -> None:
+        """Run the periodic tasks, ten times a second."""
+        raise NotImplementedError
+
+    def adopt(self, parameters: Parameters) -> None:
+        """Use other parameters as description in the bags opened from now on."""
+        self.described = description_text(self.machine_name, parameters)
+
+    def opened(self, directory: Path) -> BagWriter:
+        """Return a new bag with the topics declared."""
+        writer = BagWriter(directory, configuration=self.described)
+        for full, topic in self.topics.items():
+            writer.add_topic(full, type_name(topic), offered_qos(durability="volatile", depth=topic.qos.depth))
+        return writer
+
+    @property
+    def newest_s(self) -> float:
+        """The machine's newest time (s); 0 if none is known."""
+        return (self.admission.clock.now_ns or 0) / SECOND_NS
+
+    def release(self) -> None:
+        """Store the held messages, at the end of a shadow without a known time."""
+        for found in self.admission.released():
+            self._keep(found)
+
+    def _on_message(self, full: str, kind: str, raw: bytes) -> None:
+        now_s = time.monotonic()
+        led_ns = self._led_ns(full, kind, raw, now_s)
+        for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
+            self._keep(found)
+            if found.item.led_ns is not None and not found.believed:
+                reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:.3f} s, at which it is recorded"
+                self.statistics.count(found.item.topic, "unknown_source", reason)
+
+    def _led_ns(self, full: str, kind: str, raw: bytes, now_s: float) -> int | None:
+        """Return the machine's time (ns) in a message; for a machine without stamps that of the steady clock."""
+        if full not in self._lags_ns:
+            return None
+        stamp = stamp_ns(kind, raw) if self._has_stamps else round(now_s * SECOND_NS)
+        return None if stamp is None else stamp - self._lags_ns[full]
+
+    def _keep(self, found: Admitted[UntimedMessage]) -> None:
+        at_ns = found.at_ns + self._lags_ns.get(found.item.topic, 0)
+        if self._jumps == self.admission.clock.jumps:
+            at_ns = max(at_ns, self._logged_ns)
+        self._jumps, self._logged_ns = self.admission.clock.jumps, at_ns
+        self.take(RecentMessage(found.item.topic, found.item.raw, at_ns))
+
+
+class ShadowRecorder(ShadowListener):
+    """Writes all messages to one bag.
+
+    Parameters
+    ----------
+    directory : Path
+        The recording to make.
+    """
+
+    def __init__(
+        self, machine_name: str, directory: Path, topics: ShadowTopics, parameters: Parameters | None = None
+    ) -> None:
+        super().__init__("shadow_recorder", machine_name, topics, parameters)
+        self.writer = self.opened(directory)
+
+    @property
+    def received(self) -> dict[str, int]:
+        """Number of messages received, by full topic name."""
+        return {name: row.received for name, row in self.writer.counters.items()}
+
+    def take(self, message: RecentMessage) -> None:
+        """Write a message."""
+        self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+
+    def tick_writer(self) -> None:
+        """Let the writer write due data to the disk, and report its state."""
+        self.time_s = self.newest_s
+        self.writer.tick()
+        self.diagnostics.state = self.writer.state.value
+        if self.writer.state is WriterState.ERROR:
+            self.diagnostics.error(self.writer.error)
+
+    def close(self) -> None:
+        """Finish the recording; one in which nothing was recorded is deleted."""
+        self.release()
+        self.writer.close(discard_empty=True)
+
+
+class BlackBox(ShadowListener):
+    """Stores the last 10 s, and writes them and the next 5 s to a separate bag when a fault becomes active.
+
+    A fault within those 5 s prolongs the bag.
+
+    Parameters
+    ----------
+    directory : Path
+        Folder of the bags; each is named after its fault and stamp, with a number if the name exists already.
+    """
+
+    def __init__(
+        self, machine_name: str, directory: Path, topics: ShadowTopics, parameters: Parameters | None = None
+    ) -> None:
+        super().__init__("black_box", machine_name, topics, parameters)
+        self.bags: list[Path] = []
+        self.failed: list[str] = []
+        self._directory = directory
+        self._recent = RecentMessages(BEFORE_S)
+        self._writer: BagWriter | None = None
+        self._since_ns, self._until_ns = 0, 0
+        self.diagnostics.state = "no fault yet"
+
+    def trigger(self, fault: str, time_s: float) -> None:
+        """Write the seconds around a fault that became active at a time (s)."""
+        self._until_ns = round((time_s + AFTER_S) * SECOND_NS)
+        if self._writer is not None:
+            return
+        words = "_".join("".join(sign if sign.isalnum() else " " for sign in fault).split())
+        place = _unused(self._directory / f"{words}-{round(time_s * 1000):d}")
+        try:
+            self._writer = self.opened(place)
+        except BagError as error:  # the shadow continues without this bag
+            self.failed.append(f"no black box: {error}")
+            self.diagnostics.error(self.failed[-1])
+            return
+        self.bags.append(place)
+        self.diagnostics.state = f"writing {place}"
+        self._since_ns = round((time_s - BEFORE_S) * SECOND_NS)
+        for message in self._recent.kept:
+            if message.at_ns >= self._since_ns:
+                self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+
+    def take(self, message: RecentMessage) -> None:
+        """Store a message, and write it near a fault."""
+        self._recent.take(message)
+        if self._writer is None:
+            return
+        if not self._since_ns <= message.at_ns <= self._until_ns:  # over, or the machine was restarted
+            self.close()
+        else:
+            self._writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
+
+    def tick_writer(self) -> None:
+        """Let the writer write due data to the disk."""
+        self.time_s = self.newest_s
+        if self._writer is not None:
+            self._writer.tick()
+
+    def close(self) -> None:
+        """Finish the present bag."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+            self.diagnostics.state = f"wrote {self.bags[-1]}"
+
+
+def _unused(place: Path) -> Path:
+    """Return a path that does not exist: the given one, or that with a number."""
+    numbered = (place.with_name(f"{place.name}-{number}") for number in count(2))
+    return next(each for each in chain([place], numbered) if not (each.exists() or each.is_symlink()))
 
 
 class ShadowOutcome(NamedTuple):

@@ -22,8 +22,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.capabilities.cycle import TURN, Array, CycleFeature, CycleFeatures, CycleReference, SampledCycle, sampled
-from mech_twin.capabilities.cycle_kernels import crossed_turn, first_rise, phase_of_turn
+from mech_twin.capabilities.cycle import (
+    TURN,
+    Array,
+    CycleFeature,
+    CycleFeatures,
+    CycleReference,
+    SampledCycle,
+    crossed_turn,
+    first_rise,
+    phase_of_turn,
+    sampled,
+)
 from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.sensor_quality import (
     LEAST_SAMPLES,

@@ -19,8 +19,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from mech_twin.capabilities.cycle import Array
-from mech_twin.capabilities.cycle_kernels import gap_limits, sample_quality
+from mech_twin.capabilities.cycle import Array, gap_limits, sample_quality
 
 PLATEAU = 0.3  # of a cycle: with a longer plateau in the baseline, a channel is not tested for being stuck
 LOST = 0.1  # share of samples lost in excess of the baseline

@@ -25,10 +25,17 @@ from mech_twin.studies.observer.estimate import (
     SensedChannel,
     located,
 )
-from mech_twin.studies.observer.filter_state import FilterState, Observation, Prediction, SaltedFilter, output_variance
+from mech_twin.studies.observer.filter_state import (
+    FilterState,
+    Observation,
+    Prediction,
+    SaltedFilter,
+    output_variance,
+    state_space,
+    undetermined,
+)
 from mech_twin.studies.observer.model_run import AnchorNow, RegimeByAngle, model_run, without_turns
 from mech_twin.studies.observer.parameter_error import parameter_error, uncertain_keys
-from mech_twin.studies.observer.state_space import state_space, undetermined
 
 ON_STEP = 1e-6  # of a step: tolerance for a stamp that coincides with a step
 UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor if it is unknown

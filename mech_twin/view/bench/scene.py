@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run on the bench: each picture has drawing, state, cards and curves of one instant.
 
-A frame, the complete state of a run at a step, becomes plain lists for JSON and back.
+A frame, the complete state of a run at a step, becomes plain lists for JSON and back.  The regimes of each part of the
+machine are a lane of their own over time.
 """
 
 from __future__ import annotations
@@ -20,28 +21,81 @@ from mech_twin.engine.trajectory import RunInvariants
 from mech_twin.process.closing import Closing
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
-from mech_twin.view.annotations import RESET, Annotations, Banner, lost_energy
-from mech_twin.view.bench.lanes import Lanes
+from mech_twin.view.annotations import RESET, Annotations, Banner, is_stalled, lost_energy
 from mech_twin.view.bench.link import BenchLink
-from mech_twin.view.bench.picture import (
-    Curves,
-    Panel,
-    metric_rows,
-    packed_curves,
-    packed_layout,
-    packed_shapes,
-)
-from mech_twin.view.curve_groups import (
-    Groups,
-    body_groups,
-    force_groups,
-    linkage_groups,
-    motor_groups,
-    plots,
-    same_names,
-)
+from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curves, packed_layout, packed_shapes
+from mech_twin.view.curves import Groups, body_groups, force_groups, linkage_groups, motor_groups, plots, same_names
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
 from mech_twin.view.sending import Sending, extreme_rows
+
+MOST_CHANGES = 400  # per lane and picture; the oldest are dropped
+SENSE = "_sense"  # suffix of a memory with the direction of friction
+SENSES = ("held", "forwards", "backwards")  # for 0, 1, -1
+TOOL = ("stands", "moves", "pushed", "blocked")  # values of the memory `tool_regime`
+
+
+class Lanes:
+    """Lanes of a run."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._linkage = machine.linkage.regimes
+        self._body = () if machine.body is None else machine.body.regimes
+        self._now: dict[str, str] = {}
+        self._first: dict[str, str] = {}
+        self._begin_s: float | None = None
+        self._changes: dict[str, list[list[Any]]] = {}
+
+    def add(self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None) -> None:
+        """Update with a step."""
+        for time_s, lane, word in self._words(motor, linkage, body):
+            if self._begin_s is None:
+                self._begin_s = time_s
+            before = self._now.get(lane)
+            if word == before:
+                continue
+            self._now[lane] = word
+            changes = self._changes.setdefault(lane, [])
+            changes.append([round(time_s, 9), word])
+            del changes[:-MOST_CHANGES]
+
+    def taken(self) -> list[list[Any]]:
+        """Return and clear for each lane its name, start time (s), regime at that time, and later changes."""
+        begin_s = self._begin_s
+        if begin_s is None:
+            return []
+        rows = [
+            [lane, round(begin_s, 9), self._first.get(lane, word), self._changes.get(lane, [])]
+            for lane, word in self._now.items()
+        ]
+        self._first, self._changes, self._begin_s = dict(self._now), {}, None
+        return rows
+
+    def _words(
+        self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None
+    ) -> Iterator[tuple[float, str, str]]:
+        if linkage is not None:
+            if len(self._linkage) > 1 and not self._body:  # else the regimes are those of the body
+                yield linkage.time_s, "machine", _named(self._linkage, linkage.regime)
+            yield from self._remembered(linkage)
+        if body is not None and self._body:
+            yield body.time_s, "body", _named(self._body, body.regime)
+        if motor is not None:
+            stalled = linkage is not None and is_stalled(linkage)
+            yield motor.time_s, "supply", "stalled" if stalled else "on" if motor.command > 0.0 else "off"
+
+    @staticmethod
+    def _remembered(linkage: LinkageSample) -> Iterator[tuple[float, str, str]]:
+        for name, value in zip(linkage.memory.names, linkage.memory.values, strict=True):
+            if name == "tool_regime":
+                yield linkage.time_s, "tool", _named(TOOL, int(value))
+            elif name.endswith(SENSE):
+                part = name.removesuffix(SENSE)
+                yield linkage.time_s, f"{part} friction", SENSES[int(value)]
+
+
+def _named(words: Sequence[str], number: int) -> str:
+    return words[number].replace("_", " ") if 0 <= number < len(words) else str(number)
+
 
 AnySample = TypeVar("AnySample", MotorSample, LinkageSample, ForceSample, BodySample)
 NAMED = ("memory", "residuals", "quantities")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from roller_former_cases import parameters_for
 
-from mech_twin.machines.roller_former.drive_choice import (
+from mech_twin.machines.roller_former.sizing import (
     PUBLISHED_STIFFNESS,
     coupling_point,
     damping_sweep,

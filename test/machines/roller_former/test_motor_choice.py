@@ -7,13 +7,13 @@ from roller_former_cases import parameters_for
 from scipy.optimize import brentq
 
 from mech_twin.machines.roller_former.cart_statics import load_moments
-from mech_twin.machines.roller_former.drive_choice import (
+from mech_twin.machines.roller_former.metrics import moment_metrics
+from mech_twin.machines.roller_former.parameters import former_of
+from mech_twin.machines.roller_former.sizing import (
     motor_selection,
     motor_verdict,
     power_required_w,
 )
-from mech_twin.machines.roller_former.metrics import moment_metrics
-from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.parameters.load import MOTOR_TABLE, configuration_file, motor_table
 from mech_twin.parts.induction_motor import motor_torque
 

@@ -7,7 +7,7 @@ import pytest
 
 from mech_twin.engine.hybrid.loop import UNSTEADY
 from mech_twin.machines.roller_former.dynamics import Modes
-from mech_twin.machines.roller_former.integration import Advance, ending
+from mech_twin.machines.roller_former.motion import Advance, ending
 
 MODES = Modes(1.0, 1.0, True, 1.0, -1.0, False)
 

@@ -10,8 +10,7 @@ from mech_twin.declarations.captions import caption
 from mech_twin.engine.run import frames
 from mech_twin.machines.mb10_breaker import dynamics
 from mech_twin.samples import Event
-from mech_twin.view.bench.lanes import TOOL, Lanes
-from mech_twin.view.bench.scene import BenchScene
+from mech_twin.view.bench.scene import TOOL, BenchScene, Lanes
 from mech_twin.view.sending import LIVE
 
 SPAN_S = 0.4
