@@ -7,8 +7,6 @@ From Python ``import mech_twin as mt`` and `mt.simulate`, `mt.analyse`, `mt.swee
 They are imported at first use, so that a node or a tool that needs one subpackage does not load the others.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of studies, motions, stored states, measurements and the view; each message is one line for the user."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

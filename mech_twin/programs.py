@@ -10,8 +10,6 @@ Linear algebra runs in the calling thread unless the user says otherwise: matric
 wait for each other, beside a study's own on all cores three times as long as they compute.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -8,8 +8,6 @@ one process.
 Positions are m or rad, velocities m/s or rad/s, efforts N or N m, for prismatic or revolute joints.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

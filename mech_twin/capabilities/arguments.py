@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Validation of arguments of the Python interface: an error is one line with name, value and what is expected."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from numbers import Real

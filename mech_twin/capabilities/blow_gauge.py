@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Strain gauge on a struck rod: numbers of an impact by name, and its curve over time; blows apart from bounces."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from math import degrees, nan, radians

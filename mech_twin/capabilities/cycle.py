@@ -12,8 +12,6 @@ Live samples and recordings take the same compiled sums, in the order of the sam
 reproducible to the bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import cos, pi, sin

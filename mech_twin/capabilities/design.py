@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A machine's design problem: variables, constraints, objectives, and results repeated with a shorter coupling step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

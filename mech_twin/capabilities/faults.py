@@ -4,8 +4,6 @@
 An operating variable (supply, load, temperature, tolerance) moves within a range; beyond it is a fault.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -10,8 +10,6 @@ r"""Elements of a mechanism's schematic: hatched ground, fixed bearings, guides,
         / / /
 """
 
-from __future__ import annotations
-
 from math import cos, hypot, pi, sin
 
 from mech_twin.samples import Shape

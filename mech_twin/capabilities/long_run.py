@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Studies of the long-run behaviour of a periodically driven machine: synthesis of a cycle, and regimes over a key."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -18,8 +18,6 @@ half of it each.  A point mass has a radius of gyration of `POINT_M`, since read
 positive definite.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Style of the figures: size, fonts, colours for colour-blind readers; and output as files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sizing of a machine's parts: constraints, question and answer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple

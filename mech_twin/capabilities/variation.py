@@ -4,8 +4,6 @@
 In the box each assumed number varies by up to a share of its value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, TypeVar

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``mech-twin analyse``."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``mech-twin identify``: keys from runs by a fit; lengths from positions and restitution from bounces without one."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable, Sequence

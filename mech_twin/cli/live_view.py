@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The option ``--view`` of what runs live - a page in the browser, a file, or nothing - and the bench without a run."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence

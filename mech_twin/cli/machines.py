@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``mech-twin list``, ``new``, ``check``, ``export fmu``: machines, pages and units."""
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ``mech-twin`` command, made of its verbs: what each understands, and its errors in the words of all others."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Iterator, Sequence

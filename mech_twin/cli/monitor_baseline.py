@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a monitor judges by: a run's features of each cycle, its setup of healthy runs, and the file that keeps it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

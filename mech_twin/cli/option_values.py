@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values of options that are more than a word - a machine, a time - and what the shell completes."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence

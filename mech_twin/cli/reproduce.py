@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """``mech-twin reproduce``."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run came to, for people: numbers in groups, headlines, events, residuals, what --set throws off."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What all answers of ``mech-twin study`` share: axes, limits and bounds as they are written, files, and the report."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import sys

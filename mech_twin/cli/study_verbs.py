@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The questions of ``mech-twin study MACHINE QUESTION``: each a model of its options."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, ClassVar
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A verb, declared once: a model of its options, from which command line, help, completion and reference derive."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from inspect import Parameter, Signature

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Display names and units, derived from stored names that end in their unit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 

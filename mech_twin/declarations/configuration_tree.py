@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A configuration as nested groups of plain values: values merged into it, and values suggested in error messages."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any

@@ -5,8 +5,6 @@ The validation of YAML, the ROS parameter descriptors and the tables in the docu
 declarations.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -9,8 +9,6 @@ A record names the numbers of a row and shares the memory of its array, in compi
 the array alive: create it only where the array is an argument or is still used later.
 """
 
-from __future__ import annotations
-
 from math import prod
 from typing import Any, NamedTuple
 

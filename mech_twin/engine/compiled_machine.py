@@ -5,8 +5,6 @@ Kernels take named tuples.  Code that is called with arrays alone, in a unit or 
 expression such as ``Models(Generator(reals[0], reals[1]), ...)``, which the compiler optimises away.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field

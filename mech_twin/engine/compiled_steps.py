@@ -21,8 +21,6 @@ wrote into the table ``log``; negative if the step failed.  It makes no array: `
     linkage(n), motor(n), body(n) -> linkage(n+1)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar

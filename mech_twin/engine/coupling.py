@@ -14,8 +14,6 @@ Whether a machine starts when it is switched on is forecast by the same function
 fraction of rated supply or an effort, becomes one value a step here (`command_profile`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import ceil
 from typing import Any, NamedTuple

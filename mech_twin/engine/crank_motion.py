@@ -12,8 +12,6 @@ One law acts at the crank: loss of the gear, Coulomb friction, and a load that o
 theirs.  A prescribed speed is a crank of known acceleration, whose drive takes what the mechanism needs.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

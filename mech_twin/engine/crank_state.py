@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Parts of a crank linkage: its mechanism as kernels, the boundaries of its load, drive, friction and state."""
 
-from __future__ import annotations
-
 from math import copysign, pi
 from typing import Any, NamedTuple
 

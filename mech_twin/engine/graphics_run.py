@@ -6,8 +6,6 @@ cosines are those of its library, so numbers differ in the last digits.  Runs wi
 numbers, and the same steps, share a kernel and go side by side; the kernel is compiled once a process.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import cache

@@ -24,8 +24,6 @@ Sources: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equatio
 II.6, II.10; the dense output of order 4: L. F. Shampine, Mathematics of Computation 46 (1986) 135.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar, cast

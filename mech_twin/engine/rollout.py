@@ -5,8 +5,6 @@ A machine whose roles are backed by kernels runs through `compiled_steps`; any o
 result.  The numbers are bit for bit those of `engine.run.frames`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

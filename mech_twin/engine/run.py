@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The one-process run: frames one after the other, no ROS, no wall clock."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 

@@ -13,8 +13,6 @@ load       time, kind, contact, moment before, moment after, impulse
 Step and time are not in a row: a kernel gets the step, and the time is the step times the coupling step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial

@@ -5,8 +5,6 @@ All state is in the samples of linkage and body.  Instants of the run in them (n
 are shifted with the step.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

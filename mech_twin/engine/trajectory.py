@@ -5,8 +5,6 @@ Samples arrive one by one, from a recording or topics, and are assembled to step
 A residual has its largest magnitude over a window, and a limit, as shown by diagnostics and ``simulate``.
 """
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections import Counter

@@ -4,8 +4,6 @@
 Untrusted YAML is read with bounds on its size and on the expansion of its aliases.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -4,8 +4,6 @@
 Dataclasses and named tuples become plain values for JSON.
 """
 
-from __future__ import annotations
-
 import errno
 import math
 import os

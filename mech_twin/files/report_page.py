@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A report as one self-contained HTML file with embedded pictures and a print layout."""
 
-from __future__ import annotations
-
 import base64
 import platform
 from collections.abc import Iterable, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes a machine as a functional mock-up unit (``.fmu``)."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re

@@ -5,8 +5,6 @@ One function, ``mech_step``, contains all kernels of the machine.  It is the cod
 (`engine.compiled_steps`), so a unit computes the same as `simulate`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 import re

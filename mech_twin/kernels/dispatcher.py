@@ -6,8 +6,6 @@ of ten calls is optimised eleven times.  Here a kernel called by another stays i
 its caller, and made machine code when Python calls it or asks for its address.
 """
 
-from __future__ import annotations
-
 import gc
 import hashlib
 from collections.abc import Callable, Iterable, Iterator

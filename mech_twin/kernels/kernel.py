@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The decorator of every compiled kernel: one set of compiler options, one cache, typed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 

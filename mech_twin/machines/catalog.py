@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The machines there are, written out by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module

@@ -11,8 +11,6 @@ heat an idle motor too, are not known from rating and speeds. If the RMS torque 
 of the heat is too, for a duty cycle short against the thermal time constant.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

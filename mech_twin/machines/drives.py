@@ -12,8 +12,6 @@ prescribed speed that rate limits the speed itself too, so that a rated speed ch
 same rate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from math import pi
 from typing import Literal, NamedTuple, Self

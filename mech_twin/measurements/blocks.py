@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Block-by-block reading of a measurement, so that memory does not grow with its length."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion of the crank from a measured run: zero, angle, speed and acceleration, at its own instants."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

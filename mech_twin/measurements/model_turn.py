@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One crank turn of the model's own run, for comparison with a measured run: sign, zero, plausibility."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple

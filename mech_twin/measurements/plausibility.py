@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks whether a measured run fits the machine: clock, units, swapped channels, another machine, no whole cycle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import permutations
 from typing import NamedTuple

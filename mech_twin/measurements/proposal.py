@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proposes a map for a measurement: by names, by units in headers, by correlation with the model's own run."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quality of measured channels: rate, jitter, gaps, drift, resolution, saturation and noise, block by block."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

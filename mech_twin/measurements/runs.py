@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A measurement read with its map: channels in SI units, each at its own instants."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -9,8 +9,6 @@ Channels of one topic are in one message, so they have the same instants; a colu
 Tables are written here too: of the readings, or of every column of the machine.
 """
 
-from __future__ import annotations
-
 import csv
 import heapq
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Units of measured channels, and the measurable quantities of a machine: columns of a run and events."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from math import pi

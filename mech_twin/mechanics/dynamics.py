@@ -17,8 +17,6 @@ Source: P. E. Nikravesh, Planar Multibody Dynamics, 2nd ed., CRC Press 2018, cha
 What acts on a structure, along joints, between points or on a body, becomes efforts of the motion and loads on bodies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

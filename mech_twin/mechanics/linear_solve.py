@@ -9,8 +9,6 @@ A fixed order of pivots divides by zero at poses where the matrix is regular.  H
    Gram-Schmidt without roots, [bjorck], whose divisors are the squared distances of columns from those before).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

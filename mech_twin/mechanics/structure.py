@@ -9,8 +9,6 @@ A joint is between a point of its first body and one of its second::
     free        coordinates: place of the second's point from the first's, in the first's frame, and the angle
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

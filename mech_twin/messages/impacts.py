@@ -10,8 +10,6 @@ The stamp is the event's time rounded to the nanosecond.  The exact time is in t
 event belongs to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from geometry_msgs.msg import Vector3Stamped

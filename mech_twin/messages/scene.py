@@ -11,8 +11,6 @@ Frames of a mechanism are geometry_msgs/TransformStamped on ``frames``, and on `
 Their names start with the namespace of the run, so that each of several runs has its own tree: ``winding_drum/shaft``.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Mapping

@@ -11,8 +11,6 @@ added by the publishing node.  Every number is transmitted as the same float64. 
 once for the row names of a stream.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial

@@ -7,8 +7,6 @@ Streams are decimated: samples keep those around impacts, scalar quantities the 
     sent      o                 o  o        o               at step 7 an impact: 6 is before it, 7 after
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, Generic, NamedTuple, TypeVar

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Description of a run: its configuration as a parameter file, with machine, revision and the step of its beginning."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

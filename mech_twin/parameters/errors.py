@@ -4,8 +4,6 @@
 Unknown keys get suggestions, and every key has its unit and declaration.
 """
 
-from __future__ import annotations
-
 import re
 import types
 import typing

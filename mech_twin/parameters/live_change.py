@@ -13,8 +13,6 @@ A sag is a change and a second one that reverses it.  Shares refer to the previo
 operating point to the healthy value.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple

@@ -12,8 +12,6 @@ It has no aliases, tags or repeated keys, and numbers are parsed as ROS 2 does. 
 instead of giving its data.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

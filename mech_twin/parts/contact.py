@@ -23,8 +23,6 @@ F = 0, the bodies part somewhat faster than e v.  ``damping_ratio_without_pull``
 e v exactly (Schwager and Poeschel, Granular Matter 9 (2007) 465).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -12,8 +12,6 @@ r"""Flywheel that keeps a cyclic machine's speed within bounds, from its work an
 W(f) is the work of drive and loads from the start of the cycle; it comes back to zero.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -18,8 +18,6 @@ Which body acts on which: R_O is the frame's force on the crank, R_A the crank's
 the coupler, R_C the frame's on the rocker; M is the drive's moment on the crank.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -22,8 +22,6 @@ At u = 0 the torque passed on is whatever holds the crank, within eta tau and ta
 leaves that band (`friction.released`).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from mech_twin.declarations.quantity import Parameters, quantity

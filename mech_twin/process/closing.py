@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Objects that are closed where their context ends."""
 
-from __future__ import annotations
-
 from typing import Self
 
 

@@ -4,8 +4,6 @@
 Each error is one line that names what lacks.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

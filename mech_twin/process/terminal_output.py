@@ -6,8 +6,6 @@ Output to a closed terminal is discarded without an error: the kernel detaches a
 an error, `StandardOutputError`.
 """
 
-from __future__ import annotations
-
 import codecs
 import errno
 import io

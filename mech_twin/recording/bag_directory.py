@@ -4,8 +4,6 @@
 Readers hold files open until they are closed.  Compressed files and messages are recognised by their content.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from collections.abc import Iterator

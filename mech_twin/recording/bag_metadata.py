@@ -4,8 +4,6 @@
 The directory of a new recording is checked before a run, created for it, and free of other files.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

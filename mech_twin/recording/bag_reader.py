@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a recording in order of log time, in bounded memory."""
 
-from __future__ import annotations
-
 import heapq
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack

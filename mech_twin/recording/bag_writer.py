@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes a recording: a rosbag2 directory of MCAP files, with bounded and counted message loss."""
 
-from __future__ import annotations
-
 import logging
 import math
 import time

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Errors of recordings: one line with file, reason and, if known, remedy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from mech_twin.errors import SentError

@@ -4,8 +4,6 @@
 It is read from the summary section.  A linear scan builds the index of a damaged or truncated file.
 """
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib

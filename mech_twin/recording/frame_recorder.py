@@ -4,8 +4,6 @@
 Sensor readings are recorded as foreign topics: the messages that a real machine's nodes would publish.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@
 CDR is decoded by the message definitions stored in the bag.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches

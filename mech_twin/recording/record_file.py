@@ -5,8 +5,6 @@ The `mcap` package parses the fields.  This module adds the checks it omits: a r
 fields within the record, a chunk must decompress to its declared size, and checksums must match.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

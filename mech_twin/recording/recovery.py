@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Copies the intact records of a damaged or unfinished recording into a new one."""
 
-from __future__ import annotations
-
 import secrets
 import shutil
 from collections import Counter

@@ -8,8 +8,6 @@ While recording, disk space is reserved on the same file system.  It is released
 room to write the buffered data, the summary and `metadata.yaml`.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

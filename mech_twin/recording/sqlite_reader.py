@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads rosbag2 recordings in sqlite3 storage (`.db3`) with the package rosbags."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """JSON documents of verbs without a Python function: one class each, with the keys as attributes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType

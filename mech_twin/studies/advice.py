@@ -13,8 +13,6 @@ from the present value, and follows the previous change after a minimum time.  E
 reason.
 """
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple
 
 Phase = Literal["idle", "offered", "trial"]

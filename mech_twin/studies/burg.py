@@ -8,8 +8,6 @@ Each reflection coefficient uses only pairs of neighbours within a run::
 Runs are not extended by zeros, and |k| < 1, so that every order is stable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import log

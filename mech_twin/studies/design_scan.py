@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scan of a machine's design space: many random designs, distributed over cores or a cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

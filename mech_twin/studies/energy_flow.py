@@ -4,8 +4,6 @@
 Work is positive if an element gives energy to the machine.  The sum of the works equals the change of stored energy.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sweep of configuration keys: summary numbers at every point of a grid."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

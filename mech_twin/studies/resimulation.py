@@ -8,8 +8,6 @@ Samples are compared to the bit, or within a tolerance; the first field that dif
 The parameters in force at each step are those of the recorded changes.
 """
 
-from __future__ import annotations
-
 import struct
 from array import array
 from bisect import bisect_right

@@ -5,8 +5,6 @@ A Sobol sequence is evaluated first; its best points are refined by linear appro
 The same seed gives the same result for any number of cores.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence

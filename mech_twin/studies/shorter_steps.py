@@ -5,8 +5,6 @@ Peaks are taken at samples, and roles exchange samples at steps, so that results
 sqrt 5 times as many steps: its step is below half, and its samples fall between those of the first run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run gives, collected frame by frame: of one in progress, and of a whole one."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from functools import cached_property

@@ -5,8 +5,6 @@ A batch is computed by a pure function, so another worker can compute it again i
 each batch once.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

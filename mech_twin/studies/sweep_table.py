@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sweep: configurations and summary numbers of its points, as a table (Parquet or CSV) and as a plot."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

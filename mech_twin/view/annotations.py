@@ -10,8 +10,6 @@
 The line above the picture has state, time, speed, rate and energy of the blows or power, and alarm.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Sequence

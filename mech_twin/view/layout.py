@@ -26,8 +26,6 @@ The phase portrait of a body joint has angular rate over angle for the recent pa
             |   \         /
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise

@@ -6,8 +6,6 @@ Recordings also stream to a file.
 The mechanism is drawn as lines, points, arrows and texts.
 """
 
-from __future__ import annotations
-
 import base64
 import os
 from collections.abc import Mapping, Sequence

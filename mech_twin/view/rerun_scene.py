@@ -5,8 +5,6 @@ Everything is logged at simulation time, never wall-clock time.  The names of jo
 recordings of machines outside the catalogue can be shown too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path

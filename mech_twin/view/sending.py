@@ -14,8 +14,6 @@ Decimation keeps extremes: a peak of one sample remains in the curve::
             one window
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

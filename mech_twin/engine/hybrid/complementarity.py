@@ -18,8 +18,6 @@ for struck contacts (v_i- < 0), with e = 0 for those already closed (J. J. Morea
 Friction, gears and yielding walls have bounded forces and hence no impulse.
 """
 
-from __future__ import annotations
-
 import math
 
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices, only_freedom

@@ -6,8 +6,6 @@ function, of the system's constants and of the equations it fills.  An indirect 
 not inlined.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from llvmlite import ir  # type: ignore[import-untyped]

@@ -9,8 +9,6 @@ and a short step takes a method of fewer stages.
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993, II.6.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

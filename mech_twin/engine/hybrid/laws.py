@@ -26,8 +26,6 @@ Sources: F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral Contacts, W
 J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, CISM 302, Springer 1988.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 

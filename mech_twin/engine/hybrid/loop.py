@@ -5,8 +5,6 @@ After an event a complementarity problem gives the next regimes: in velocities a
 (`impacts.strike`), otherwise in accelerations and forces (`motion.settle_regimes`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ Signals of a law: open -> gap; holding -> distance of the force from either boun
 adds its own.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

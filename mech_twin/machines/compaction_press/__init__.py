@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Four-bar shock-vibration compaction press: exact kinematics, every pin force, gain and flywheel."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces

@@ -7,8 +7,6 @@ largest is refined by golden sections between its neighbours, so that an extreme
 samples.
 """
 
-from __future__ import annotations
-
 import math
 from math import pi
 from typing import NamedTuple

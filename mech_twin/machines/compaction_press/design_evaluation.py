@@ -8,8 +8,6 @@ The stroke (crank angles of first contact and bottom, heights, mean force) is ex
 problem, and a design a configuration again.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from math import nan

@@ -10,8 +10,6 @@ centroid stays at its share of the length.  The crank keeps its mass.  The part 
 with r^2, the rest stays (if J1O < m1 r^2 all of it scales with r^2).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

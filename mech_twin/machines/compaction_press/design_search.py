@@ -7,8 +7,6 @@ descent, and must keep every limit there.
 The same seed gives the same result.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawing of the press in the frame of its crank bearing."""
 
-from __future__ import annotations
-
 from mech_twin.capabilities.figure import (
     CRANK,
     FOLLOWER,

@@ -13,8 +13,6 @@ The force of a compacted layer grows with the depth of the stroke and is zero on
         y_c     y_b
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

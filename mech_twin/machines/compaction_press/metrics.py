@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metrics of the press (one position, one cycle, the paper's closing conditions), and what a monitor asks of it."""
 
-from __future__ import annotations
-
 from math import degrees, hypot, pi
 from typing import Any
 

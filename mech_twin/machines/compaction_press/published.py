@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published claims of the press and the numbers of the assumed press behind them, in rows and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import radians
 

@@ -4,8 +4,6 @@
 The forces (every pin, gains, reduced quantities) follow from the linkage's sample alone.
 """
 
-from __future__ import annotations
-
 from math import nan
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Impact mass: a mass under a two-level periodic force, striking a stop; exact events, no time step."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Long event-driven simulation: periods one after the other in constant memory, and what becomes of initial states."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

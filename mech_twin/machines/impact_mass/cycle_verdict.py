@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Assessment of one-impact cycles of the impact mass: multipliers, stability margin, basin, endurance."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

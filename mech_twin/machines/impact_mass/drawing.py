@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawing of the impact mass: mass on its guide, stop, force, and the phase portrait below."""
 
-from __future__ import annotations
-
 import math
 
 from mech_twin.capabilities.figure import (

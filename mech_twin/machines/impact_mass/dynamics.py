@@ -17,8 +17,6 @@ Named states and events are floats, because they stand beside numbers in the arr
 walk.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -20,8 +20,6 @@ Valid while the flight between impacts is long against the contact: below `mergi
 into one contact.  Source: Walton and Braun, J. Rheology 30 (1986) 949, the hysteretic spring; the force is ours.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -22,8 +22,6 @@ Conventions for every machine with a stop:
 Source: manzhosov_novikov, eqs. (4)-(19).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

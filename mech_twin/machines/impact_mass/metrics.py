@@ -5,8 +5,6 @@ A report is that of the configuration, or of one angle of the period.  A monitor
 faults, a shadow for the anchor of the motion.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Running metrics of a run of the impact mass."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 

@@ -16,8 +16,6 @@ Velocities are positive towards the stop.
 Source: manzhosov_novikov, section 3 (synthesis); the closed form, its multipliers and limits are derived here.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from typing import NamedTuple

@@ -17,8 +17,6 @@ The force is positive towards the stop.  The supply command multiplies both leve
 Source: manzhosov_novikov, eq. (2) and fig. 1.
 """
 
-from __future__ import annotations
-
 from typing import Self
 
 from pydantic import model_validator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published numbers of the impact mass, and the motions, velocities and phase portraits of figs. 2, 3 and 4."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import astuple

@@ -4,8 +4,6 @@
 Their kernels work on rows of numbers, whose memory from step to step is named here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

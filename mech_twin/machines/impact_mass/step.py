@@ -9,8 +9,6 @@ impulses of the stop.  Energy: work of the force less the losses at the stop. Bo
 the velocities of the samples at both ends of the step.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event

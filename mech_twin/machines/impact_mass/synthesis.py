@@ -8,8 +8,6 @@ margin 1 - |multiplier|, and its basin must hold in the worst case tried over a 
 and R.  Of those the one that holds over the widest box is chosen, and certified (see `tolerance_box`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, dataclass, replace
 

@@ -6,8 +6,6 @@ random starts must reach it.  Corners, middles of the faces and random points in
 these a search climbs to slower points: a start that takes long to settle is near one that never does.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The MB-10 breaker: motor, gear, percussion mechanism MO-10, tool, and the body its springs press on the tool."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 

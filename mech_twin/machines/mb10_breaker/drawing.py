@@ -4,8 +4,6 @@
 Frames of the breaker: the body turns clockwise, everything but tool and wall is carried by it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

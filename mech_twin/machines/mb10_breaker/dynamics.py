@@ -23,8 +23,6 @@ An absolute angular velocity is counter-clockwise: crank u - p, link i  g_i u - 
 Also the accelerations of crank and body, free or on its collar, and curves of the linkage over a turn for bounds.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ from the equilibrium of links 2 and 3.  They give the torque on the crank and th
 Forces are in the frame of the machine; a moment that lifts the body is positive.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

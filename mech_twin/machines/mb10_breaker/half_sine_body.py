@@ -6,8 +6,6 @@ A sample holds the current piece of motion and the event that will end it, so ev
 the coupling step.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Mapping

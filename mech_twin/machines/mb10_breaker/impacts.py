@@ -18,8 +18,6 @@ deceleration of the closing motion without contact is a = -(j . (u', p') + j' . 
 the end of its travel.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -15,8 +15,6 @@ have none, and nothing slides.
 The rows of its events hold state and torques before and after each.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -11,8 +11,6 @@ cycle that the blow ends.  A gap alone has no margin: it is as small just after 
 A monitor asks for the features of a turn of the crank, faults, and operating conditions.
 """
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from math import pi

@@ -6,8 +6,6 @@ Laws: the body on its collar, the wall that the tool goes into, the striker on t
 A blow of a tool in which waves run is an event of its own: `impacts` gives the velocities after it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

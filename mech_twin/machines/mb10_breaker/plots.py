@@ -4,8 +4,6 @@
 Plots of the blow as a wave: energy into the wall, force in the tool, energy through it, tools, pressing force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

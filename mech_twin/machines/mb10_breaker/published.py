@@ -4,8 +4,6 @@
 The excitations are the assumed half sine and the moment of the running linkage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import nan, pi
 from typing import NamedTuple

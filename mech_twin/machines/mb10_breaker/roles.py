@@ -6,8 +6,6 @@ its role in the row of the forces.  A user's own body can replace it on the topi
 impulses that the force analysis gives at each event and step end, and the linkage then uses its angle.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple

@@ -4,8 +4,6 @@
 The kernels are those of a coupling step, of the motor and of the force analysis (pin reactions, loads on the body).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

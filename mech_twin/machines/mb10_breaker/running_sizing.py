@@ -8,8 +8,6 @@ that breaks a limit becomes the new worst one, until none is found.
 A run of the breaker from standstill until it is steady, and the breaker with another preload.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import inf

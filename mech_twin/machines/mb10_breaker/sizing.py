@@ -10,8 +10,6 @@ The body over spring rate and preload: the paper's two figures, without a collar
 force against spring rate.  On its collar gap at the blow and return speed are traded off for force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf, isnan, pi
 from typing import NamedTuple

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """One coupling step of the breaker's linkage: the motion integrated from t_n to t_n+1 through all events."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ effective mass of crank and flywheel.  The stress is the largest in the tool; th
 a blow, over the time of a turn.  Stress, power and energy are the worst over the tolerance of both stiffnesses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import product
 from math import inf, pi

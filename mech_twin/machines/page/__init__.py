@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A planar machine from a page of YAML, with the names of its user."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawing of a page: links between their points, blocks on guides, springs, walls; bodies carry their names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from math import atan2, cos, hypot, pi, sin

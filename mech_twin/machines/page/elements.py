@@ -4,8 +4,6 @@
 A point is named ``body.point``; ``body`` alone is the origin of the body's frame.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from functools import partial

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Elements of a page that act by length, speed or gas: springs, gas springs, dampers, friction, couplings."""
 
-from __future__ import annotations
-
 from typing import Literal, Self
 
 from pydantic import model_validator

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forces of the elements of a page at an instant: actions, potentials, laws, and event functions of switches."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

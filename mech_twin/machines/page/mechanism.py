@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Frames of a page: of each body, and of each pin with the axes of the machine; loops are cut at their joints."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -5,8 +5,6 @@ Metrics are extremes and means of outputs, impacts of each contact and work of e
 features of one turn of a driven joint, and for faults of struck rods.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Mapping
 from math import hypot

@@ -7,8 +7,6 @@ contact with restitution P/(m_e v) - 1, at least 0: a striker that would move on
 remaining energy is lost.  The rod is at rest in its seat before each blow: it has followed into a yielding wall.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Literal, Self
 

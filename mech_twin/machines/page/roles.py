@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Roles of a page: its drives, the machine itself, and its force analysis."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

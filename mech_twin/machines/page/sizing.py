@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flywheel of a page driven by one drive of constant speed, for a required non-uniformity of that speed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The roles of a page as kernels: drives, a coupling step, force analysis; compiled once for all pages."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A page as a system of the event loop: generated functions called by address, one set of kernels for all pages."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event

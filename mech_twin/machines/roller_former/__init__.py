@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Roller former: one to four carts on one crank shaft, induction motor, elastic drive."""
 
-from __future__ import annotations
-
 from functools import partial
 from math import radians
 

@@ -19,8 +19,6 @@ roller runs on the lower one.
 Sources: LoveikinRoller2018 eqs. (10), (12)-(20), (30)-(39).  The term with e follows from (10); the print drops it.
 """
 
-from __future__ import annotations
-
 from math import copysign, cos, floor, pi, sin, sqrt
 from typing import NamedTuple
 

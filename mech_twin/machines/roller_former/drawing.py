@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawing of the roller former: motor, shaft, cranks, rods, carts with their rollers, rails and mix."""
 
-from __future__ import annotations
-
 from math import cos, sin
 
 from mech_twin.capabilities.figure import GROUND, MATERIAL, STEEL, Point, bearing, box, circle, hatched, label

@@ -15,8 +15,6 @@ as printed.
 Source: LoveikinRoller2018 eq. (40); the friction of the shaft and the rule of the gear are ours.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

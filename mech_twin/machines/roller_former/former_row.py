@@ -4,8 +4,6 @@
 Its numbers have names: joints of the shaft, and the memory with modes, works, and their energy balance.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

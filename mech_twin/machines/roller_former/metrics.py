@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Metrics of the roller former (one position, static moments, steady turn, run), and what a monitor asks of it."""
 
-from __future__ import annotations
-
 from math import cos, floor, inf, isfinite, sin, sqrt
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ Two laws act: at the crank, friction of the shaft and a load that opposes the mo
 gear.  Further signals: dead centres (kinks of the load), start and end of the load's rise, stall threshold and time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published numbers of the roller former beside the computed ones, in rows and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

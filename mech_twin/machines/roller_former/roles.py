@@ -9,8 +9,6 @@ half of the rod.  Guide friction in the drive's equation is that of the static l
 the guide reactions is shown in them and its friction neglected, as in (40).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@
 A motor is chosen by running and starting under load, and by the loads in its coupling.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product

@@ -4,8 +4,6 @@
 A start is simulated until load and speed are steady, or the motor has stalled.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan, pi
 from typing import NamedTuple

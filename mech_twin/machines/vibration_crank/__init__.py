@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Crank vibration mechanism with counterweight: drive moment, pin forces and the resulting force on the frame."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces

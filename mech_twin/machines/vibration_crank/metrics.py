@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Numbers of the vibration crank (position, cycle, balance, influence of speed), and what a monitor asks of it."""
 
-from __future__ import annotations
-
 import math
 from math import pi
 from typing import Any

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published numbers and figures of the vibration crank."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import inf
 

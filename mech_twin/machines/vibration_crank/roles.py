@@ -4,8 +4,6 @@
 Its force analysis gives every pin force and the force on the frame, from the linkage's sample.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

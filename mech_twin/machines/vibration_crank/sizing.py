@@ -7,8 +7,6 @@ largest magnitude over the box is at a corner.  They are affine in the counterwe
 in the balancing fraction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import product
 from math import inf

@@ -29,8 +29,6 @@ The counterweight balances part of the masses::
        # m_p at r_p
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

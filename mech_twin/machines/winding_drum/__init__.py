@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Winding drum: the dynamic torque of a winding or unwinding package, until it is full or empty."""
 
-from __future__ import annotations
-
 from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces, StepMotor

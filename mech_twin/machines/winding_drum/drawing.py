@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drawing of the winding drum: package, core, eccentricity with its direction, and the yarn."""
 
-from __future__ import annotations
-
 from math import cos, sin
 
 from mech_twin.capabilities.figure import (

@@ -4,8 +4,6 @@
 The numbers of the linkage row have names: motion, memory, residuals.
 """
 
-from __future__ import annotations
-
 from math import cos, inf, sin
 from typing import Any, NamedTuple
 

@@ -19,8 +19,6 @@ The yarn package gives radius, speed and the torque required by its changing mas
 Unwinding (L = layer / (2 pi) > 0) by conservation of area R' = -L theta / R; winding is the same with L negative.
 """
 
-from __future__ import annotations
-
 from math import ceil, cos, inf, isfinite, pi, sin, sqrt
 from typing import NamedTuple
 

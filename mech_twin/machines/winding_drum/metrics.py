@@ -8,8 +8,6 @@ squares.  The residual then depends neither on the radius nor on the density::
     k = <M_1, M - M_0>/<M_1, M_1>,      R(phi) = R - L (phi - pi)
 """
 
-from __future__ import annotations
-
 import math
 from math import hypot, pi
 from typing import Any, Literal

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Published formulas of the winding drum, a fragment without numbers, and the terms of its torque over a turn."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import pi
 

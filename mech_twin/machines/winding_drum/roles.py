@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Roles of the winding drum: the linkage that owns the package, and its force analysis."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

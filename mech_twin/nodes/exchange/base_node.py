@@ -6,8 +6,6 @@ It does not depend on roles or machines, so that a process that only records or 
 `RunOptions` are the options of a run, the group ``run`` of the parameters; the machine has parameters of its own.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial, wraps

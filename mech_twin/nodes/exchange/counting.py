@@ -4,8 +4,6 @@
 No loss is silent.  The largest residual of each window is compared with its limit.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial

@@ -4,8 +4,6 @@
 Offers the services of std_srvs, which answer with success and message.
 """
 
-from __future__ import annotations
-
 import types
 import typing
 from collections.abc import Callable

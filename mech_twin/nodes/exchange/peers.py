@@ -7,8 +7,6 @@ source, `ANONYMOUS`.  A run continues when every peer has answered a step.  A mi
 the peer counts as gone.  Two clocks on one topic would make time jump for its subscribers.
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import secrets

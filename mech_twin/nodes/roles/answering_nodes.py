@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes that answer the linkage once per step: motor, force analysis and body."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -4,8 +4,6 @@
 It adopts the configuration named in its questions, and answers a repeated step with the same sample.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any, Generic, NamedTuple, TypeVar
 

@@ -4,8 +4,6 @@
 It subscribes to the joint states of a run, or of a replay, and takes no part in the exchange of steps.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped

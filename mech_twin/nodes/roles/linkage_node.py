@@ -4,8 +4,6 @@
 A step is due at once, or at its time by the wall clock.  Live parameters change between two steps.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping

@@ -6,8 +6,6 @@ A linkage that starts asks its peers on ``rejoin`` and ``rejoin/*`` for the stat
 one machine; each machine has another clock in its namespace.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

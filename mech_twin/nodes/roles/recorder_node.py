@@ -5,8 +5,6 @@ The time of a recording is that of the newest step of the followed run; missing,
 for each topic.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

@@ -6,8 +6,6 @@ encoded as step messages and decoded again, so they pass the checks of messages 
 or an error of the class itself, ends the run with one line.
 """
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@
 It starts one command at a time, which is shown on the bench: ``view``, ``compare``, ``run``.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal

@@ -8,8 +8,6 @@ process that rolls out a run's near future with other values works in the same w
           <-- {"kind": "ghost", ...} -------
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

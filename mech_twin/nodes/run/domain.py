@@ -8,8 +8,6 @@ default.  In another namespace it also has a clock of its own, so that two runs 
 A node's process ends when its launch does, even by SIGKILL (Linux).
 """
 
-from __future__ import annotations
-
 import os
 import re
 import sys

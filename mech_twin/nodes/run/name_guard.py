@@ -10,8 +10,6 @@ one host the kernel keeps the claims: they are visible at once, and end with the
 process publishes its claim with its starting time, and stops if it receives an older claim to one of its topics.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import time

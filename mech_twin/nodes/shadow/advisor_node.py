@@ -4,8 +4,6 @@
 It can act on a machine only by the speed command, or by a live parameter of the linkage.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence

@@ -4,8 +4,6 @@
 The fit runs in a process of its own, at lower priority, so that the shadow keeps up.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing import get_context

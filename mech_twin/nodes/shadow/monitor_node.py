@@ -5,8 +5,6 @@ Besides ``/diagnostics`` alerts go to an MQTT broker, and to a page that Prometh
 stops the monitoring: MQTT retries in a thread of its own, with the newest alert of each fault waiting.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence

@@ -4,8 +4,6 @@
 Its inputs and outputs are recorded in one bag, or the seconds around a fault (the black box).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack

@@ -5,8 +5,6 @@ It subscribes to the machine's topics and publishes below ``twin``, never on the
 the exchange of steps.  It publishes states, residuals and virtual sensors with their standard deviations.
 """
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Mapping

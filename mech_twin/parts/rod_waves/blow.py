@@ -10,8 +10,6 @@ largest work, as with a rigid unloading.  Both forms follow from Z u' + k u = 2 
 striker (LundbergPercussive1982).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType

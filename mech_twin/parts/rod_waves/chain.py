@@ -19,8 +19,6 @@ loses the share 2 pi eta of its energy in a period; momentum stays.
 A mass between two contacts is a rod of one cell.  Sources: GoldsmithImpact1960; LundbergPercussive1982.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

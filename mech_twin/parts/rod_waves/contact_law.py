@@ -17,8 +17,6 @@ A power law F = k u^n unloads along a line of r times the secant F_m/u_m, so tha
 r >= (n + 1)/2.  Damping adds d u' while the sides touch; the force is never below 0.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

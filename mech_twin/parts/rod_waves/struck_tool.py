@@ -4,8 +4,6 @@
 The striker is a rigid mass, with a rod as its head where it has one; the head's mass is part of the striker's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -9,8 +9,6 @@ A mass that bounces under a constant force has flights of duration 2 v/a.  Each 
 restitution e, so T(k+1) = e T(k).  A missed impact joins two flights; a false one divides a flight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Result of a fit of lengths: verdict and interval of each key, and the score on a held-out run."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

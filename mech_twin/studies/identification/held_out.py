@@ -4,8 +4,6 @@
 It has the residuals and their whiteness, fitted sensor parameters, match of events, and a test for errors of the model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

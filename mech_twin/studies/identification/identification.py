@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification: estimates configuration keys from measured runs, each with an interval and a verdict."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ those too that a machine fills in where they are absent: a load set fills the ca
 key of the set changes nothing while the filled-in numbers stand beside it.
 """
 
-from __future__ import annotations
-
 import pickle
 import re
 from collections.abc import Iterator, Mapping, Sequence

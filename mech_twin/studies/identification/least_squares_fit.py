@@ -6,8 +6,6 @@ part it has one; its solution is the start for the next, longer part.  Standard 
 rounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification from the last minutes of a live machine: buffer of its samples, and result of the fit."""
 
-from __future__ import annotations
-
 from array import array
 from collections.abc import Sequence
 from pathlib import Path

@@ -9,8 +9,6 @@ values; where the cost rises by more than derivatives predict, the runs reject t
 Another process rebuilds the fit problem from question and runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial

@@ -5,8 +5,6 @@ The derivatives have the rows of a real fit: sensors at their rates, divided by 
 rows, a manoeuvre replaces the run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -11,8 +11,6 @@ is narrower than any difference step.  If the response is strongly curved within
 information.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated

@@ -11,8 +11,6 @@ The residuals e are the innovations; S is their covariance across the features.
 Its origin names runs, hashes of configuration and sensors, and the date.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Sequence

@@ -22,8 +22,6 @@ Sources: PageInspection1954, SiegmundSequential1985 (run length), LaiSequential1
 KunschBootstrap1989 (moving blocks), BeranPrepivoting1987 (second bootstrap), JensenEstimated2006 (estimated values).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp

@@ -10,8 +10,6 @@ For each size of a fault, the steady machine is simulated.  Its signature holds 
 excess covariance from cycle to cycle, and the error of linear interpolation between neighbouring sizes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import ceil, isfinite

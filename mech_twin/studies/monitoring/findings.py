@@ -12,8 +12,6 @@ A latched fault has gone but is not acknowledged.  A shelved one changes state, 
 The states are those of an alarm in ISA-18.2 (normal, unacknowledged, acknowledged, returned unacknowledged, shelved).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from math import isfinite, nan
 from typing import Annotated, Literal, NamedTuple

@@ -13,8 +13,6 @@ of its own, the quantile for its own features suffices to confirm it.  Without t
 that its baseline does not cover.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Literal, NamedTuple

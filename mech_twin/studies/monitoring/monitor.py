@@ -10,8 +10,6 @@
 Nothing here reads a clock: all times are stamps of samples.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field

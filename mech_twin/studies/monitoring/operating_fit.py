@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits the operating surface of a machine by simulation: measurable variables, their effects, and transients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product

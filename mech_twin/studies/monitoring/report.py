@@ -4,8 +4,6 @@
 Evidence is each feature healthy, measured, and as the fault would change it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from textwrap import fill
 from typing import Any, NamedTuple

@@ -10,8 +10,6 @@ The limits come from the baseline.  A channel with exact plateaus in the healthy
 and one whose samples come in bursts, as at events, has no spacing that could change.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple

@@ -4,8 +4,6 @@
 Each field has its own bounds where it is declared; here are those between fields.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated
 

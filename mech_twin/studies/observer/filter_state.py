@@ -18,8 +18,6 @@ Dependent joints are computed anew in each step, so changing them has no effect.
 the next step; an unknown offset of the drive is added to it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -9,8 +9,6 @@ there never occurs in the model.  So the regime is set to that of the model's ow
 the neighbourhood.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple

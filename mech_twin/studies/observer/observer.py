@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The phase-locked observer: estimates the whole frame of a running machine from its samples."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter

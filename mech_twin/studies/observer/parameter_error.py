@@ -7,8 +7,6 @@ their variances add.  The filter propagates the signed effect of one step over m
 with the state (`filter_state`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 

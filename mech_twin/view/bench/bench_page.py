@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A page served by the bench: its queue of messages, its drawing rate, and the form of its orders."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import math

@@ -8,8 +8,6 @@
                     403                   403                  405
 """
 
-from __future__ import annotations
-
 import asyncio
 import ipaddress
 import logging

@@ -6,8 +6,6 @@ Each message is its length (4 bytes, big-endian), a byte for its kind (picture o
     0 0 1 44 | p | {"time_s": 1.25, ...}
 """
 
-from __future__ import annotations
-
 import json
 import math
 import socket

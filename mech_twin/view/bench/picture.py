@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pictures as sent to a page: drawing, curves and state of one time, with numbers packed in base 64."""
 
-from __future__ import annotations
-
 import base64
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence

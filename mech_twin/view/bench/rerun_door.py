@@ -6,8 +6,6 @@ The viewer's files are extracted from the wheel on first request; its page needs
 The program of rerun embeds them, and serves them briefly on the loopback only.
 """
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

@@ -5,8 +5,6 @@ A frame, the complete state of a run at a step, becomes plain lists for JSON and
 machine are a lane of their own over time.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections import deque

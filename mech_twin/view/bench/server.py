@@ -9,8 +9,6 @@ one connection for each page, which starts with the token of the printed address
     machine <--- orders ---------------+   --- pictures ---> page 2 (watches)
 """
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import json

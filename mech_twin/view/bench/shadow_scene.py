@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A shadow on the bench: measured and model curves overlaid, residuals in their band, faults and advice."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence

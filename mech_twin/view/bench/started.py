@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts and ends the process of a bench, and provides its address."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -22,8 +22,6 @@ The closed form enters only through its values.  A wrong solution, or a rate tha
 leaves an error in the balance.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ k = mu is no special case.  Very short stretches are summed as a power series: t
 its relative accuracy.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from typing import NamedTuple

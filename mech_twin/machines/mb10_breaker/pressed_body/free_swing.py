@@ -15,8 +15,6 @@ either form of the load and any damping, k = mu included.
 Its long-run motion is a periodic regime, a beat about it, or unbounded growth.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from dataclasses import dataclass
