@@ -400,9 +400,19 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
     entry, expected = catalogue_entry(name), "settings by dotted key, such as {'coupling.step_s': 0.001}"
     file, given = path or configuration_file(name), by_name("settings", overrides, expected)
     text = configuration_text(file)
-    tree = merged_tree(text_tree(text, str(file)), tree_from_flat(given))
-    source = f"{file} with --set {', '.join(given)}" if given else str(file)
-    return validated(entry, tree, source, lambda: key_lines(text, given))
+    read = text_tree(text, str(file))
+    source = f"{file} with --set {', '.join(_placed(key, read) for key in given)}" if given else str(file)
+    return validated(entry, merged_tree(read, tree_from_flat(given)), source, lambda: key_lines(text, given))
+
+
+def _placed(key: str, tree: Mapping[str, Any]) -> str:
+    """Return a key, with the elements of its group where it names another one."""
+    group, _, rest = key.partition(".")
+    elements = tree.get(group)
+    if not isinstance(elements, dict) or rest.partition(".")[0] in elements:
+        return key
+    named = elements and all(isinstance(each, dict) for each in elements.values())
+    return f"{key} (new: {group} has {', '.join(elements)})" if named else key
 
 
 def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:

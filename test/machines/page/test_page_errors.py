@@ -12,8 +12,9 @@ from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MotionError
 from mech_twin.machines.page import build
-from mech_twin.parameters.load import PAGE, validated
+from mech_twin.parameters.load import PAGE, machine_parameters, validated
 
+PAGES = Path(__file__).parents[3] / "config" / "pages"
 BIT = """
 name: bit
 gravity_m_per_s2: [0, 0]
@@ -39,6 +40,13 @@ def refused(text, **changes):
     return str(refusal.value)
 
 
+def test_a_setting_of_an_element_that_is_not_there_names_those_there(tmp_path):
+    file = tmp_path / "spring_hammer.yaml"
+    file.write_text((PAGES / "spring_hammer.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"--set springs.sprng.rate_n_per_m \(new: springs has spring\): key"):
+        machine_parameters("page", file, {"springs.sprng.rate_n_per_m": 5.0})
+
+
 def test_an_unknown_point_is_named_with_those_there():
     told = refused(SLIDER_CRANK, joints={"pin": {"between": ["crank.pinn", "rod"]}})
     assert "joints.pin.between: crank has no point 'pinn'; expected one of pin" in told
@@ -55,7 +63,7 @@ def test_a_table_of_a_whole_turn_ends_as_it_begins(group, kind):
 
 @pytest.mark.parametrize("length_m", [1e3, 1e4])
 def test_a_loop_that_cannot_close_is_refused_at_any_length(length_m):
-    text = (Path(__file__).parents[3] / "config" / "pages" / "slider_crank.yaml").read_text(encoding="utf-8")
+    text = (PAGES / "slider_crank.yaml").read_text(encoding="utf-8")
     told = refused(text, bodies={"rod": {"points_m": {"end": [0.2, length_m]}}})
     assert told.startswith("joints")
 
