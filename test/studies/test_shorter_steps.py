@@ -20,7 +20,7 @@ from mech_twin.capabilities.variation import varied
 from mech_twin.cli.study import constraint_rows
 from mech_twin.engine.run import frames
 from mech_twin.errors import MotionError
-from mech_twin.machines.mb10_breaker.running_sizing import seating
+from mech_twin.machines.mb10_breaker.sizing import seating
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.parameters.load import machine as built
 from mech_twin.roles import Machine

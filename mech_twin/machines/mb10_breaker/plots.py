@@ -15,12 +15,11 @@ from mech_twin.machines.mb10_breaker.dynamics import striker
 from mech_twin.machines.mb10_breaker.impacts import impact_direction
 from mech_twin.machines.mb10_breaker.metrics import rated_crank_speed, striking_angle
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.pressed_body.free_swing import resonance_rate
-from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, steady_metrics, with_preload
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import resonance_rate, swing_regime
+from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
-from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, assumed_pulse, computed_pulse, paper_body
-from mech_twin.machines.mb10_breaker.running_sizing import settled_run_metrics, with_rest_force
-from mech_twin.machines.mb10_breaker.sizing import swing_curve
+from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, assumed_pulse, computed_pulse, paper_body, soft_spring
+from mech_twin.machines.mb10_breaker.sizing import SOFTNESS, seating, settled_run_metrics, with_rest_force
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.machines.mb10_breaker.tool_sizing import DIAMETERS_M, as_rod, sized_blow
 from mech_twin.parts.rod_waves.blow import (
@@ -236,7 +235,6 @@ def pressing(parameters: BreakerParameters, rest_force_n: float) -> Pressing:
 
 RATES = np.geomspace(100.0, 3.8e6, 1400)
 PRELOAD_M = 0.01
-SOFTNESS = 0.3
 
 
 def pictures(parameters: BreakerParameters) -> Iterator[Picture]:
@@ -253,7 +251,8 @@ def _spring(parameters: BreakerParameters) -> Picture:
     body, excitation = parameters.body, parameters.excitation
     figure, panels = sheet(2, 1, 7.6, 6.2, sharex=True)
     for preload, colour, style in ((0.0, BLUE, "-"), (PRELOAD_M, RED, "--")):
-        regimes = swing_curve(body, excitation, RATES.tolist(), preload)
+        springs = ({"spring_rate_n_per_m": rate, "preload_deflection_m": preload} for rate in RATES.tolist())
+        regimes = [swing_regime(pressed_body(varied(body, spring), excitation)) for spring in springs]
         rates = RATES / 1000.0
         label = rf"$a = {1000.0 * preload:g}$ mm"
         if preload == 0.0:
@@ -284,8 +283,8 @@ def _spring(parameters: BreakerParameters) -> Picture:
 def _preload(parameters: BreakerParameters) -> Picture:
     base = pressed_body(parameters.body, parameters.excitation)
     omega = 2.0 * np.pi / base.period
-    ratios = np.linspace(0.05, 1.0, 191)
-    found = [steady_metrics(with_preload(base, float(p), SOFTNESS * omega)).metrics for p in ratios]
+    ratios = np.linspace(0.05, 1.0, 96)
+    found = [seating(soft_spring(parameters, p)) for p in ratios.tolist()]
     span = preload_range(base, SOFTNESS * omega)
     figure, panels = sheet(3, 1, 7.2, 6.8, sharex=True)
     for axes, curve, column, name, colour in (

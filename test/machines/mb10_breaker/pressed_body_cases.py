@@ -1,12 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies to try, and an integrator that knows nothing of the closed forms."""
 
-from math import asin, pi, sin
+from math import asin, nan, pi, sin
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
+    BLOW,
+    CONTACT,
+    FREE,
+    SETTLED,
+    TOUCHDOWN,
+    next_piece,
+    resting_piece,
+    stretch_from,
+)
+from mech_twin.machines.mb10_breaker.pressed_body.flight import highest
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
@@ -55,6 +67,32 @@ def body_at(ratio: float, preload: float = 0.5, **changed) -> PressedBody:
     rate = rate_at(ratio)
     amplitude = abs(changed.get("amplitude_nm", 60.0))
     return pressed_body(*parameters(rate, preload * amplitude / (rate * ARM), **changed))
+
+
+class WalkedCycle(NamedTuple):
+    """A cycle of the chain: gap at its blow (m), return speed (m/s), time at rest and settled (s), largest angle."""
+
+    gap_at_blow_m: float
+    return_speed_m_per_s: float
+    rested_s: float
+    settled_s: float
+    top_rad: float
+
+
+def walked_cycle(body: PressedBody, cycle: int = 0) -> WalkedCycle:
+    """Return a cycle of the body started from rest."""
+    piece, fastest, rested, settled, top = resting_piece(body, 0), 0.0, 0.0, nan, 0.0
+    while piece.cycle <= cycle:
+        ended, (piece, ending) = piece, next_piece(body, piece)
+        if ended.cycle == cycle:
+            rested += (ended.end - ended.start) * (ended.regime == CONTACT)
+            if ended.regime == FREE:
+                stretch = stretch_from(body, ended.start, ended.angle, ended.rate, ended.loaded)
+                top = max(top, highest(body, stretch, ended.end - ended.start)[1])
+            fastest = max(fastest, -ending.pre) if ending.cause == TOUCHDOWN else fastest
+            settled = ended.end if ending.cause == SETTLED else settled
+    assert ending.cause == BLOW
+    return WalkedCycle(body.radius * piece.angle, fastest, rested, settled, top)
 
 
 def integrated(body: PressedBody, angle: float, rate: float, start: float, end: float, *, dense: bool = False):

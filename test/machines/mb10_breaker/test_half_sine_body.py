@@ -2,11 +2,10 @@
 """The breaker's body under the half sine: one chain of events, whatever the step, however it is continued."""
 
 import pytest
-from machines.mb10_breaker.pressed_body_cases import parameters, rate_at
+from machines.mb10_breaker.pressed_body_cases import parameters, rate_at, walked_cycle
 
 from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import amplitudes_of_cycle, swing
-from mech_twin.machines.mb10_breaker.pressed_body.metrics import steady_metrics
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.roles import BodyRole
 from mech_twin.samples import ForceSample, Named
@@ -91,9 +90,9 @@ def test_live_change_takes_effect_from_the_last_sample_on():
     for step in range(351, 1200):
         sample = harder.follow(sample, forces(step, 1e-3))
         seen.append(sample)
-    expected = steady_metrics(pressed_body(*parameters(3108.9, 0.09)))
+    expected = walked_cycle(pressed_body(*parameters(3108.9, 0.09)), 20)
     fastest = max(-event.pre_velocity_m_per_s for s in seen[-120:] for event in s.events if event.kind == "touchdown")
-    assert fastest == pytest.approx(expected.metrics.return_speed_m_per_s, rel=1e-9)
+    assert fastest == pytest.approx(expected.return_speed_m_per_s, rel=1e-9)
     assert seen[0].pressing_force_n == pytest.approx(3108.9 * (0.2 * seen[0].position[0] + 0.09))
 
 

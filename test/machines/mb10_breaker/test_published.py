@@ -14,7 +14,7 @@ PARAMETERS = machine_parameters("mb10_breaker")
 def body_rows(parameters):
     changed = published.paper_body(parameters)
     body = pressed_body(changed.body, changed.excitation)
-    return [*published.load_rows(body), *published._swing(body), *published._collar(body)]
+    return [*published.load_rows(body), *published._swing(body), *published._collar(changed, body)]
 
 
 def test_the_body_s_rows_hold():
