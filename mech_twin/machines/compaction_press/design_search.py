@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search for a press: the best design for one objective, the Pareto front of several, or why there is none.
 
-A compiled scan of a Sobol sequence at 72 crank positions finds the feasible part of the space.  Differential evolution
-(scipy) starts from the scan's best.  The winner is refined on the continuous curve by evolution, then by constrained
-descent, and must keep every limit there.
+A compiled scan of a Sobol sequence at 72 crank positions finds the feasible part of the space.  From the scan's best
+designs constrained descents (SLSQP) on the continuous curve lead to the winner, which must keep every limit there.
 The same seed gives the same result.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, differential_evolution, minimize
+from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from mech_twin.capabilities.design import Design, DesignSpace, Evaluation
@@ -31,31 +29,19 @@ from mech_twin.machines.compaction_press.design_problem import (
 from mech_twin.machines.compaction_press.parameters import CompactionPress
 
 Array = NDArray[np.float64]
-Evaluate = Callable[[Array], Evaluation]
 LOWER, UPPER = Lengths(0.02, 0.3, 0.1, 0.1), Lengths(0.12, 0.8, 0.5, 0.6)
 BOUNDS: dict[str, tuple[float, float]] = dict(zip(Lengths._fields, zip(LOWER, UPPER, strict=True), strict=True))
 LIMITS: dict[str, float] = Limits()._asdict()
 SCALES = np.array(Margins(20.0, 0.05, 50.0, 1.0, 85.0, 0.1, 0.1, 0.1))  # to add up violations of different units
 INFEASIBLE = 1e6
 VARIABLES = len(Lengths._fields)
-SIMPLEX_SIZES = (1e-3, 1e-4, 1e-5, 1e-6)
+SCAN_POWER = 16  # of two: designs of the scan
+STARTS = 4  # designs of the scan from which the descents begin; many more where none is feasible
+SLIVER_STARTS = 40
+WORST = 10.0  # scales by which a limit counts as broken at most
 DIFFERENCE = 1e-6  # of the unit cube, on either side of a point: gradients on the continuous curve
 RESERVE = 1e-9  # of each constraint's scale, so that rounding of the written lengths breaks no limit
-POLISH_ROUNDS = 5  # of sequential quadratic programming, each from the best so far
-
-
-class Effort(NamedTuple):
-    """Computing effort: scan (power of 2), population, generations at samples and on the curve, simplex steps."""
-
-    scan_power: int = 16
-    population: int = 60
-    generations: int = 500
-    polish_population: int = 24
-    polish_generations: int = 60
-    simplex_evaluations: int = 400
-
-
-USUAL_EFFORT = Effort()
+ROUNDS = 5  # of sequential quadratic programming, each from the best so far
 
 
 class Goal(NamedTuple):
@@ -74,13 +60,12 @@ class InfeasibleSpaceError(StudyError):
 
 
 class PressSearch(NamedTuple):
-    """A configuration with its design problem, the space searched, seed and effort."""
+    """A configuration with its design problem, the space searched, and the seed of the scan."""
 
     parameters: CompactionPress
     problem: Problem
     space: DesignSpace
     seed: int
-    effort: Effort
 
     def sampled(self, designs: Array) -> Evaluation:
         """Evaluate designs at 72 crank positions."""
@@ -91,11 +76,9 @@ class PressSearch(NamedTuple):
         return evaluation(designs, self.problem, continuous=True)
 
 
-def press_search(
-    parameters: CompactionPress, space: DesignSpace, seed: int = 1, effort: Effort = USUAL_EFFORT
-) -> PressSearch:
+def press_search(parameters: CompactionPress, space: DesignSpace, seed: int = 1) -> PressSearch:
     """Return the search for a press with the duty of the configuration's."""
-    return PressSearch(parameters, design_problem(parameters, space.limits), space, seed, effort)
+    return PressSearch(parameters, design_problem(parameters, space.limits), space, seed)
 
 
 def evaluated(parameters: CompactionPress, space: DesignSpace, designs: Array) -> Evaluation:
@@ -106,7 +89,7 @@ def evaluated(parameters: CompactionPress, space: DesignSpace, designs: Array) -
 def scan(asked: PressSearch) -> tuple[Array, Evaluation]:
     """Return designs spread over the space (scrambled Sobol sequence), shape (n, 4), and their evaluation."""
     sequence = qmc.Sobol(VARIABLES, scramble=True, seed=np.random.default_rng(asked.seed))
-    designs = asked.space.designs(sequence.random_base2(asked.effort.scan_power))
+    designs = asked.space.designs(sequence.random_base2(SCAN_POWER))
     return designs, asked.sampled(designs)
 
 
@@ -141,7 +124,7 @@ def infeasibility(found: Evaluation) -> str:
 
 
 def feasible_scan(asked: PressSearch) -> tuple[Array, Evaluation]:
-    """Return the feasible designs of a scan, or the one that evolution finds where the scan has none.
+    """Return the feasible designs of a scan, or the one that a descent of the violation finds where it has none.
 
     Raises
     ------
@@ -149,14 +132,13 @@ def feasible_scan(asked: PressSearch) -> tuple[Array, Evaluation]:
         If there is none at all.
     """
     designs, found = scan(asked)
-    if not found.feasible.any():
-        # the scan may have missed a sliver: let the evolution look for it, violation alone counting
-        least = np.argsort(_ranked(found, NO_GOAL), kind="stable")[: asked.effort.population]
-        sliver = np.atleast_2d(_evolved(asked, asked.sampled, designs[least], NO_GOAL, asked.effort.generations))
-        reached = asked.sampled(sliver)
-        if not reached.feasible.any():
+    if not found.feasible.any():  # the scan may have missed a sliver
+        least = designs[np.argsort(_ranked(found, NO_GOAL), kind="stable")[:SLIVER_STARTS]]
+        ends = (descended(asked, NO_GOAL, design)[None, :] for design in least)
+        sliver = next((end for end in ends if asked.continuous(end).feasible.all()), None)
+        if sliver is None:
             raise InfeasibleSpaceError(f"infeasible: {infeasibility(found)}")
-        return sliver, reached
+        return sliver, asked.continuous(sliver)
     return designs[found.feasible], Evaluation(found.objectives[found.feasible], found.margins[found.feasible])
 
 
@@ -164,106 +146,34 @@ def _ranked(found: Evaluation, goal: Goal) -> Array:
     """Return the minimised value of each design: the largest weighted objective; violations rank behind all others."""
     known = np.where(np.isfinite(found.objectives), found.objectives, INFEASIBLE)
     scaled = goal.weights * (known * np.array(SENSES) - goal.ideal) / goal.spread
-    violation = np.minimum(np.maximum(-found.margins / SCALES, 0.0), 10.0).sum(axis=1)
+    violation = np.minimum(np.maximum(-found.margins / SCALES, 0.0), WORST).sum(axis=1)
     # the small sum keeps the front's points from being merely weakly best
     value = scaled.max(axis=1) + 1e-6 * scaled.sum(axis=1)
     return np.asarray(np.where(violation > 0.0, INFEASIBLE * (1.0 + violation), value))
 
 
-def _units(space: DesignSpace, designs: Array) -> Array:
-    lower, upper = np.array(space.lower), np.array(space.upper)
-    width = np.where(upper > lower, upper - lower, 1.0)
-    return np.asarray(np.clip((designs - lower) / width, 0.0, 1.0))
+def descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
+    """Return the end of constrained descents (SLSQP) from a design on the continuous curve, or the design.
 
-
-def _evolved(asked: PressSearch, evaluate: Evaluate, start: Array, goal: Goal, generations: int) -> Array:
-    """Return the best of a differential evolution from a first population, refined by simplex restarts."""
-
-    def value(columns: Any, /) -> Any:
-        return _ranked(evaluate(asked.space.designs(np.atleast_2d(columns.T))), goal)
-
-    evolution = differential_evolution(
-        value,
-        Bounds(np.zeros(VARIABLES), np.ones(VARIABLES)),
-        init=_units(asked.space, start),
-        maxiter=generations,
-        tol=0.0,
-        atol=1e-13,
-        mutation=(0.4, 0.9),
-        recombination=0.9,
-        seed=np.random.default_rng(asked.seed),
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-        callback=lambda intermediate_result: tell(intermediate_result.nit, generations),
-    )
-    return asked.space.designs(_sharpened(value, np.asarray(evolution.x), asked.effort.simplex_evaluations))
-
-
-def _sharpened(value: Callable[[Array], Array], best: Array, evaluations: int) -> Array:
-    """Return the best of simplex searches of shrinking size around a point of the unit cube."""
-
-    def single(x: Array) -> float:
-        outside = float(np.maximum(-x, 0.0).sum() + np.maximum(x - 1.0, 0.0).sum())
-        return float(value(np.clip(x, 0.0, 1.0))[0]) + INFEASIBLE * outside
-
-    for size in SIMPLEX_SIZES:
-        ahead = np.where(best + size > 1.0, -size, size)
-        simplex = np.vstack((best, best + np.diag(ahead)))
-        options = {"initial_simplex": simplex, "maxfev": evaluations, "xatol": 1e-12, "fatol": 1e-13}
-        tried = minimize(single, best, method="Nelder-Mead", options=options)
-        if tried.fun < single(best):
-            best = np.clip(tried.x, 0.0, 1.0)
-    return best
-
-
-def _first_population(designs: Array, found: Evaluation, goal: Goal, size: int) -> Array:
-    """Return the best designs of a scan, repeated where there are fewer than asked."""
-    order = np.argsort(_ranked(found, goal), kind="stable")
-    return np.asarray(designs[order[np.arange(size) % len(order)]])
-
-
-def sampled_best(asked: PressSearch, goal: Goal, designs: Array, found: Evaluation) -> Array:
-    """Return the best design at 72 crank positions, from the feasible designs of a scan."""
-    start = _first_population(designs, found, goal, asked.effort.population)
-    return _evolved(asked, asked.sampled, start, goal, asked.effort.generations)
-
-
-def polished(asked: PressSearch, goal: Goal, winner: Array, designs: Array, found: Evaluation) -> Array:
-    """Return the best design on the continuous curve, from the winner at 72 positions and the best of the scan."""
-    size = asked.effort.polish_population
-    units = _units(asked.space, np.atleast_2d(winner))
-    spread = np.geomspace(1e-5, 1e-2, size // 2)[:, None]
-    around = units + spread * np.random.default_rng(asked.seed).uniform(-1.0, 1.0, (size // 2, VARIABLES))
-    near = asked.space.designs(np.clip(np.vstack((units, around)), 0.0, 1.0))
-    rest = _first_population(designs, found, goal, size - len(near))
-    evolved = _evolved(asked, asked.continuous, np.vstack((near, rest)), goal, asked.effort.polish_generations)
-    return _descended(asked, goal, np.ravel(evolved))
-
-
-def _descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
-    """Return the end of a constrained descent (SLSQP) from a design on the continuous curve, or the design.
-
-    It minimises the bound t of all weighted objectives over x in the unit cube, with every margin kept.  In a narrow
-    valley between two active limits it proceeds where a population or a simplex stops.
+    They minimise the bound t of all weighted objectives over x in the unit cube, with every margin kept; without a
+    goal, t is the bound of all violations.
     """
-    used = goal.weights > 0.0
-
-    def scaled(found: Evaluation) -> Array:
-        distance = found.objectives[:, used] * np.array(SENSES)[used] - goal.ideal[used]
-        return np.asarray(goal.weights[used] * distance / goal.spread[used])
+    used, space = goal.weights > 0.0, asked.space
+    count = int(used.sum())
+    lower, upper = np.array(space.lower), np.array(space.upper)
+    free = upper > lower
 
     def values(points: Array) -> Array:
         """Return objectives, then margins in their scales, shape (n, used objectives + constraints)."""
-        found = asked.continuous(asked.space.designs(points))
-        return np.hstack((scaled(found), found.margins / SCALES - RESERVE))
-
-    count = int(used.sum())
-    free = np.array(asked.space.upper) > np.array(asked.space.lower)
+        found = asked.continuous(space.designs(points))
+        distance = found.objectives[:, used] * np.array(SENSES)[used] - goal.ideal[used]
+        margins = np.maximum(found.margins / SCALES - RESERVE, -WORST)
+        return np.hstack((goal.weights[used] * distance / goal.spread[used], margins))
 
     def kept(z: Array) -> Array:
         at = values(z[None, :VARIABLES])[0]
-        return np.concatenate((z[VARIABLES] - at[:count], at[count:]))
+        bound = z[VARIABLES]
+        return np.concatenate((bound - at[:count], at[count:])) if count else at + bound
 
     def slopes(z: Array) -> Array:
         steps = DIFFERENCE * np.eye(VARIABLES)
@@ -271,12 +181,14 @@ def _descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
         by = ((at[:VARIABLES] - at[VARIABLES:]) / (2.0 * DIFFERENCE)).T
         by[:, ~free] = 0.0
         by[:count] *= -1.0
-        return np.hstack((by, np.concatenate((np.ones(count), np.zeros(len(CONSTRAINTS))))[:, None]))
+        of_bound = np.arange(len(by)) < (count or len(by))
+        return np.hstack((by, of_bound[:, None]))
 
-    best = _units(asked.space, design[None, :])[0]
+    best = np.clip((design - lower) / np.where(free, upper - lower, 1.0), 0.0, 1.0)
     ranked = float(_ranked(asked.continuous(design[None, :]), goal)[0])
-    for _ in range(POLISH_ROUNDS):
-        start = np.append(best, values(best[None, :])[0, :count].max())
+    for _ in range(ROUNDS):
+        at = values(best[None, :])[0]
+        start = np.append(best, at[:count].max() if count else -at.min())
         tried = minimize(
             lambda z: float(z[VARIABLES]),
             start,
@@ -286,12 +198,19 @@ def _descended(asked: PressSearch, goal: Goal, design: Array) -> Array:
             method="SLSQP",
             options={"maxiter": 100, "ftol": 1e-13},
         )
-        point = np.clip(tried.x[:VARIABLES], 0.0, 1.0)
-        reached = float(_ranked(asked.continuous(asked.space.designs(point[None, :])), goal)[0])
+        point = np.clip(tried.x[:VARIABLES].round(12), 0.0, 1.0)
+        reached = float(_ranked(asked.continuous(space.designs(point[None, :])), goal)[0])
         if not reached < ranked:
             break
         best, ranked = point, reached
-    return np.asarray(asked.space.designs(best[None, :])[0])
+    return np.asarray(space.designs(best[None, :])[0])
+
+
+def refined(asked: PressSearch, goal: Goal, designs: Array, found: Evaluation) -> Array:
+    """Return the best end of the descents from the best designs of a scan."""
+    starts = designs[np.argsort(_ranked(found, goal), kind="stable")[:STARTS]]
+    ends = np.array([descended(asked, goal, start) for start in starts])
+    return np.asarray(ends[int(np.argmin(_ranked(asked.continuous(ends), goal)))])
 
 
 def _described(asked: PressSearch, designs: Array) -> list[Design]:
@@ -336,8 +255,7 @@ def best_design(asked: PressSearch, objective: str) -> Design:
     """
     designs, found = feasible_scan(asked)
     goal = single_goal(objective, found)
-    winner = sampled_best(asked, goal, designs, found)
-    return _held(_described(asked, np.atleast_2d(polished(asked, goal, winner, designs, found))))[0]
+    return _held(_described(asked, refined(asked, goal, designs, found)[None, :]))[0]
 
 
 def non_dominated(values: Array) -> NDArray[np.bool_]:
@@ -362,12 +280,11 @@ def pareto_front(asked: PressSearch, objectives: tuple[str, ...] = OBJECTIVES, p
     ideal, spread = values.min(axis=0), np.ptp(values, axis=0) + 1e-12
     directions = np.random.default_rng(asked.seed).dirichlet(np.ones(len(columns)), points)
     front = [designs[non_dominated(values[:, columns])]]
-    for i, direction in enumerate([*np.eye(len(columns)), *directions]):
+    for done, direction in enumerate([*np.eye(len(columns)), *directions], start=1):
         weights = np.zeros(len(OBJECTIVES))
         weights[columns] = np.maximum(direction, 1e-3)
-        goal, turned = Goal(weights, ideal, spread), asked._replace(seed=asked.seed + i)
-        winner = sampled_best(turned, goal, designs, found)
-        front.append(np.atleast_2d(polished(turned, goal, winner, designs, found)))
+        front.append(refined(asked, Goal(weights, ideal, spread), designs, found)[None, :])
+        tell(done, len(columns) + points)
     together = _held(_described(asked, np.vstack(front)))
     scored = np.array([[design.objectives[name] for name in objectives] for design in together])
     kept = non_dominated(scored * np.array(SENSES)[columns])
@@ -378,15 +295,10 @@ def pareto_front(asked: PressSearch, objectives: tuple[str, ...] = OBJECTIVES, p
 
 
 def searched(
-    parameters: CompactionPress,
-    space: DesignSpace,
-    objectives: tuple[str, ...],
-    seed: int,
-    points: int,
-    effort: Effort = USUAL_EFFORT,
+    parameters: CompactionPress, space: DesignSpace, objectives: tuple[str, ...], seed: int, points: int
 ) -> list[Design]:
     """Return the best design for one objective, or the Pareto front of several with so many refined directions."""
-    asked = press_search(parameters, space, seed, effort)
+    asked = press_search(parameters, space, seed)
     if len(objectives) == 1:
         return [best_design(asked, objectives[0])]
     return pareto_front(asked, objectives, points)

@@ -23,7 +23,7 @@ from mech_twin.machines.compaction_press.design_problem import (
     scaled_press,
     unpacked,
 )
-from mech_twin.machines.compaction_press.design_search import BOUNDS, Effort, searched
+from mech_twin.machines.compaction_press.design_search import BOUNDS, searched
 from mech_twin.machines.compaction_press.metrics import cycle_metrics
 from mech_twin.machines.compaction_press.parameters import press_constants
 from mech_twin.parameters.load import machine_parameters
@@ -31,9 +31,6 @@ from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies.design_scan import design_question
 
 TURN = 2.0 * math.pi
-SMALL = Effort(
-    scan_power=12, population=20, generations=20, polish_population=12, polish_generations=12, simplex_evaluations=60
-)
 
 
 class OwnPress:
@@ -164,7 +161,7 @@ def test_the_machine_searched_is_the_machine_written_and_holds_every_limit(seed,
     parameters = random_configuration(np.random.default_rng(seed))
     space = design_question("compaction_press").space()
     objective = Objectives._fields[seed % len(Objectives._fields)]
-    (design,) = searched(parameters, space, (objective,), seed, 1, SMALL)
+    (design,) = searched(parameters, space, (objective,), seed, 1)
     write_configuration("compaction_press", design.parameters, tmp_path / "found.yaml")
     written = machine_parameters("compaction_press", tmp_path / "found.yaml")
     report = cycle_metrics(written)
