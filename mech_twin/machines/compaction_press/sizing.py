@@ -3,25 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import copysign, degrees, isnan, nan, pi
 from operator import attrgetter
 from typing import NamedTuple
 
-import numpy as np
 from scipy.optimize import minimize_scalar
 
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
-from mech_twin.capabilities.variation import corners, scaled, varied
+from mech_twin.capabilities.variation import Factors, inner_points, scaled, varied
 from mech_twin.engine.crank_state import Transmission
 from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, turn_flywheel
-from mech_twin.machines.compaction_press.dynamics import Press
 from mech_twin.machines.compaction_press.metrics import conditions
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.parts.flywheel import non_uniformity, start_speed, wittenbauer
-from mech_twin.parts.four_bar import Link
 from mech_twin.samples import MotorSample
 
 LIMITS: dict[str, float] = {"non_uniformity": nan}  # nan: the configured one
@@ -96,9 +93,11 @@ def _shown(worst: WorstCase, flywheel: float, delta: float) -> tuple[float, dict
 STROKE_KEYS = ("working_force.contact_fraction", "working_force.application_from_a_m")
 LOAD_KEYS = ("working_force.peak_n", "working_force.exponent", "drive.speed_rpm")
 BETWEEN_KEYS = (*STROKE_KEYS, "working_force.exponent")
-LINKS = ("crank", "plate", "pendulum")
-LINK_KEYS = tuple(f"links.{link}.{size}" for link in LINKS for size in ("mass_kg", "inertia_kg_m2"))
-ASSUMED = (*STROKE_KEYS, *LOAD_KEYS, *LINK_KEYS)
+ASSUMED = (
+    *STROKE_KEYS,
+    *LOAD_KEYS,
+    *(f"links.{link}.{size}" for link in ("crank", "plate", "pendulum") for size in ("mass_kg", "inertia_kg_m2")),
+)
 INSIDE = 40  # random points of the box
 
 
@@ -117,79 +116,39 @@ def asked_of(parameters: CompactionPress, delta: float) -> float:
     return turn_flywheel(press, stroke, parameters.drive.speed_rad_per_s, delta)
 
 
-def _active(parameters: CompactionPress, keys: tuple[str, ...]) -> tuple[str, ...]:
+def _active(parameters: CompactionPress) -> tuple[str, ...]:
     """Return the keys with an effect: not 0, and no mass of a crank whose centroid lies on its axis."""
     crank = parameters.links.crank
     balanced = crank.centroid_along_m == 0.0 and crank.centroid_across_m == 0.0
     idle = {"links.crank.mass_kg"} if balanced else set()
     if parameters.working_force.working_quarter:
         idle.add("working_force.contact_fraction")
-    return tuple(key for key in keys if key not in idle and attrgetter(key)(parameters) != 0.0)
-
-
-def _scaled(press: Press, factors: Mapping[str, float]) -> Press:
-    def link(name: str, known: Link) -> Link:
-        return known._replace(
-            mass_kg=known.mass_kg * factors.get(f"links.{name}.mass_kg", 1.0),
-            inertia_kg_m2=known.inertia_kg_m2 * factors.get(f"links.{name}.inertia_kg_m2", 1.0),
-        )
-
-    load = press.load._replace(
-        peak_n=press.load.peak_n * factors.get("working_force.peak_n", 1.0),
-        exponent=press.load.exponent * factors.get("working_force.exponent", 1.0),
-    )
-    crank, plate, pendulum = (link(name, getattr(press, name)) for name in LINKS)
-    return press._replace(crank=crank, plate=plate, pendulum=pendulum, load=load)
-
-
-def _worst_corner(parameters: CompactionPress, delta: float, tolerance: float) -> tuple[float, dict[str, float], int]:
-    best, where, tried = -np.inf, dict[str, float](), 0
-    rest = _active(parameters, (*LOAD_KEYS, *LINK_KEYS))
-    speed = parameters.drive.speed_rad_per_s
-    for outer in corners(_active(parameters, STROKE_KEYS), tolerance):
-        press, stroke = press_constants(scaled(parameters, outer), fitted=False)
-        for inner in corners(rest, tolerance):
-            asked = turn_flywheel(_scaled(press, inner), stroke, speed * inner.get("drive.speed_rpm", 1.0), delta)
-            tried += 1
-            if asked >= best:
-                best, where = asked, {**outer, **inner}
-    return best, where, tried
-
-
-def _between(
-    asked: Callable[[dict[str, float]], float], where: dict[str, float], keys: tuple[str, ...], tolerance: float
-) -> dict[str, float]:
-    """Return a worse point of the box than ``where``, one key at a time, or ``where`` itself."""
-    for key in keys:
-
-        def loss(factor: float, key: str = key, base: dict[str, float] = where) -> float:
-            return -asked({**base, key: factor})
-
-        found = minimize_scalar(loss, bounds=(1.0 - tolerance, 1.0 + tolerance), method="bounded")
-        if -found.fun > asked(where):
-            where = {**where, key: float(found.x)}
-    return where
+    return tuple(key for key in ASSUMED if key not in idle and attrgetter(key)(parameters) != 0.0)
 
 
 def worst_case(parameters: CompactionPress, delta: float, tolerance: float) -> WorstCase:
-    """Return the machine of the box with the largest required flywheel: corners, a key-wise search, random points."""
+    """Return the machine of the box with the largest required flywheel, searched key by key, and at random points."""
     if tolerance == 0.0:
         return WorstCase(asked_of(parameters, delta), parameters, {}, 1)
-    _, where, tried = _worst_corner(parameters, delta, tolerance)
-    known: dict[tuple[float, ...], float] = {}
+    keys, ends, known = _active(parameters), (1.0 - tolerance, 1.0 + tolerance), dict[tuple[float, ...], float]()
 
-    def asked(factors: dict[str, float]) -> float:
+    def asked(factors: Factors) -> float:
         place = tuple(factors.values())
         if place not in known:
             known[place] = asked_of(scaled(parameters, factors), delta)
         return known[place]
 
-    where = _between(asked, where, _active(parameters, BETWEEN_KEYS), tolerance)
-    random = np.random.default_rng(1)
-    for _ in range(INSIDE):
-        factors = {key: float(random.uniform(1.0 - tolerance, 1.0 + tolerance)) for key in where}
-        where = max((where, factors), key=asked)
-    return WorstCase(asked(where), scaled(parameters, where), where, tried + len(known))
+    where, before = dict.fromkeys(keys, 1.0), Factors()
+    while where != before:
+        before = where
+        for key in keys:
+            tried = [{**where, key: end} for end in ends]
+            if key in BETWEEN_KEYS:
+                found = minimize_scalar(lambda x, k=key, at=where: -asked({**at, k: x}), bounds=ends, method="bounded")
+                tried.append({**where, key: float(found.x)})
+            where = max(where, *tried, key=asked)
+    where = max(where, *inner_points(keys, tolerance, INSIDE), key=asked)
+    return WorstCase(asked(where), scaled(parameters, where), where, len(known))
 
 
 class FlywheelRun(NamedTuple):
