@@ -188,6 +188,7 @@ def rated_wave_numbers(b: Breaker, q: float, closing: float) -> dict[str, float]
     parting = found.tool_momentum_ns / b.tool_mass_kg - closing + found.impulse_ns / mass
     return {
         "striker_mass_kg": mass,
+        "tool_mass_kg": b.tool_mass_kg,
         "striker_energy_j": found.striker_energy_j,
         "incident_energy_j": found.incident_energy_j,
         "transmitted_energy_j": found.transmitted_energy_j,

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plots of the breaker's body over spring, preload and excitation; with the blow as a wave those of the blow too.
 
-Plots of the blow as a wave: energy into the wall, force in the tool, energy through it, tools, pressing force.
+Plots of the blow as a wave: energy into the wall, force in the tool, energy through it.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +18,8 @@ from mech_twin.machines.mb10_breaker.pressed_body.free_swing import resonance_ra
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.machines.mb10_breaker.published import SOFT_TABLE, assumed_pulse, computed_pulse, paper_body, soft_spring
-from mech_twin.machines.mb10_breaker.sizing import SOFTNESS, seating, settled_run_metrics, with_rest_force
+from mech_twin.machines.mb10_breaker.sizing import SOFTNESS, seating
 from mech_twin.machines.mb10_breaker.state import breaker
-from mech_twin.machines.mb10_breaker.tool_sizing import DIAMETERS_M, as_rod, sized_blow
 from mech_twin.parts.rod_waves.blow import (
     STRIKERS,
     RodBlow,
@@ -36,8 +34,6 @@ from mech_twin.parts.rod_waves.struck_tool import gauge_piece, rod_blow
 STIFFNESSES = np.geomspace(1e6, 1e10, 41)  # N/m
 RATIOS = (2.0, 4.0, 100.0)  # k_u/k_l
 SHOWN_S = 2.5e-3
-REST_FORCES_N = (200.0, 350.0, 500.0, 741.0, 1300.0, 2300.0, 4500.0, 9000.0)
-PRESSED_S = 4.0
 
 
 def as_wave(parameters: BreakerParameters, changes: dict[str, object]) -> BreakerParameters:
@@ -64,8 +60,6 @@ def wave_pictures(parameters: BreakerParameters) -> Iterator[Picture]:
     yield _force_over_place_and_time(parameters)
     yield _force_at_gauge(parameters)
     yield _energy_through_gauge(parameters)
-    yield _tools(parameters)
-    yield _pressing(parameters)
 
 
 def _efficiency(parameters: BreakerParameters) -> Picture:
@@ -175,62 +169,6 @@ def _energy_through_gauge(parameters: BreakerParameters) -> Picture:
     panels[0].legend(loc="upper left")
     caption = "Energy that waves carry past the gauge, counted from the first touch; rated speed, the body at rest."
     return Picture("mb10_breaker_blow_energy", f"{caption} {OWN}", figure)
-
-
-def _tools(parameters: BreakerParameters) -> Picture:
-    """Draw what tools of several diameters and lengths give the wall, over their stress."""
-    figure, panels = sheet(1, 1, 7.2, 3.8)
-    p = as_wave(parameters, {"tool.wave.wall.kind": "loading"})
-    b = breaker(p)
-    for length, colour in zip((0.15, 0.3, 0.6, 1.2), (BLUE, GREEN, ORANGE, RED), strict=True):
-        tools = [as_rod(p.tool.wave, diameter, length) for diameter in DIAMETERS_M.tolist()]
-        found = [blow for tool in tools if (blow := sized_blow(p, b, tool, 0.0)) is not None]
-        stress = [blow.peak_stress_pa / 1e6 for blow in found]
-        panels[0].plot(stress, [blow.transmitted_energy_j for blow in found], "o-", color=colour, label=f"{length:g} m")
-    panels[0].set_xscale("log")
-    panels[0].set_xlabel("largest stress in the tool, MPa (diameter 100 mm at the left, 25 mm at the right)")
-    panels[0].set_ylabel("energy in the wall, J")
-    panels[0].set_title("Tools of four lengths, wall of stiffness $k_l$")
-    panels[0].legend(title="length")
-    caption = "A thicker tool bears less stress and gives the wall more; one blow at rated speed, the body at rest."
-    return Picture("mb10_breaker_blow_tools", f"{caption} {OWN}", figure)
-
-
-def _pressing(parameters: BreakerParameters) -> Picture:
-    """Draw how many blows find a seated tool, and what a blow gives, over the pressing force at rest."""
-    figure, panels = sheet(1, 2, 9.0, 3.6)
-    for wall, colour, label in (("yielding", RED, "wall that yields"), ("loading", BLUE, "wall of $k_l$")):
-        results = [pressing(as_wave(parameters, {"tool.wave.wall.kind": wall}), force) for force in REST_FORCES_N]
-        panels[0].semilogx(REST_FORCES_N, [each.seated_share for each in results], "o-", color=colour, label=label)
-        panels[1].semilogx(REST_FORCES_N, [each.peak_tension_pa / 1e6 for each in results], "o-", color=colour)
-    panels[0].set_ylabel("share of passes that strike a seated tool")
-    panels[0].legend()
-    panels[1].set_ylabel("largest tension in the tool, MPa")
-    for axes in panels:
-        axes.set_xlabel("spring force at rest, N")
-    caption = "A tool that is not pressed on the wall is fired blank; runs of 4 s, tension of the last 20 blows."
-    return Picture("mb10_breaker_blow_pressing", f"{caption} {OWN}", figure)
-
-
-class Pressing(NamedTuple):
-    """What a run tells of its pressing force: passes that struck a seated tool over all, energy, tension."""
-
-    seated_share: float
-    transmitted_energy_j: float
-    peak_tension_pa: float
-
-
-def pressing(parameters: BreakerParameters, rest_force_n: float) -> Pressing:
-    """Return what a run with a spring force at rest (N) tells."""
-    found = settled_run_metrics(with_rest_force(parameters, rest_force_n), PRESSED_S)
-    passes = found["blows"] + found["missed_blows"]
-    seated = found["blows"] - found["off_collar_blows"]
-    nothing = float("nan")
-    return Pressing(
-        seated / passes if passes else nothing,
-        found.get("steady_transmitted_energy_j", nothing),
-        found.get("steady_peak_tension_pa", nothing),
-    )
 
 
 RATES = np.geomspace(100.0, 3.8e6, 1400)

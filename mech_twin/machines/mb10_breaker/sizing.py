@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sizing of the breaker: spring rate and preload by runs, or tool and striker.
+"""Sizing of the breaker: spring rate and preload by runs.
 
 The spring's rate is the soft one, k = 0.3 of the blow frequency.  Its preload is the least objective with which every
 blow finds the tool seated, in the worst case over a box of tolerances: every number that is assumed, not published,
@@ -24,21 +24,20 @@ from mech_twin.capabilities.variation import Factors, inner_points, neighbours, 
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.run import frames, shorter_step_s
 from mech_twin.errors import StudyError
-from mech_twin.machines.mb10_breaker import build, tool_sizing
+from mech_twin.machines.mb10_breaker import build
 from mech_twin.machines.mb10_breaker.metrics import SEATED_GAP_M, SEATED_REST
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.run_metrics import BodyCycle
 from mech_twin.machines.mb10_breaker.state import EventSide
 
 # gap at the blow (m), part of the cycle not at rest on the collar, return speed (m/s), largest spring force (N)
-OF_SPRING: dict[str, float] = {
+LIMITS: dict[str, float] = {
     "gap_at_blow_m": SEATED_GAP_M,
     "flight_share": 1.0 - SEATED_REST,
     "return_speed_m_per_s": inf,
     "largest_force_n": inf,
 }
-LIMITS: dict[str, float] = {**OF_SPRING, **tool_sizing.LIMITS}
-OBJECTIVES = ("largest_force_n", "return_speed_m_per_s", "gap_at_blow_m", "flight_share", tool_sizing.OBJECTIVE)
+OBJECTIVES = ("largest_force_n", "return_speed_m_per_s", "gap_at_blow_m", "flight_share")
 USUAL_TOLERANCE = 0.05
 SOFTNESS = 0.3  # k over the blow frequency: soft, so that the spring's force hardly changes over the lift
 SETTLED_S = 8.0  # of a run from standstill: some eighty blows, the last twenty of which count
@@ -58,7 +57,7 @@ class Seating(NamedTuple):
     @property
     def metrics(self) -> dict[str, float]:
         """What limits and objectives speak of, by name."""
-        return {name: getattr(self, name) for name in OF_SPRING}
+        return {name: getattr(self, name) for name in LIMITS}
 
 
 def settled_run_metrics(parameters: BreakerParameters, duration_s: float = SETTLED_S) -> dict[str, float]:
@@ -250,8 +249,27 @@ class SpringSearch:
         return None, len(points) + 1
 
 
-def spring_sizing(soft: BreakerParameters, limits: Mapping[str, float], objective: str, tolerance: float) -> Sizing:
-    """Return the preload with the smallest objective of those that keep the limits at all points tried."""
+def sizing(
+    parameters: BreakerParameters, limits: Mapping[str, float], objective: str, table: Table, tolerance: float
+) -> Sizing:
+    """Return spring rate and preload: the smallest objective of those that keep the limits at all points tried.
+
+    Parameters
+    ----------
+    parameters : BreakerParameters
+        Configuration; spring rate and preload are replaced.
+    limits : mapping
+        Every limit of ``LIMITS``.
+    objective : str
+        What to make small in the worst case: one of ``OBJECTIVES``.
+    table : callable
+        Not needed here.
+    tolerance : float
+        Part of its value by which each assumed number may be off.
+    """
+    omega = 2.0 * pi * parameters.excitation.blow_rate_hz
+    rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
+    soft = varied(parameters, {"body.spring_rate_n_per_m": rate})
     search = SpringSearch(soft, limits, objective, tolerance)
     below, nominal = search.least_seating({})
     worst = search.worst_corner(nominal)
@@ -309,35 +327,3 @@ def spring_sizing(soft: BreakerParameters, limits: Mapping[str, float], objectiv
         search.assumed if worst else (),
         InShorterSteps(shorter.coupling.step_s, soft.coupling.step_s, seating(shorter).metrics),
     )
-
-
-def sizing(
-    parameters: BreakerParameters, limits: Mapping[str, float], objective: str, table: Table, tolerance: float
-) -> Sizing:
-    """Return spring rate and preload in the rational range, the tool seated before every blow.
-
-    With the objective `tool_sizing.OBJECTIVE`: tool and striker for most energy in the wall.
-
-    Parameters
-    ----------
-    parameters : BreakerParameters
-        Configuration; spring rate and preload are replaced.
-    limits : mapping
-        Every limit of ``LIMITS``.
-    objective : str
-        What to make small in the worst case, or large: one of ``OBJECTIVES``.
-    table : callable
-        Not needed here.
-    tolerance : float
-        Part of its value by which each assumed number may be off.
-    """
-    asked = tool_sizing.LIMITS if objective == tool_sizing.OBJECTIVE else OF_SPRING
-    for name, usual in LIMITS.items():
-        if name not in asked and limits[name] != usual:
-            raise StudyError(f"limit {name}: not of the objective {objective}, whose limits are {', '.join(asked)}")
-    if objective == tool_sizing.OBJECTIVE:
-        return tool_sizing.tool_sizing(parameters, {name: limits[name] for name in tool_sizing.LIMITS}, tolerance)
-    limits = {name: limits[name] for name in OF_SPRING}
-    omega = 2.0 * pi * parameters.excitation.blow_rate_hz
-    rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
-    return spring_sizing(varied(parameters, {"body.spring_rate_n_per_m": rate}), limits, objective, tolerance)
