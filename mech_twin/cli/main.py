@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from mech_twin import __version__
 from mech_twin.cli import measurement_verbs, study_verbs, verbs
 from mech_twin.cli.console import INTERRUPTED, CommandError, compiling_shown, report_cli_errors
-from mech_twin.cli.verb import check_rules, command, in_library, verbs_in
+from mech_twin.cli.verb import command, in_library, verbs_in
 from mech_twin.process.dependencies import NUMERICS_BYTES, check_address_space
 from mech_twin.process.interruption import EXIT_CODE_BASE, end_at_once
 
@@ -69,7 +69,7 @@ class QuestionGroup(CommandGroup):
 
 
 class VerbCommand(TyperCommand):
-    """A command whose help and errors are in the words of the field; options that contradict each other are refused."""
+    """A command whose help and errors are in the words of the field."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters with a placeholder each."""
@@ -83,11 +83,7 @@ class VerbCommand(TyperCommand):
         args = with_options_repeated(args)
         refuse_options_as_values(self.get_params(ctx), typed)
         with own_words(ctx, typed):
-            rest = super().parse_args(ctx, args)
-        sources = {name: ctx.get_parameter_source(name) for name in ctx.params}
-        given = frozenset(name for name, source in sources.items() if source and source.name == "COMMANDLINE")
-        check_rules(getattr(self.callback, "verb"), given)  # noqa: B009 # as `command` sets it
-        return rest
+            return super().parse_args(ctx, args)
 
 
 def named(parameters: Sequence[Any]) -> list[Any]:
@@ -156,8 +152,6 @@ def _line(error: Any, context: Any, typed: Sequence[str]) -> str:
     if hasattr(error, "param_type") and parameter is not None:
         kind = "option " if parameter.param_type_name == "option" else ""
         return f"missing {kind}{_name(parameter)}: expected {parameter.help}"
-    if parameter is not None:
-        return _refused(parameter, error.message, typed)
     if str(error.message).startswith(UNEXPECTED):
         words = re.findall(r"\(([^()]*)\)$", error.message)
         usage = " ".join([_path(context), *_places(context), "[OPTIONS]"])
@@ -171,25 +165,6 @@ def _no_such_option(option: str, context: Any) -> str:
     near, where = longer or get_close_matches(option, options, 1), _path(context)
     hint = f"did you mean '{_name(options[near[0]], near[0])}'?" if near else f"`{where} --help` lists them"
     return f"no option '{option}' of {where}; {hint}"
-
-
-def _refused(parameter: Any, message: str, typed: Sequence[str]) -> str:
-    """Return the line of a value that was not taken: what was typed stands beside its option."""
-    said = re.sub(r"^Input should be (.*?)(, unable to parse.*)?$", r"expected \1", message, flags=re.DOTALL)
-    said = said.replace("expected a valid", "expected a").replace("expected a integer", "expected an integer")
-    said = re.sub(r"^expected (greater|less)", r"expected a value \1", said)
-    found = [option for option in parameter.opts if _value_of(option, typed) is not None]
-    name = found[0] if found else _name(parameter)
-    value = _value_of(found[0], typed) if found else None
-    shown = name if value is None else f"{name} {value}"
-    return f"{shown}: {said.removeprefix(f'{value}: ')}"
-
-
-def _value_of(option: str, typed: Sequence[str]) -> str | None:
-    """Return the value that was typed last after an option."""
-    beside = [following for word, following in pairwise(typed) if word == option]
-    joined = [word.partition("=")[2] for word in typed if word.startswith(f"{option}=")]
-    return [*joined, *beside][-1] if joined or beside else None
 
 
 def _options(parameters: Sequence[Any]) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
-import typer
 from typer import Context
 
 from mech_twin.cli.console import CommandError
@@ -17,21 +16,19 @@ SECONDS_PER = {"": 1.0, "s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
 EXPECTED = "expected a time such as 3, 3s, 500ms, 2min or 1h"
 
 
-def seconds(text: str | float) -> float:
+def seconds(text: str) -> float:
     """Return a time in seconds of ``3``, ``3s``, ``500ms``, ``2min`` or ``1h``."""
-    if isinstance(text, int | float):
-        return float(text)
     match = re.fullmatch(r"\s*([-+.\w]*?)\s*(ms|s|min|h)?\s*", text)
     try:
         value = float(match.group(1)) * SECONDS_PER[match.group(2) or ""] if match else math.nan
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value >= 0.0):
-        raise typer.BadParameter(f"{text}: {EXPECTED}")
+        raise ValueError(EXPECTED)
     from mech_twin.declarations.quantity import LONGEST_RUN_S
 
     if value > LONGEST_RUN_S:
-        raise typer.BadParameter(f"{text}: expected at most {LONGEST_RUN_S} s, the longest time that ROS can state")
+        raise ValueError(f"expected at most {LONGEST_RUN_S} s, the longest time that ROS can state")
     return value
 
 

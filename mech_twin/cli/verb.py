@@ -6,10 +6,10 @@ from importlib import import_module
 from inspect import Parameter, Signature
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin
 
 import typer
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
 from mech_twin.cli import option_values
@@ -57,6 +57,28 @@ class Verb(BaseModel):
     def __init_subclass__(cls, answer: str = "", **settings: Any) -> None:
         super().__init_subclass__(**settings)
         cls.answer = answer or cls.answer
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _with_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        """Return a value as it is, a time that is written with its unit in seconds."""
+        is_time = declared(cls.model_fields[str(info.field_name)]).get("unit") == "s"
+        return option_values.seconds(value) if is_time and isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _check_rules(self) -> Verb:
+        """Raise a CommandError, which names both and the reason, for options of which one would be left out."""
+
+        def flag(name: str) -> str:
+            return flags_of(name, type(self).model_fields[name])[0]
+
+        given = self.model_fields_set
+        for rule in (Apart("as_json", "as_csv", "one form of output"), *self.rules):
+            if isinstance(rule, Apart) and {rule.first, rule.second} <= given:
+                raise CommandError(f"{flag(rule.first)} and {flag(rule.second)} exclude each other: {rule.why}")
+            if isinstance(rule, Beside) and rule.option in given and not given & set(rule.others):
+                raise CommandError(f"{flag(rule.option)} goes with {' or '.join(map(flag, rule.others))}: {rule.why}")
+        return self
 
     def answered(self) -> None:
         """Carry the verb out, and say which files it wrote; one that it could not write is refused beforehand."""
@@ -188,18 +210,17 @@ def in_order(verb: type[Verb]) -> dict[str, FieldInfo]:
 
 def command(verb: type[Verb]) -> Callable[..., None]:
     """Return the function of a verb as the command line library wants it, its signature made from the fields."""
-    fields = verb.model_fields
-    words = {name: choices for name, field in fields.items() if (choices := _choices(field))}
 
     def request(context: typer.Context, **values: Any) -> None:
-        given = {name: value for name, value in values.items() if value is not None}
-        for name, allowed in words.items():
-            if name in given and given[name] not in allowed:
-                joined = " or ".join(allowed) if len(allowed) == 2 else f"one of {', '.join(allowed)}"
-                raise CommandError(f"{flags_of(name, fields[name])[0]} {given[name]}: expected {joined}")
+        sources = {name: context.get_parameter_source(name) for name in values}
+        given = {name: values[name] for name, source in sources.items() if source and source.name == "COMMANDLINE"}
         if context.obj is not None:  # of ``study``, whose machine stands before the question
             given["machine"] = context.obj
-        verb(**given).answered()
+        try:
+            asked = verb(**given)
+        except ValidationError as error:
+            raise CommandError(_refused(verb, error)) from error
+        asked.answered()
 
     shown = {name: field for name, field in in_order(verb).items() if declared(field)}
     parameters = [Parameter("context", Parameter.POSITIONAL_OR_KEYWORD, annotation=typer.Context)]
@@ -207,13 +228,15 @@ def command(verb: type[Verb]) -> Callable[..., None]:
     request.__signature__ = Signature(parameters)  # type: ignore[attr-defined] # which the library reads
     request.__annotations__ = {each.name: each.annotation for each in parameters}
     request.__doc__ = verb.__doc__
-    request.verb = verb  # type: ignore[attr-defined] # of which the command checks the rules
     return request
 
 
-def _choices(field: FieldInfo) -> tuple[str, ...]:
-    """Return the words that an option may have; none where it is free."""
-    return next((get_args(kind) for kind in _kinds(field) if get_origin(kind) is Literal), ())
+def _refused(verb: type[Verb], error: ValidationError) -> str:
+    """Return the line of the first value that was not taken: option, value, what was expected."""
+    first = error.errors()[0]
+    name, said = str(first["loc"][0]), first["msg"].removeprefix("Value error, ").partition(", unable to parse")[0]
+    expected = said.replace("Input should be", "expected")
+    return f"{flags_of(name, verb.model_fields[name])[0]} {first['input']}: {expected}"
 
 
 def _kinds(field: FieldInfo) -> tuple[Any, ...]:
@@ -221,12 +244,11 @@ def _kinds(field: FieldInfo) -> tuple[Any, ...]:
 
 
 def _parameter(name: str, field: FieldInfo) -> Parameter:
-    """Return a field as a parameter of the command."""
-    kind: Any = str if _choices(field) else field.annotation
-    if field.default == []:
-        kind = kind | None
-    absent = None if field.default == [] else field.default
+    """Return a field as a parameter of the command: a switch, a path, or words that the model reads."""
+    kind: Any = next((kind for kind in (bool, Path) if kind in _kinds(field)), str)
+    absent = str(field.default) if kind is str and field.default not in (None, []) else field.default or None
     default = Parameter.empty if field.is_required() else absent
+    kind = list[kind] if get_origin(field.annotation) is list else kind
     return Parameter(
         name, Parameter.POSITIONAL_OR_KEYWORD, default=default, annotation=Annotated[kind, in_library(name, field)]
     )
@@ -246,20 +268,5 @@ def in_library(name: str, field: FieldInfo) -> Any:
     placeholder = next((PLACEHOLDERS[kind] for kind in _kinds(field) if kind in PLACEHOLDERS), "TEXT")
     options["metavar"] = said.get("metavar") or placeholder
     if said.get("unit") == "s":
-        options |= {"parser": option_values.seconds, "metavar": "TIME"}
-    for bound in field.metadata:
-        options |= {word: getattr(bound, at) for at, word in (("ge", "min"), ("le", "max")) if hasattr(bound, at)}
+        options["metavar"] = "TIME"
     return typer.Option(*flags_of(name, field), show_default=said.get("shown") or True, **options)
-
-
-def check_rules(verb: type[Verb], given: frozenset[str]) -> None:
-    """Raise a CommandError, which names both and the reason, for options of which one would be left out."""
-
-    def flag(name: str) -> str:
-        return flags_of(name, verb.model_fields[name])[0]
-
-    for rule in (Apart("as_json", "as_csv", "one form of output"), *verb.rules):
-        if isinstance(rule, Apart) and {rule.first, rule.second} <= given:
-            raise CommandError(f"{flag(rule.first)} and {flag(rule.second)} exclude each other: {rule.why}")
-        if isinstance(rule, Beside) and rule.option in given and not given & set(rule.others):
-            raise CommandError(f"{flag(rule.option)} goes with {' or '.join(map(flag, rule.others))}: {rule.why}")

@@ -67,7 +67,7 @@ MISTAKES = {
     "duration nan": ("simulate mb10_breaker --duration nan", ["--duration", "nan", TIMES]),
     "negative time": ("replay bag --start -3", ["--start", "-3", TIMES]),
     "no duration": ("simulate mb10_breaker", ["--duration"]),
-    "no angle": ("analyse mb10_breaker --crank-deg abc", ["--crank-deg abc", "expected a number"]),
+    "no angle": ("analyse mb10_breaker --crank-deg abc", ["--crank-deg abc", "expected a valid number"]),
     "bounds in the wrong order": (
         PRESS + "search --bound crank=0.5:0.1",
         ["--bound crank=0.5:0.1", "lower bound is above the upper one", "expected crank=0.1:0.5"],
@@ -171,7 +171,7 @@ MISTAKES = {
     "table in no place": (SIMULATE + "--table /proc/x.csv", ["/proc/x.csv", "cannot be written"]),
     "sensors of nothing": (SIMULATE + "--sensors s.yaml", ["--sensors s.yaml", "expected --bag or --table"]),
     "negative seed": (SIMULATE + "--seed -1", ["--seed", "greater than or equal to 0"]),
-    "half a seed": (SIMULATE + "--seed 1.5", ["--seed", "expected an integer"]),
+    "half a seed": (SIMULATE + "--seed 1.5", ["--seed 1.5", "expected a valid integer"]),
     "change without its time": (
         SIMULATE + "--change body.spring_rate_n_per_m=1e4",
         ["--change body.spring_rate_n_per_m=1e4", "expected KEY=VALUE@SECONDS"],
@@ -188,7 +188,7 @@ MISTAKES = {
     "one position of a cycle": ("analyse mb10_breaker --cycle 1", ["--cycle", "greater than or equal to 2"]),
     "position and cycle": ("analyse mb10_breaker --cycle 8 --crank-deg 5", ["--crank-deg and --cycle exclude"]),
     "angle nan": ("analyse mb10_breaker --crank-deg nan", ["--crank-deg nan", "finite angle in degrees"]),
-    "unknown pace": ("run mb10_breaker --pace fast", ["--pace fast", "expected realtime or max"]),
+    "unknown pace": ("run mb10_breaker --pace fast", ["--pace fast", "expected 'realtime' or 'max'"]),
     "unknown view": (
         "run mb10_breaker --view nothing",
         ["--view nothing", "web, none or a file NAME.rrd"],
@@ -222,7 +222,7 @@ MISTAKES = {
     "faults without a reference": ("shadow mb10 --from x --black-box d", ["--black-box d", "expected --monitor FILE"]),
     "no run to identify": ("identify mb10", ["expected at least one run"]),
     "plan without its sensors": ("identify mb10 --plan", ["--plan", "--sensors FILE and --duration TIME"]),
-    "unknown motion": ("identify mb10 bag --motion fast", ["--motion fast", "auto, measured, simulated"]),
+    "unknown motion": ("identify mb10 bag --motion fast", ["--motion fast", "'auto', 'measured', 'simulated'"]),
     "time of a beginning": ("identify mb10 bag --latest-begin later", ["--latest-begin later", TIMES]),
     "no run to monitor": ("monitor mb10", ["expected at least one run"]),
     "time to skip": ("monitor mb10 bag --skip later", ["--skip later", TIMES]),
