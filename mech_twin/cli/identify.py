@@ -61,8 +61,6 @@ def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple
 def identify_machine(request: IdentifyVerb) -> None:
     """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
     check_address_space(FIT_BYTES, "a fit takes")
-    if request.latest_begin_s is not None and request.begin != "unknown":
-        raise CommandError(f"--latest-begin {request.latest_begin_s:g}: expected --begin unknown beside it")
     if request.plan:
         _plan(request)
         return
@@ -95,8 +93,8 @@ def identify_machine(request: IdentifyVerb) -> None:
         _show_found(found)
     if not found.better:
         say(f"{found.lack}; no configuration is written")
-        if request.begin == "start" and {key.verdict for key in found.keys} & {"model_error", "not_converged"}:
-            say("the runs were taken to begin at the start of the machine; else --begin unknown searches the beginning")
+        if request.latest_begin_s is None and {key.verdict for key in found.keys} & {"model_error", "not_converged"}:
+            say("the runs were taken to begin at the start of the machine; --latest-begin searches the beginning")
         raise SystemExit(FOUND)
     if request.out is not None:
         say(*(f"wrote {path}" for path in saved.save(request.out, force=request.force)))
@@ -106,10 +104,7 @@ def identify_machine(request: IdentifyVerb) -> None:
 
 def _plan(request: IdentifyVerb) -> None:
     """Print what the sensors of a file would find in a run of this length."""
-    if request.sensors is None or request.duration_s is None:
-        raise CommandError("--plan: expected --sensors FILE and --duration TIME beside it, as for `simulate`")
-    if request.runs:
-        raise CommandError(f"--plan: expected no run, got {request.runs[0]}; it asks what a run would tell")
+    assert request.sensors is not None and request.duration_s is not None
     question = _question(request)
     sensors = given_map(request.sensors, request.built)
     opened = None if request.map_file is None else given_map(request.map_file, request.built)
@@ -169,7 +164,7 @@ def _question(request: IdentifyVerb) -> IdentificationQuestion:
     spread = ("a standard deviation above 0", lambda prior: prior[1] > 0.0)
     form = "KEY=MEAN,SD, with numbers"
     priors = assigned("--prior", request.priors, form, lambda text: two_numbers(text, ","), spread)
-    searched = (request.begin_bound_s, request.seed, request.cores, request.scheduler)
+    searched = (request.latest_begin_s or 0.0, request.seed, request.cores, request.scheduler)
     return IdentificationQuestion(request.machine, base, keys, bounds, priors, *searched)
 
 
@@ -181,7 +176,7 @@ def _checked(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> Measu
 
 
 def _run(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
-    return fit_run(_checked(path, request, turn), begin_known=request.begin == "start")
+    return fit_run(_checked(path, request, turn), begin_known=request.latest_begin_s is None)
 
 
 def _show_found(found: Identification) -> None:

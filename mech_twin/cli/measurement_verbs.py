@@ -15,13 +15,15 @@ from mech_twin.files.output_file import YAML_SUFFIXES
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
 
-LATEST_BEGIN_S = 10.0
 LARGEST_SHARE = 0.8
 
 
 class ShadowVerb(Configured, answer="shadow:shadow_machine"):
     """Follow a running machine by its topics: its state, forces and their uncertainty, below /MACHINE/twin."""
 
+    rules: ClassVar[Rules] = tuple(
+        Beside(each, ("monitor",), "it finds the faults") for each in ("black_box", "mqtt", "prometheus")
+    )
     machine: MachineName
     followed: str = option("namespace of the machine to follow", ..., "--from", metavar="NAMESPACE")
     namespace: Namespace = None
@@ -65,11 +67,12 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
     rules: ClassVar[Rules] = (
         *(
             Apart("plan", each, "a plan computes no fit")
-            for each in ("hold_out", "motion", "begin", "latest_begin_s", "seed", "scheduler", "out")
+            for each in ("runs", "hold_out", "motion", "latest_begin_s", "seed", "scheduler", "out")
         ),
         Beside("sensors", ("plan",), "runs have their --map"),
         Beside("duration_s", ("plan",), "runs have their own length"),
-        Beside("latest_begin_s", ("begin",), "it bounds --begin unknown"),
+        Beside("plan", ("sensors",), "it asks what they would find"),
+        Beside("plan", ("duration_s",), "it asks what a run of this length would tell"),
     )
     machine: MachineName
     runs: list[Path] = argument("runs: bags or tables", [])
@@ -90,10 +93,11 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
     motion: Literal["auto", "measured", "simulated", "bounces"] = option(
         "what moves the model: auto, measured (the crank), simulated, or bounces (no model)", "auto", metavar="MOTION"
     )
-    begin: Literal["start", "unknown"] = option(
-        "where the runs begin: at the start of the machine, or unknown", "start", metavar="start|unknown"
+    latest_begin_s: float | None = option(
+        "the runs begin within the machine's run at an unknown time, at the latest at this, s",
+        unit="s",
+        shown="its start",
     )
-    latest_begin_s: float | None = option("latest unknown beginning within the machine's run, s", unit="s", shown="10")
     plan: bool = option("without runs: which keys these sensors would find", False)
     sensors: Path | None = option("with --plan: sensors as of `simulate --sensors`")
     duration_s: float | None = option("with --plan: length of the run, s", unit="s")
@@ -101,7 +105,6 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
     cores: int | None = option("processor cores to use", ge=1, shown="all")
     scheduler: str | None = option("Dask scheduler for starts and profiles, tcp://HOST:PORT", metavar="ADDRESS")
     out: Path | None = option("directory of the results, or file (.yaml) of the configuration")
-    config: Path | None = option("configuration to start from instead of the installed one", None, "--config", "--base")
 
     @cached_property
     def given_map(self) -> MeasurementMap:
@@ -116,13 +119,6 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
         from mech_twin.results.opened_runs import given_map
 
         return given_map(self.map_file, self.built)
-
-    @property
-    def begin_bound_s(self) -> float:
-        """The latest beginning of a run within the machine's own."""
-        if self.begin != "unknown":
-            return 0.0
-        return LATEST_BEGIN_S if self.latest_begin_s is None else self.latest_begin_s
 
     @property
     def held_out_run(self) -> Path | None:
@@ -147,8 +143,10 @@ class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     rules: ClassVar[Rules] = (
         *(
             Apart("design", each, "a sensor set is judged without runs")
-            for each in ("map_file", "baseline", "save_baseline", "skip_s", "explain")
+            for each in ("runs", "map_file", "baseline", "save_baseline", "skip_s", "explain")
         ),
+        Beside("design", ("sensors",), "it judges them"),
+        Beside("sensors", ("design",), "a run has --map"),
         Beside("picture", ("explain",), "it shows what a fault explains"),
         Beside("renew", ("baseline",), "a file of --save-baseline is renewed"),
         Beside("yes", ("renew",), "nothing else asks"),

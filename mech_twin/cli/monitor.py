@@ -77,8 +77,6 @@ def monitor_machine(request: MonitorVerb) -> None:
         _design(request)
         return
     named = request.runs or runs_of_map(request.map_file, request.built, "or --design --sensors FILE")
-    if request.sensors is not None:
-        raise CommandError(f"--sensors {request.sensors}: goes with --design; a run has --map")
     runs = [featured_run(request, path) for path in named]
     _say_left_out(runs[0].given)
     setup, runs[0] = _setup(request, runs[0])
@@ -140,8 +138,7 @@ def _draw(path: Path, setup: MonitorSetup, runs: Sequence[tuple[FeaturedRun, Jud
 
 
 def _design(request: MonitorVerb) -> None:
-    if request.sensors is None or request.runs:
-        raise CommandError("--design: expected --sensors FILE and no runs")
+    assert request.sensors is not None
     sensors = given_map(request.sensors, request.built)
     _say_left_out(sensors)
     monitored = MonitoredMachine(request.machine, request.parameters, sensors)

@@ -217,10 +217,6 @@ def replay(request: ReplayVerb) -> None:
             "`mech-twin simulate PAGE --bag NAME` records one"
         )
     if request.given_map is not None:
-        if not request.analyse:
-            raise CommandError(
-                f"--map {request.given_map}: a measured run has no topics of the twin; expected --analyse beside it"
-            )
         from mech_twin.cli.measured import analyse_measured
 
         analyse_measured(request, request.given_map)

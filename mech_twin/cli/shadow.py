@@ -48,10 +48,6 @@ def shadow_machine(request: ShadowVerb) -> None:
     reference = None
     if request.monitor is not None:
         reference = read_setup(request.monitor, request.machine, parameters, _sensors(request, given))
-    for option in ("black_box", "mqtt", "prometheus"):
-        if (value := getattr(request, option)) is not None and reference is None:
-            flag = f"--{option.replace('_', '-')}"
-            raise CommandError(f"{flag} {value}: expected --monitor FILE too, which finds the faults")
     wish = None if request.advise is None else _wish(request.advise, request, _sensors(request, given))
     check_view(request.view, request.view_port, force=request.force)
     settle_domain()

@@ -26,7 +26,7 @@ from mech_twin.cli.verbs import SimulateVerb
 from mech_twin.engine.run import frames, steps_for, warm_up_run
 from mech_twin.engine.trajectory import broken_lines, frame_numbers
 from mech_twin.files.output_file import written_file
-from mech_twin.measurements.sensors import WRITTEN_SUFFIXES, Reading, SensorBench, TableWriter, sensor_table
+from mech_twin.measurements.sensors import Reading, SensorBench, TableWriter, sensor_table
 from mech_twin.measurements.units import machine_columns
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.description import description_text
@@ -47,7 +47,10 @@ if TYPE_CHECKING:
 
 def simulate_machine(request: SimulateVerb) -> None:
     """Simulate and write metrics, worst residuals, events, and the samples if asked; exit with 1 if one broke."""
-    check_outputs(request)
+    if request.bag is not None:
+        from mech_twin.recording.bag_metadata import check_recording_directory
+
+        check_recording_directory(request.bag, force=request.force)
     name, machine = request.machine, request.built
     say_consequences(name, request.config, request.settings)
     _check_own_roles(request)
@@ -117,20 +120,6 @@ def _beside(machine: Machine, duration_s: float, changes: Sequence[LiveChange]) 
 
 
 Output = Callable[[Frame], None]
-
-
-def check_outputs(request: SimulateVerb) -> None:
-    """Raise before the run begins where its outputs could not be written."""
-    if request.sensors is not None and request.bag is None and request.table is None:
-        raise CommandError(
-            f"--sensors {request.sensors}: expected --bag or --table beside it, for what the sensors show"
-        )
-    if request.bag is not None:
-        from mech_twin.recording.bag_metadata import check_recording_directory
-
-        check_recording_directory(request.bag, force=request.force)
-    if request.table is not None and request.table.suffix not in WRITTEN_SUFFIXES:
-        raise CommandError(f"--table {request.table}: expected a file that ends in {', '.join(WRITTEN_SUFFIXES)}")
 
 
 def _energy_books(request: SimulateVerb, machine: Machine) -> EnergyBooks:

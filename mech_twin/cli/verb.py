@@ -196,8 +196,10 @@ def declared(field: FieldInfo) -> dict[str, Any]:
 
 
 def flags_of(name: str, field: FieldInfo) -> tuple[str, ...]:
-    """Return how an option is written on the command line."""
+    """Return how an option is written on the command line; of an argument the word in the help."""
     said = declared(field)
+    if said.get("argument"):
+        return (said.get("metavar") or name.upper(),)
     bare = name.removesuffix(f"_{said['unit']}") if said.get("unit") else name
     return tuple(said.get("flags") or (f"--{bare.replace('_', '-')}",))
 

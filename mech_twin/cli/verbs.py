@@ -121,11 +121,12 @@ class SimulateVerb(Configured, answer="simulate:simulate_machine"):
         Apart("as_csv", "everything", "CSV has every number; events are in --json"),
         Beside("samples", ("as_json",), "samples are printed as JSON; --table FILE writes them"),
         Beside("seed", ("sensors",), "a run without sensors draws nothing at random"),
+        Beside("sensors", ("bag", "table"), "what they show is written there"),
     )
     machine: MachineName
     duration_s: float = option("simulated time, s (3, 500ms, 2min)", ..., unit="s")
     bag: Path | None = option("recording (MCAP) of the messages that the nodes would publish")
-    table: Path | None = option("table of every sample (.parquet, .csv, .tsv)", writes=())
+    table: Path | None = option("table of every sample (.parquet, .csv, .tsv)", writes=(".parquet", ".csv", ".tsv"))
     energy: Path | None = option(
         "picture (.png or .svg) of the energy flow of each element over the last cycle",
         writes=(".png", ".svg"),
@@ -173,6 +174,7 @@ class ReplayVerb(Verb, answer="recording:replay"):
             for mode in RECOMPUTING
             for each in ON_TOPICS
         ),
+        Beside("given_map", ("analyse",), "a measured run has no topics of the twin"),
         Beside("tolerance", ("analyse",), "a run computed again from its start keeps no small error"),
         Beside("config", RECOMPUTING, "a replay needs no configuration"),
         Beside("as_json", RECOMPUTING, "a replay has no result to print"),
@@ -206,7 +208,7 @@ class ViewVerb(Verb, answer="view:view_bag"):
     given_map: MapFile = None
     config: Config = None
     duration_s: float | None = option("of a page: time to simulate, s (3, 500ms)", unit="s", shown="3")
-    save: Path | None = option("write a file NAME.rrd instead of opening the view", writes=())
+    save: Path | None = option("write a file NAME.rrd instead of opening the view", writes=(".rrd",))
     port: Port = 0
     force: Force = False
 

@@ -48,8 +48,6 @@ def view_bag(request: ViewVerb) -> None:
     bag, save, map_file = request.bag, request.save, request.given_map
     if not (simulated := is_page(str(bag))) and request.duration_s is not None:
         raise CommandError(f"--duration {request.duration_s:g}: a recording has its own length; expected a page")
-    if save is not None and save.suffix != ".rrd":
-        raise CommandError(f"--save {save}: expected a file NAME.rrd")
     settle_domain()
     with ExitStack() as stack:
         stop = stack.enter_context(StopSignal())

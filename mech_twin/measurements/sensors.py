@@ -245,7 +245,6 @@ def _check_sensors(sensors: MeasurementMap, gauge: BlowGauge | None) -> None:
 
 
 ROWS_PER_BATCH = 1 << 16
-WRITTEN_SUFFIXES = (".parquet", ".csv", ".tsv")
 
 
 class TableWriter(Closing):

@@ -258,8 +258,8 @@ def test_a_sensor_set_is_judged_before_it_is_bought(
     ("words", "told"),
     [
         ((), "expected at least one run, or --design --sensors FILE"),
-        (("--design",), "--design: expected --sensors FILE and no runs"),
-        (("FAULTY", "--sensors", "MAP"), "goes with --design; a run has --map"),
+        (("--design",), "--design goes with --sensors"),
+        (("FAULTY", "--sensors", "MAP"), "--sensors goes with --design: a run has --map"),
         (("FAULTY", "--map", "MAP", "--baseline", "gone.json"), "gone.json: cannot be read"),
         (("FAULTY", "--map", "MAP", "--picture", "why.svg"), "--picture"),
         (("FAULTY", "--map", "MAP", "--baseline", "FAULTY", "--renew"), "--renew: expected --baseline FILE.json"),

@@ -177,7 +177,7 @@ def placed_run(
         raise MeasurementError(
             path,
             f"the first sample stands at {first:.6g} s, and the run is taken to begin with the machine's own start at "
-            "0 s; expected --begin unknown",
+            "0 s; expected --latest-begin TIME",
         )
     shift = 0.0 if begin_known else first
     moved = tuple(_earlier(each, shift) for each in channels)

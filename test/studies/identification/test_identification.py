@@ -103,7 +103,7 @@ def test_nothing_is_written_where_no_key_is_identified(stand: Path, identified: 
     known = identified / f"{MACHINE}.yaml"
     words = ("identify", MACHINE, stand / "plant.csv", "--map", stand / "map.yaml")
     out = tmp_path / "again.yaml"
-    ended = mech_twin(*words, *free("counterweight.density_kg_per_m3"), "--base", known, "--out", out)
+    ended = mech_twin(*words, *free("counterweight.density_kg_per_m3"), "--config", known, "--out", out)
     assert ended.code == 1
     assert "no key is identified" in ended.err
     assert not out.exists()
@@ -116,7 +116,7 @@ def test_a_late_run_is_told_how_to_find_its_beginning(stand: Path, tmp_path: Pat
     run.write_text("\n".join([head, *(f"{time},{rest}" for time, rest in late if time >= 0.0)]), encoding="utf-8")
     ended = mech_twin("identify", MACHINE, run, "--map", stand / "map.yaml", *free("crank_m"))
     assert ended.code == 1
-    assert "--begin unknown" in ended.err
+    assert "--latest-begin" in ended.err
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_a_late_run_is_told_how_to_find_its_beginning(stand: Path, tmp_path: Pat
         (("--free", "masses.tre_kg", "--motion", "simulated"), "expected a key of vibration_crank that is a number"),
         (("--prior", "crank_m=0.1"), "expected KEY=MEAN,SD"),
         (("--hold-out", "0.95"), "expected a run, or a share from 0 to 0.8"),
-        (("--motion", "wild"), "expected one of auto, measured, simulated"),
+        (("--motion", "wild"), "expected 'auto', 'measured', 'simulated'"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_in_one_line(stand: Path, words: tuple[str, ...], told: str) -> None:
