@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from mech_twin.files.output_file import plain, written_file
 from mech_twin.process.dependencies import lacking, missing_extra
@@ -110,6 +110,32 @@ def print_table(
         console.print(f"{len(columns) - count} more columns with {more}: {', '.join(columns[count:])}", style="dim")
 
 
+class ShownTable(NamedTuple):
+    """A table for the terminal and for a report: title, heads, cells, and the row that is marked, the best."""
+
+    title: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    marked: int | None = None
+
+
+def numbers_table(title: str, numbers: Mapping[str, Any]) -> ShownTable:
+    """Return named numbers with their units, one a row."""
+    return ShownTable(title, ("quantity", "value", "unit"), numbered(numbers))
+
+
+def records_table(title: str, rows: Sequence[Mapping[str, Any]], marked: int | None = None) -> ShownTable:
+    """Return rows that have the same names as a table, one of them marked."""
+    return ShownTable(title, tuple(rows[0]) if rows else (), [tuple(row.values()) for row in rows], marked)
+
+
+def print_tables(*tables: ShownTable) -> None:
+    """Write tables that have a row."""
+    for table in tables:
+        if table.rows:
+            print_table(table.title, table.heads, table.rows, marked=table.marked)
+
+
 def _fitting(columns: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> int:
     """Return how many columns fit side by side, two at least; long words may be folded."""
     taken = 0
@@ -131,11 +157,6 @@ def _shown(cell: Any) -> str:
 def rounded(value: float) -> str:
     """Return a number as a table of many columns has it, in four digits."""
     return f"{value:.4g}"
-
-
-def print_numbers(title: str, numbers: Mapping[str, Any]) -> None:
-    """Write named numbers with their units, one a line."""
-    print_table(title, ("quantity", "value", "unit"), numbered(numbers))
 
 
 def numbered(numbers: Mapping[str, Any]) -> list[tuple[str, Any, str]]:

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from mech_twin import __version__
-from mech_twin.cli.console import CommandError, busy, print_json, print_numbers, print_table, say_result
+from mech_twin.cli.console import CommandError, busy, numbers_table, print_json, print_table, print_tables, say_result
 from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.machines.catalog import CATALOGUE, FORMER
@@ -124,7 +124,7 @@ def check_page(request: CheckVerb) -> None:
     if request.as_json:
         print_json(found)
         return
-    print_numbers(f"{page}: {parameters.name}", found["numbers"])
+    print_tables(numbers_table(f"{page}: {parameters.name}", found["numbers"]))
     rows = [(j["joint"], j["kind"], j["role"], *_as_on_page(j["start"], j["unit"])) for j in found["joints"]]
     print_table("joints at the start", ("joint", "kind", "moves as", "start", "unit"), rows)
     if found["contacts"]:

@@ -4,9 +4,10 @@
 import math
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,7 +17,7 @@ import yaml
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import listening
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.cli.console import CommandError, counted, estimating, numbered, print_numbers, write_text
+from mech_twin.cli.console import CommandError, ShownTable, counted, estimating, numbers_table, print_tables, write_text
 from mech_twin.cli.option_values import assigned
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
@@ -26,15 +27,12 @@ from mech_twin.files.report_page import page, picture, section, versions
 from mech_twin.parameters.load import scalar
 from mech_twin.parameters.written_configuration import write_configuration
 from mech_twin.studies.declared_studies import asked_of
-from mech_twin.studies.parameter_sweep import Sweep
 from mech_twin.studies.run_comparison import changed_settings
-from mech_twin.studies.shorter_steps import common_digits, in_common_digits
-from mech_twin.studies.sweep_table import Point
+from mech_twin.studies.shorter_steps import common_digits
 
 MOST_VALUES = 1_000_000
 RANGE = f"from:to:count, from:to:count:log or a,b,c; 1 to {MOST_VALUES} finite values, above 0 where the range is log"
 DPI = 120
-MARGIN_DIGITS = 6  # beyond them a constraint binds
 MOST_ROWS = 1000  # of a table of a report; all of them are in the table that the study wrote
 
 
@@ -74,7 +72,7 @@ def shows_limits(texts: Sequence[str], machine: str, capability: str) -> bool:
         return False
     question = asked_of(machine, capability, f"nothing to {capability}")
     usual = {name: "as configured" if math.isnan(value) else value for name, value in question.limits.items()}
-    print_numbers(f"{machine}: limits and their usual values", usual)
+    print_tables(numbers_table(f"{machine}: limits and their usual values", usual))
     return True
 
 
@@ -133,52 +131,33 @@ def _listed(value: object) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
 
 
-def write_report(request: Study, title: str, options: Mapping[str, Any], parts: Callable[[], Sequence[str]]) -> None:
+def write_report(
+    request: Study,
+    title: str,
+    options: Mapping[str, Any],
+    tables: Sequence[ShownTable],
+    remarks: Sequence[str] = (),
+    pictures: Sequence[str] = (),
+) -> None:
     """Write the report, if one is asked for: what was asked, and what was found."""
     if request.report is None:
         return
     changed = changed_settings(request.machine, configuration_tree(request.parameters))
-    head = [
+    asked = [(name, _listed(value)) for name, value in options.items() if value not in ((), [], None)]
+    parts = [
         f"<p>{versions()}</p>",
         section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
-        section("Asked", ("option", "value"), list(_told(options))),
+        section("Asked", ("option", "value"), asked),
+        *(section(each.title, each.heads, each.rows[:MOST_ROWS]) for each in tables),
+        *(f"<p>{escape(remark)}</p>" for remark in remarks),
+        *pictures,
     ]
-    write_text(request.report, page(f"{request.machine}: {title}", [*head, *parts()]), force=True)
+    write_text(request.report, page(f"{request.machine}: {title}", parts), force=True)
 
 
 def options_of(request: Study, *names: str) -> dict[str, Any]:
     """Return options by name."""
     return {name: getattr(request, name) for name in names}
-
-
-def _told(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield the options that say something, those of a group one by one."""
-    for name, value in options.items():
-        if isinstance(value, Mapping):
-            yield from _told(value)
-        elif not isinstance(value, list | tuple):
-            yield titled(name), value
-        elif value:
-            yield name, _listed(value)
-
-
-def sweep_parts(done: Sweep, names: Sequence[str]) -> list[str]:
-    """Return what a report says of a sweep, with these numbers of each point."""
-    axes = [(key, len(set(values)), min(values), max(values)) for key, values in done.asked.axes]
-    rows = [cells_of(done, point, names, None) for point in done.points[:MOST_ROWS]]
-    left = len(done.points) - len(rows)
-    return [
-        section("Varied", ("key", "values", "from", "to"), axes),
-        "" if done.picture is None else picture(f"{done.asked.machine}: sweep", done.picture),
-        section("Points", (*done.asked.keys, *names, "refused"), rows),
-        f"<p>{left} more points stand in {done.table.name}.</p>" if left > 0 else "",
-    ]
-
-
-def cells_of(done: Sweep, point: Point, names: Sequence[str], absent: str | None) -> tuple[Any, ...]:
-    """Return the values of a point, these numbers of it, and why it was refused."""
-    numbers = (point.numbers.get(name, absent) for name in names)
-    return (*done.asked.changes(point.index).values(), *numbers, point.refused)
 
 
 def numbers_beside(shorter: InShorterSteps | None) -> Mapping[str, float]:
@@ -200,31 +179,8 @@ def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:
     return rows
 
 
-def sizing_parts(answer: Sizing) -> list[str]:
-    """Return what a report says of a sizing."""
-    metrics = in_common_digits(answer.metrics, numbers_beside(answer.in_shorter_steps))
-    return [
-        f"<p>Objective: {answer.objective}; tolerance {answer.tolerance:g} of "
-        f"{', '.join(answer.uncertain) or 'nothing'}; binding: {answer.binding}.</p>",
-        section("Sizes", ("key", "value", "unit"), numbered(answer.sizes)),
-        section("Numbers", ("quantity", "value", "unit"), numbered(metrics)),
-        section("Constraints", ("constraint", "margin", "unit", "state"), constraint_rows(answer)),
-        records("Trade-off", answer.trade_off, str),
-    ]
-
-
-def search_parts(found: Sequence[Design], objectives: Sequence[str]) -> list[str]:
-    """Return what a report says of a search: the designs, and how far each is from its constraints."""
-    margins = [{name: round(value, MARGIN_DIGITS) for name, value in each.margins.items()} for each in found]
-    return [
-        records("Designs", [{**each.variables, **each.objectives} for each in found]),
-        _front(found, objectives) if len(objectives) > 1 else "",
-        records("Margins of the constraints; 0 binds", margins),
-    ]
-
-
-def _front(found: Sequence[Design], objectives: Sequence[str]) -> str:
-    """Return the first two objectives of a front as a figure."""
+def front_picture(found: Sequence[Design], objectives: Sequence[str]) -> str:
+    """Return the first two objectives of a front as a figure of a report."""
     from mech_twin.capabilities.plots import house_style, sheet
 
     with house_style(), TemporaryDirectory() as folder:
@@ -235,8 +191,3 @@ def _front(found: Sequence[Design], objectives: Sequence[str]) -> str:
         file = Path(folder) / "front.png"
         figure.savefig(file, dpi=DPI)
         return picture(f"Pareto front of {', '.join(objectives[:2])}", file)
-
-
-def records(title: str, rows: Sequence[Mapping[str, Any]], head: Callable[[str], str] = titled) -> str:
-    """Return a table of rows that have the same names."""
-    return section(title, tuple(map(head, rows[0])) if rows else (), [tuple(row.values()) for row in rows])

@@ -12,18 +12,21 @@ from mech_twin.cli import study
 from mech_twin.cli.console import (
     INTERRUPTED,
     CommandError,
+    ShownTable,
     counted,
+    numbers_table,
     print_csv,
     print_json,
-    print_numbers,
     print_table,
+    print_tables,
+    records_table,
     say,
 )
 from mech_twin.cli.run_summary import digits_note, shorter_record
 from mech_twin.cli.study_verbs import DesignsVerb, RegimesVerb, SearchVerb, SizeVerb, SweepVerb, SynthesiseVerb
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.files.output_file import check_output_file
-from mech_twin.files.report_page import picture, section
+from mech_twin.files.report_page import picture
 from mech_twin.process.dependencies import require_extra
 from mech_twin.studies import designs, regimes, search, search_runs, size, sweep, synthesise
 from mech_twin.studies.declared_studies import asked_of, searches_by_runs
@@ -49,8 +52,23 @@ def answer_size(request: SizeVerb) -> None:
         answer = size(machine, parameters, limits=limits, objective=request.objective, tolerance=request.tolerance)
         found = {name: getattr(answer, name) for name in ("objective", "tolerance", "binding")}
         study.write_found(request, answer.parameters, **found)
-    study.write_report(request, "sizing", {}, lambda: study.sizing_parts(answer))
     shorter = answer.in_shorter_steps
+    chosen = {**answer.metrics, **{key.replace(".", "_"): value for key, value in answer.sizes.items()}}
+    marked = next((i for i, row in enumerate(answer.trade_off) if _is_chosen(row, chosen)), None)
+    sizes = {**answer.sizes, **in_common_digits(answer.metrics, study.numbers_beside(shorter))}
+    tables = [
+        numbers_table(f"{machine}: sizes", sizes),
+        ShownTable("constraints", ("constraint", "margin", "unit", "state"), study.constraint_rows(answer)),
+        records_table("trade-off", answer.trade_off, marked),
+    ]
+    remarks = [f"binding: {answer.binding}"]
+    if answer.tolerance > 0.0 and all(constraint.holds for constraint in answer.constraints):
+        each = ", ".join(answer.uncertain)
+        remarks.append(f"holds with each of these off by up to {100.0 * answer.tolerance:g} %: {each}")
+    if shorter is not None:
+        remarks.append(digits_note(shorter.beside_s, shorter.step_s))
+    asked = {"objective": answer.objective, "limit": request.limit, "tolerance": answer.tolerance}
+    study.write_report(request, "sizing", asked, tables, remarks)
     if request.as_json:
         shown = ("name", "value", "limit", "side", "holds", "binds")
         fields = ("objective", "tolerance", "uncertain", "sizes", "metrics", "binding")
@@ -60,19 +78,8 @@ def answer_size(request: SizeVerb) -> None:
         tail = {"trade_off": answer.trade_off, "configuration": out, **shorter_record(shorter)}
         print_json({**head, **document, **tail})
         return
-    print_numbers(
-        f"{machine}: sizes", {**answer.sizes, **in_common_digits(answer.metrics, study.numbers_beside(shorter))}
-    )
-    print_table("constraints", ("constraint", "margin", "unit", "state"), study.constraint_rows(answer))
-    if answer.trade_off:
-        chosen = {**answer.metrics, **{key.replace(".", "_"): value for key, value in answer.sizes.items()}}
-        marked = next((i for i, row in enumerate(answer.trade_off) if _is_chosen(row, chosen)), None)
-        _print_rows("trade-off", answer.trade_off, marked)
-    say(f"binding: {answer.binding}")
-    if answer.tolerance > 0.0 and all(constraint.holds for constraint in answer.constraints):
-        say(f"holds with each of these off by up to {100.0 * answer.tolerance:g} %: {', '.join(answer.uncertain)}")
-    if shorter is not None:
-        say(digits_note(shorter.beside_s, shorter.step_s))
+    print_tables(*tables)
+    say(*remarks)
 
 
 def _is_chosen(row: Mapping[str, float | str], numbers: Mapping[str, float | str]) -> bool:
@@ -82,11 +89,6 @@ def _is_chosen(row: Mapping[str, float | str], numbers: Mapping[str, float | str
         one == other if isinstance(one, str) or isinstance(other, str) else math.isclose(one, other, rel_tol=1e-9)
         for one, other in shared
     )
-
-
-def _print_rows(title: str, rows: Sequence[Mapping[str, Any]], marked: int | None) -> None:
-    """Write rows that have the same names as a table, one of them marked."""
-    print_table(title, tuple(rows[0]), [tuple(row.values()) for row in rows], marked=marked)
 
 
 def answer_search(request: SearchVerb) -> None:
@@ -107,12 +109,23 @@ def answer_search(request: SearchVerb) -> None:
     options = study.options_of(request, "objective", "bound", "limit", *(("duration_s",) if by_runs else ()), "seed")
     if not by_runs:
         options["objective"] = asked_objectives(design_question(request.machine), tuple(request.objective))
-    title = "Pareto front" if len(options["objective"]) > 1 else "best design"
-    study.write_report(request, title, options, lambda: study.search_parts(found, options["objective"]))
     rows = [
         {**each.variables, **in_common_digits(each.objectives, study.numbers_beside(each.in_shorter_steps))}
         for each in found
     ]
+    title = f"Pareto front of {', '.join(options['objective'])}" if several else "best design"
+    near = dict(sorted(first.margins.items(), key=lambda item: item[1]))
+    tables = [
+        numbers_table(title, rows[0]) if by_runs else records_table(title, rows, 0 if len(rows) > 1 else None),
+        numbers_table(
+            f"margins of the {'limits' if by_runs else 'constraints'} (least first; 0 binds)",
+            in_common_digits(near, study.numbers_beside(shorter)),
+        ),
+    ]
+    pictures = [study.front_picture(found, options["objective"])] if several and request.report is not None else []
+    remarks = [digits_note(shorter.beside_s, shorter.step_s)] if shorter is not None else []
+    remarks += ["the configuration is the first of the front"] if len(found) > 1 else []
+    study.write_report(request, title, options, tables, remarks, pictures)
     if request.as_json:
         front = [
             {
@@ -124,21 +137,8 @@ def answer_search(request: SearchVerb) -> None:
         head = {"machine": request.machine, "objectives": list(first.objectives), "seed": request.seed}
         print_json({**head, "designs": front, "configuration": out})
         return
-    near = dict(sorted(first.margins.items(), key=lambda item: item[1]))
-    if by_runs:
-        print_numbers("best design", rows[0])
-    else:
-        named = f"Pareto front of {', '.join(request.objective)}" if several else "best design"
-        _print_rows(named, rows, 0 if len(rows) > 1 else None)
-    if near or not by_runs:
-        of = "limits" if by_runs else "constraints"
-        print_numbers(
-            f"margins of the {of} (least first; 0 binds)", in_common_digits(near, study.numbers_beside(shorter))
-        )
-    if shorter is not None:
-        say(digits_note(shorter.beside_s, shorter.step_s))
-    if len(found) > 1:
-        say("the configuration is the first of the front")
+    print_tables(*tables)
+    say(*remarks)
 
 
 def _check_search(request: SearchVerb, *, by_runs: bool) -> None:
@@ -185,14 +185,15 @@ def answer_designs(request: DesignsVerb) -> None:
             found.write(out, {"written by": "\n".join(notes)})
     best = {name: found.best(name) for name in found.objectives} if len(found.feasible) else {}
     numbers = {"designs": found.designs, "feasible": len(found.feasible), "feasible_share": found.share}
-    counts = [(name.replace("_", " "), number) for name, number in numbers.items()]
-    parts = [section("Designs", ("quantity", "value"), counts)]
-    parts.append(study.records("Best designs", [{"best": name, **row} for name, row in best.items()]))
-    study.write_report(request, "designs", study.options_of(request, "count", "bound", "limit", "seed"), lambda: parts)
+    tables = [
+        numbers_table("designs", numbers),
+        records_table("best designs", [{"best": name, **row} for name, row in best.items()]),
+    ]
+    study.write_report(request, "designs", study.options_of(request, "count", "bound", "limit", "seed"), tables)
     if request.as_json:
         print_json({"machine": request.machine, **numbers, "best": best, "table": out})
         return
-    print_numbers("designs", {**numbers, **{f"best {name}": row[name] for name, row in best.items()}})
+    print_tables(*tables)
     say(f"{found.designs / taken:.0f} designs a second")
 
 
@@ -208,13 +209,14 @@ def answer_synthesise(request: SynthesiseVerb) -> None:
     titles = dict.fromkeys(title for cycle in found.cycles for title in cycle.lines)
     rows = [(title, *(cycle.lines.get(title, "-") for cycle in found.cycles)) for title in titles]
     heads = ("", *(cycle.name for cycle in found.cycles))
-    parts = [section("Cycles", heads, rows), f"<p>Chosen: {found.chosen}.</p>"]
-    study.write_report(request, "one-impact cycle", found.asked, lambda: parts)
+    table = ShownTable("one-impact cycle", heads, rows)
+    asked = {"impact_speed_m_per_s": speed, **options, "periods": periods}
+    study.write_report(request, "one-impact cycle", asked, [table], [f"chosen: {found.chosen}"])
     if request.as_json:
         cycles = {cycle.name: cycle.record for cycle in found.cycles}
         print_json({"machine": machine, **found.asked, **cycles, "chosen": found.chosen, "configuration": out})
         return
-    print_table("one-impact cycle", heads, rows)
+    print_tables(table)
 
 
 def answer_sweep(request: SweepVerb) -> None:
@@ -241,8 +243,9 @@ def answer_sweep(request: SweepVerb) -> None:
     names = done.outputs
     columns = {name: [point.numbers[name] for point in done.points if name in point.numbers] for name in names}
     varying = [name for name in columns if request.number or varies(columns[name])] or list(columns)  # rounding apart
-    title = f"sweep of {', '.join(done.asked.keys)}"
-    study.write_report(request, title, {}, lambda: study.sweep_parts(done, varying))
+    pictures = [] if done.picture is None else [picture(f"{request.machine}: sweep", done.picture)]
+    asked, table_shown = study.options_of(request, "over", "duration_s"), _points_table(request, done, varying)
+    study.write_report(request, f"sweep of {', '.join(done.asked.keys)}", asked, [table_shown], pictures=pictures)
     if request.as_json:
         rows = [{**done.asked.changes(point.index), **point.numbers, "refused": point.refused} for point in done.points]
         head = {"machine": request.machine, "config": configuration_tree(parameters), "points": len(rows)}
@@ -257,13 +260,10 @@ def answer_sweep(request: SweepVerb) -> None:
 
 def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None:
     """Write the points, their numbers that vary, and what is left out."""
-    names = done.outputs
-    shown_names, shown = (names, done.points) if request.everything else (varying, done.points[:SHOWN_ROWS])
-    title = f"{request.machine}: points: {len(done.points)}, numbers: {len(names)}"
-    absent = ("-", "refused")  # a number that this point alone lacks, and every number of a refused one
-    rows = [study.cells_of(done, point, shown_names, absent[bool(point.refused)])[:-1] for point in shown]
-    print_table(title, (*done.asked.keys, *shown_names), rows, wide=request.everything, more="--all")
-    left, fixed = len(done.points) - len(shown), len(names) - len(shown_names)
+    table = _points_table(request, done, done.outputs if request.everything else varying)
+    shown = table.rows if request.everything else table.rows[:SHOWN_ROWS]
+    print_table(table.title, table.heads, shown, wide=request.everything, more="--all")
+    left, fixed = len(table.rows) - len(shown), len(done.outputs) + len(done.asked.keys) - len(table.heads)
     omitted = [f"{left} more points"] * (left > 0) + [f"{fixed} numbers that do not vary"] * (fixed > 0)
     if omitted:
         say(f"{' and '.join(omitted)} with --all")
@@ -274,6 +274,17 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
         say(f"{done.resumed} points were finished before")
     if done.picture:
         say(f"wrote {done.picture}")
+
+
+def _points_table(request: SweepVerb, done: Sweep, names: Sequence[str]) -> ShownTable:
+    """Return the points with these numbers of each; one that was refused has none."""
+    rows = []
+    for point in done.points:
+        absent = "refused" if point.refused else "-"  # a number that this point alone lacks
+        numbers = (point.numbers.get(name, absent) for name in names)
+        rows.append((*done.asked.changes(point.index).values(), *numbers))
+    title = f"{request.machine}: points: {len(rows)}, numbers: {len(done.outputs)}"
+    return ShownTable(title, (*done.asked.keys, *names), rows)
 
 
 def answer_regimes(request: RegimesVerb) -> None:
@@ -288,12 +299,10 @@ def answer_regimes(request: RegimesVerb) -> None:
             machine, values, key, parameters=request.parameters, settling_periods=settling, progress=progress
         )
         found.write_picture(out)
-
-    def parts() -> list[str]:
-        drawn = picture(f"{machine}: regimes", out) if out.suffix == ".png" else ""
-        return [drawn, section("Regimes", found.columns, found.rows[: study.MOST_ROWS])]
-
-    study.write_report(request, f"regimes over {key}", study.options_of(request, "over", "settling"), parts)
+    pictures = [picture(f"{machine}: regimes", out)] if out.suffix == ".png" else []
+    tables = [ShownTable("regimes", found.columns, found.rows)]
+    asked = study.options_of(request, "over", "settling")
+    study.write_report(request, f"regimes over {key}", asked, tables, pictures=pictures)
     if request.as_json:
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
         return
