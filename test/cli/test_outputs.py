@@ -117,7 +117,7 @@ def test_an_existing_directory_is_kept_without_force(verb, bag, tmp_path):
 
 
 def test_a_place_of_a_black_box_is_refused_before_there_is_a_fault(tmp_path):
-    words = ["shadow", DRUM, "--from", "elsewhere", "--black-box"]
+    words = ["shadow", DRUM, "--from", "elsewhere", "--monitor", "none.json", "--black-box"]
     (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
     assert "/proc/x: cannot be written" in refusal([*words, "/proc/x"])
     assert "not a directory" in refusal([*words, str(tmp_path / "link")])
