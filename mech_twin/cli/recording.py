@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from itertools import islice
@@ -25,8 +24,7 @@ from mech_twin.cli.console import (
     say,
     say_result,
 )
-from mech_twin.cli.machines import check_page
-from mech_twin.cli.verbs import CheckVerb, InfoVerb, RecoverVerb, ReplayVerb
+from mech_twin.cli.verbs import InfoVerb, RecoverVerb, ReplayVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.files.input_file import bounded_yaml
 from mech_twin.measurements.blocks import EPOCH_S
@@ -44,13 +42,6 @@ if TYPE_CHECKING:
 COUNTERS = ("received", "written", "dropped", "cut", "missed", "late", "publishers")
 LOSSES = ("dropped", "cut", "missed", "late")
 STEPS = "step/linkage"  # a topic that every machine has in its namespace
-GROUPS = {  # by what a topic's path begins with, below the machine's namespace; the last takes the others
-    "motion": ("joint_states", "motor/joint_states", "body/joint_states", "scene", "frames"),
-    "forces and blows": ("forces/", "body/pressing_force", "impacts"),
-    "shadow": ("twin/",),
-    "steps of the roles": ("step/",),
-    "commands, clock, state and others": ("",),
-}
 
 
 def show_info(request: InfoVerb) -> None:
@@ -65,11 +56,9 @@ def show_info(request: InfoVerb) -> None:
         examine_by_file(request, request.given_map)
         return
     if is_page(str(bag)):
-        options = {"csv": request.as_csv, "wide": request.wide, "verify": request.verify}
-        if given := [name for name, is_given in options.items() if is_given]:
-            raise CommandError(f"--{given[0]}: is of a recording's topics; a page has none")
-        check_page(CheckVerb(page=str(bag), as_json=request.as_json))
-        return
+        raise CommandError(
+            f"{bag}: expected a recording, not a page or configuration; `mech-twin check` describes a page"
+        )
     if is_table(bag):
         raise CommandError(f"{bag}: a table says what its columns are with --map FILE; `mech-twin map` proposes one")
     settle_domain()
@@ -150,24 +139,19 @@ def _print_head(document: dict[str, Any], name: str) -> None:
 
 
 def _print_topics(topics: dict[str, Any], wide: bool) -> None:
+    """Write a row of each topic; those of a machine below its namespace, which stands in the title."""
     if wide:
         rows = [_counted(name, topic) for name, topic in topics.items()]
         print_table("topics", ("topic", "type", "messages", *COUNTERS), rows, wide=True)
         return
     counted = any(topic["counters"] for topic in topics.values())
-    columns = ("topic", "messages", *(LOSSES if counted else ()))
-    spaces = Counter(name[: name.index("/", 1) + 1] for name in topics if "/" in name[1:])
-    space, count = next(iter(spaces.most_common(1)), ("", 0))
-    space = next((name.removesuffix(STEPS) for name in topics if name.endswith(f"/{STEPS}")), space)
-    shared = space if count > len(topics) / 2 else ""  # the namespace of most of them, /machine/
-    found: dict[str, list[tuple[Any, ...]]] = {group: [] for group in GROUPS}
-    for full, topic in topics.items():
-        name = full.removeprefix(shared)
-        losses = (topic["counters"].get(key, "-") for key in LOSSES if counted)
-        group = next(group for group, heads in GROUPS.items() if name.startswith(heads))
-        found[group].append((f"  {name}", topic["messages"], *losses))
-    grouped = [row for group, own in found.items() if own for row in ((group, *[""] * (len(columns) - 1)), *own)]
-    print_table(f"topics below {shared}" if shared else "topics", columns, grouped)
+    losses = LOSSES if counted else ()
+    space = next((name.removesuffix(STEPS) for name in topics if name.endswith(f"/{STEPS}")), "")
+    rows = [
+        (name.removeprefix(space), topic["messages"], *(topic["counters"].get(key, "-") for key in losses))
+        for name, topic in topics.items()
+    ]
+    print_table(f"topics below {space}" if space else "topics", ("topic", "messages", *losses), rows)
 
 
 def _counted(name: str, topic: dict[str, Any]) -> tuple[Any, ...]:

@@ -252,8 +252,9 @@ def answer_sweep(request: SweepVerb) -> None:
         head |= {"resumed": done.resumed, "refused": sum(bool(point.refused) for point in done.points)}
         print_json({**head, "table": done.table, "picture": done.picture, "rows": rows})
     elif request.as_csv:
-        cells = [study.cells_of(done, point, names, "") for point in done.points]
-        print_csv((*done.asked.keys, *names, "refused"), cells)
+        values = (done.asked.changes(point.index).values() for point in done.points)
+        numbers = ((*(point.numbers.get(name, "") for name in names), point.refused) for point in done.points)
+        print_csv((*done.asked.keys, *names, "refused"), [(*v, *n) for v, n in zip(values, numbers, strict=True)])
     else:
         _show_sweep(request, done, varying)
 
@@ -305,8 +306,7 @@ def answer_regimes(request: RegimesVerb) -> None:
     study.write_report(request, f"regimes over {key}", asked, tables, pictures=pictures)
     if request.as_json:
         print_json({"machine": machine, "key": key, "regimes": found.records, "picture": out})
-        return
-    if request.as_csv:
+    elif request.as_csv:
         print_csv(found.columns, found.rows)
     elif request.everything:
         print_table("regimes", found.columns, found.rows, wide=True)

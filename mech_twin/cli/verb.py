@@ -6,7 +6,7 @@ from importlib import import_module
 from inspect import Parameter, Signature
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, ClassVar, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin
 
 import typer
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator, model_validator
@@ -66,7 +66,7 @@ class Verb(BaseModel):
         return option_values.seconds(value) if is_time and isinstance(value, str) else value
 
     @model_validator(mode="after")
-    def _check_rules(self) -> Verb:
+    def _check_rules(self) -> Self:
         """Raise a CommandError, which names both and the reason, for options of which one would be left out."""
 
         def flag(name: str) -> str:

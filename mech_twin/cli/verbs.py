@@ -214,7 +214,7 @@ class ViewVerb(Verb, answer="view:view_bag"):
 
 
 class InfoVerb(Verb, answer="recording:show_info"):
-    """Describe a recording: what, how long, whether complete; with a map, a measurement's channels; or check a page."""
+    """Describe a recording: what, how long, whether complete; with a map, a measurement's channels."""
 
     rules: ClassVar[Rules] = (
         Apart("given_map", "as_csv", "the quality of channels is a table for people, or --json"),

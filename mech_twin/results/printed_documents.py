@@ -185,7 +185,7 @@ class CheckedContact(PrintedDocument):
 
 
 class CheckReport(PrintedDocument, verb="check"):
-    """Document of `check`, and of `info` for a page: derived numbers, joints, contacts and masses of a page."""
+    """Document of `check`: derived numbers, joints, contacts and masses of a page."""
 
     page: str
     numbers: Mapping[str, Any]
