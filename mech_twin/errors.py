@@ -5,15 +5,19 @@ from pathlib import Path
 from typing import Any
 
 
-class RerunSceneError(RuntimeError):
+class ToldError(Exception):
+    """An error whose message is one line for the user."""
+
+
+class RerunSceneError(ToldError):
     """The view cannot show the run or write its file; the message is one line."""
 
 
-class ViewerError(RuntimeError):
+class ViewerError(ToldError):
     """The page cannot be served; the message is one line."""
 
 
-class SentError(Exception):
+class SentError(ToldError):
     """An error made of more than its line, which a process sends to another one whole."""
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -36,7 +40,7 @@ class MeasurementError(SentError):
         super().__init__(f"{self.file}: {self.reason}")
 
 
-class MotionError(ArithmeticError):
+class MotionError(ToldError, ArithmeticError):
     """A step for which the integration fails or which has too many events; one line for the user."""
 
 
@@ -44,7 +48,7 @@ class StateError(ValueError):
     """A text that is no state of a machine, or a state that cannot be stored; one line for the user."""
 
 
-class StudyError(ValueError):
+class StudyError(ToldError, ValueError):
     """An error in the request; the message is one line for the user."""
 
 

@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from mech_twin.errors import ToldError
 from mech_twin.files.output_file import plain, written_file
 from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE, interruptible
@@ -348,7 +349,7 @@ INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 UNREAD = EXIT_CODE_BASE + signal.SIGPIPE  # of a command whose output nobody reads to its end, as of other tools
 
 
-class CommandError(Exception):
+class CommandError(ToldError):
     """A command that cannot be carried out as given; the message is one line."""
 
 
@@ -429,12 +430,4 @@ def _told(error: Exception) -> str | None:
         return missing_extra(error)
     if isinstance(error, FileNotFoundError) and not _in_directory():
         return "the working directory does not exist any more: change to another one"
-    from mech_twin.declarations.configuration_tree import ConfigurationError
-    from mech_twin.errors import MeasurementError, MotionError, RerunSceneError, StudyError, ViewerError
-    from mech_twin.files.output_file import OutputError
-    from mech_twin.nodes.run.domain import NodeEndedError
-    from mech_twin.recording.errors import BagError
-
-    kinds = (CommandError, StandardOutputError, NodeEndedError, ConfigurationError, MotionError, StudyError)
-    known = isinstance(error, (*kinds, MeasurementError, BagError, OutputError, RerunSceneError, ViewerError))
-    return str(error) if known else None
+    return str(error) if isinstance(error, (ToldError, StandardOutputError)) else None

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
+from mech_twin.errors import ToldError
 
 
 def at_most(limit: float, reserve: float = 0.05) -> float:
@@ -102,5 +103,5 @@ def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield key, value
 
 
-class ConfigurationError(ValueError):
+class ConfigurationError(ToldError, ValueError):
     """An unusable configuration; the message is one line for the user."""
