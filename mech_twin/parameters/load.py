@@ -136,17 +136,6 @@ PAGE_SUFFIXES = (".yaml", ".yml")
 PAGE_GROUPS = frozenset({"bodies", "joints"})  # identify a page without the head of a parameter file
 
 
-def motor_table(file: Path) -> dict[str, dict[str, float]]:
-    """Return the motors of a table file by name."""
-    try:
-        table = _parsed(file.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{file}: motor table cannot be read") from error
-    if not isinstance(table, dict) or not all(isinstance(row, dict) for row in table.values()):
-        raise ConfigurationError(f"{file}: expected one group of values per motor")
-    return table
-
-
 @lru_cache(maxsize=4)
 def _parsed(text: str) -> Any:
     """Return the parsed table, cached so that a study does not parse the same text for every configuration."""
@@ -178,21 +167,19 @@ def _with_data(motor: dict[str, Any], group: str, source: str) -> dict[str, Any]
     """Return a group of motor data with the row of the table that it names."""
     if not isinstance(motor.get(NAME_KEY), str):
         return motor
-    name, file = motor[NAME_KEY], configuration_file(MOTOR_TABLE)
-    table = motor_table(file)
-    if name not in table:
-        raise ConfigurationError(
-            f"{source}: key '{group}.{NAME_KEY}', value '{name}': expected one of {', '.join(table)} ({file.name})"
-        )
-    whole = [row for row in table.values() if all(motor.get(key) == value for key, value in row.items())]
+    name, motors = motor[NAME_KEY], table(MOTOR_TABLE)
+    if name not in motors:
+        expected = f"expected one of {', '.join(motors)} ({MOTOR_TABLE}.yaml)"
+        raise ConfigurationError(f"{source}: key '{group}.{NAME_KEY}', value '{name}': {expected}")
+    whole = [row for row in motors.values() if all(motor.get(key) == value for key, value in row.items())]
     kept = {key: value for key, value in motor.items() if not any(key in row for row in whole)}
-    for key, value in table[name].items():
+    for key, value in motors[name].items():
         if key in kept and kept[key] != value:
             raise ConfigurationError(
                 f"{source}: key '{group}.{key}', value {kept[key]!r}: the named motor {name} has {value!r} in "
-                f"{file.name}; leave out {group}.{NAME_KEY} or the value"
+                f"{MOTOR_TABLE}.yaml; leave out {group}.{NAME_KEY} or the value"
             )
-    return {**kept, **table[name]}
+    return {**kept, **motors[name]}
 
 
 def is_of_ros(key: str) -> bool:
@@ -454,4 +441,4 @@ def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | 
 
 def table(name: str) -> dict[str, Any]:
     """Return an installed table that is not a machine's configuration, such as the motor catalogue."""
-    return dict(yaml.safe_load(configuration_file(name).read_text(encoding="utf-8")))
+    return dict(_parsed(configuration_file(name).read_text(encoding="utf-8")))

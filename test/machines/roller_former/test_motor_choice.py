@@ -14,10 +14,10 @@ from mech_twin.machines.roller_former.sizing import (
     motor_verdict,
     power_required_w,
 )
-from mech_twin.parameters.load import MOTOR_TABLE, configuration_file, motor_table
+from mech_twin.parameters.load import MOTOR_TABLE, table
 from mech_twin.parts.induction_motor import motor_torque
 
-TABLE = motor_table(configuration_file(MOTOR_TABLE))
+TABLE = table(MOTOR_TABLE)
 
 
 def test_power_is_mean_moment_times_rated_speed_over_efficiency():
