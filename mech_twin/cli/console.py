@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -185,27 +186,8 @@ def write_text(file: Path, text: str, *, force: bool) -> None:
         unfinished.write_text(text, encoding="utf-8")
 
 
-def duration_words(seconds: float) -> str:
-    """Return a time in the unit that suits it: ``45 s``, ``12 min``, ``3.5 h``, ``41 days``.
-
-    Examples
-    --------
-    >>> duration_words(90.0), duration_words(5400.0), duration_words(1e7)
-    ('90 s', '90 min', '116 days')
-    """
-    for size, unit, least in ((86400.0, "days", 2.0), (3600.0, "h", 2.0), (60.0, "min", 2.0)):
-        if seconds >= least * size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds:.3g} s"
-
-
-def estimate(done: int, total: int, elapsed_s: float) -> str:
-    """Return how long the rest takes at the speed so far."""
-    return f"about {duration_words(elapsed_s * (total - done) / max(done, 1))} left at this speed; Ctrl-C ends it"
-
-
-def estimating(title: str, *, beyond_reason: bool = False) -> Callable[[int, int], None]:
-    """Return what takes how much is done of how much; it says once how long the rest takes, or only if too long."""
+def estimating(title: str, least_s: float = 0.0) -> Callable[[int, int], None]:
+    """Return what takes how much is done of how much; it says once how long the rest takes, if so long at least."""
     first: tuple[float, int] | None = None  # when, and how much was done: the first step loads and compiles
     said = False
 
@@ -216,11 +198,10 @@ def estimating(title: str, *, beyond_reason: bool = False) -> Callable[[int, int
         elapsed_s, since = now - first[0], done - first[1]
         if said or since <= 0 or elapsed_s <= FIRST_ESTIMATE_S:
             return
-        said, left = True, total - first[1]
-        if not beyond_reason:
-            say(f"{title}: {done} of about {total} steps, {estimate(since, left, elapsed_s)}")
-        elif elapsed_s * (left - since) > BEYOND_REASON_S * since:
-            say(f"{title}: {estimate(since, left, elapsed_s)}")
+        left_s = elapsed_s * (total - done) / since
+        if said := left_s >= least_s:
+            left = timedelta(seconds=round(left_s))
+            say(f"{title}: {done} of about {total} steps, about {left} left at this speed; Ctrl-C ends it")
 
     return taken
 
@@ -268,7 +249,7 @@ def counted(title: str, *times: str, total: float | None = None) -> Iterator[Cal
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
     """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
     with counted(title, "TimeRemainingColumn", total=total) as update:
-        show = update or estimating(title, beyond_reason=True)
+        show = update or estimating(title, BEYOND_REASON_S)
 
         def followed() -> Iterator[Item]:
             for done, item in enumerate(items):
