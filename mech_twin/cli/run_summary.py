@@ -5,10 +5,12 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from mech_twin.capabilities.arguments import is_number
 from mech_twin.capabilities.design import InShorterSteps
 from mech_twin.cli.console import numbered, print_table, say, say_result
 from mech_twin.declarations.captions import caption, unit_of
@@ -225,25 +227,15 @@ def _stem(name: str) -> str:
 OUT_OF_PROPORTION = 30.0  # times the figure without --set
 
 
-def consequences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, float, float]]:
-    """Return name, value and ratio of each figure that is out of proportion, the largest ratio first."""
-    known = [(name, value, before.get(name)) for name, value in after.items()]
-    found = [
-        (name, float(value), abs(value / past))
-        for name, value, past in known
-        if isinstance(value, int | float) and isinstance(past, int | float) and past
-    ]
-    out = [row for row in found if math.isfinite(row[2]) and row[2] >= OUT_OF_PROPORTION]
-    return sorted(out, key=lambda row: -row[2])
-
-
 def say_consequences(machine: str, config: Path | None, settings: Sequence[str]) -> None:
     """Say the figure that ``--set`` changes most, where that is out of proportion."""
     if not settings:
         return
-    reports = [built_machine(machine, config, changes).report() for changes in ({}, assignments(settings))]
-    found = consequences(*reports)
-    if found:
-        name, value, ratio = found[0]
+    before, after = (built_machine(machine, config, changes).report() for changes in ({}, assignments(settings)))
+    known = {name: (value, before.get(name)) for name, value in after.items()}
+    ratios = [(abs(value / past), name) for name, (value, past) in known.items() if is_number(value) and past]
+    ratio, name = max((row for row in ratios if math.isfinite(row[0])), key=itemgetter(0), default=(0.0, ""))
+    if ratio >= OUT_OF_PROPORTION:
         label, unit = caption(name)
-        say(f"warning: --set {' '.join(settings)}: {label} {value:.4g} {unit}, {ratio:.0f} times that without --set")
+        figure = f"{label} {after[name]:.4g} {unit}"
+        say(f"warning: --set {' '.join(settings)}: {figure}, {ratio:.0f} times that without --set")

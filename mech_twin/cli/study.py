@@ -17,7 +17,7 @@ import yaml
 from mech_twin.capabilities.design import Design, InShorterSteps
 from mech_twin.capabilities.progress import listening
 from mech_twin.capabilities.sizing import Sizing
-from mech_twin.cli.console import CommandError, ShownTable, counted, estimating, numbers_table, print_tables, write_text
+from mech_twin.cli.console import ShownTable, counted, estimating, numbers_table, print_tables, write_text
 from mech_twin.cli.option_values import assigned
 from mech_twin.cli.study_verbs import HELP, Study
 from mech_twin.declarations.captions import titled, unit_of
@@ -99,14 +99,8 @@ def bounds_of(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
         low, _, high = values.partition(":")
         return float(low), float(high or low)
 
-    bounds = assigned("--bound", texts, "NAME=LOW:HIGH", ends)
-    for name, (low, high) in bounds.items():
-        if low > high:
-            raise CommandError(
-                f"--bound {name}={low:g}:{high:g}: bounds of {name}: the lower bound is above the upper one; "
-                f"expected {name}={high:g}:{low:g}"
-            )
-    return bounds
+    rising = ("NAME=LOW:HIGH, LOW not above HIGH", lambda ends: ends[0] <= ends[1])
+    return assigned("--bound", texts, "NAME=LOW:HIGH", ends, rising)
 
 
 @contextmanager

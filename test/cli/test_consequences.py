@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from mech_twin.cli.run_summary import consequences, say_consequences
+from mech_twin.cli.run_summary import say_consequences
 
 
 def test_a_preload_in_the_wrong_unit_is_said_with_the_force_it_makes(capsys):
@@ -19,9 +19,3 @@ def test_a_preload_in_the_wrong_unit_is_said_with_the_force_it_makes(capsys):
 def test_a_usual_value_is_not_commented_on(capsys, settings):
     say_consequences("mb10_breaker", None, settings)
     assert capsys.readouterr().err == ""
-
-
-def test_figures_are_sorted_by_ratio_and_those_without_one_are_left_out():
-    before = {"a_n": 1.0, "b_n": 0.0, "c_n": -2.0, "d": "text", "e_n": float("nan")}
-    after = {"a_n": 29.0, "b_n": 5.0, "c_n": 200.0, "d": "other", "e_n": 1.0, "new_n": 3.0}
-    assert consequences(before, after) == [("c_n", 200.0, 100.0)]

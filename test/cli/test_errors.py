@@ -70,7 +70,7 @@ MISTAKES = {
     "no angle": ("analyse mb10_breaker --crank-deg abc", ["--crank-deg abc", "expected a valid number"]),
     "bounds in the wrong order": (
         PRESS + "search --bound crank=0.5:0.1",
-        ["--bound crank=0.5:0.1", "lower bound is above the upper one", "expected crank=0.1:0.5"],
+        ["--bound crank=0.5:0.1", "expected NAME=LOW:HIGH, LOW not above HIGH"],
     ),
     "unknown variable": (PRESS + "search --bound crnk=0.1:0.2", ["no variable 'crnk'", "crank_m"]),
     "limit of zero": (PRESS + "size --limit non_uniformity=0", ["non_uniformity=0", "above 0"]),
