@@ -348,19 +348,6 @@ def report_losses(*recordings: Path | None, known: Sequence[str] = ()) -> None:
         raise SystemExit(LOSS_EXIT_CODE)
 
 
-def messages_in(recording: Path | None) -> dict[str, int]:
-    """Return how many messages of each topic a recording just made holds; none where there is none to read."""
-    if recording is None or not recording.exists():
-        return {}
-    from mech_twin.recording.bag_reader import bag_info
-    from mech_twin.recording.errors import BagError
-
-    try:
-        return {name: topic.message_count for name, topic in bag_info(recording).topics.items()}
-    except BagError:  # `report_losses` says it
-        return {}
-
-
 def _without_memory(unraisable: UnraisableHookArgs) -> None:
     """Tell of a finalizer or a callback that found no memory in one line, made before; of all others as Python does."""
     if unraisable.exc_type is MemoryError:

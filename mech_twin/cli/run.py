@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from mech_twin.cli.console import CommandError, messages_in, print_json, report_losses, say, say_result
+from mech_twin.cli.console import CommandError, print_json, report_losses, say, say_result
 from mech_twin.cli.live_view import RUN_ORDERS, WEB_VIEW, check_view, hold_view, machine_message, opened_view
 from mech_twin.cli.run_summary import digits_note, say_consequences, show_events, show_numbers
 from mech_twin.cli.verbs import FoxgloveVerb, RunVerb, TellVerb
@@ -154,8 +154,7 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
         return
     events = [event_record(event) for event in outcome.metrics.events]
     head = {"machine": request.machine, "config": configuration_tree(parameters), "summary": numbers, "events": events}
-    sent = {"messages_sent": outcome.sent, "messages_recorded": messages_in(directory)}
-    print_json({**head, "recording": directory, **sent})
+    print_json({**head, "recording": directory, "messages_sent": outcome.sent})
 
 
 def _namespace_of(target: str) -> str:

@@ -33,7 +33,7 @@ class PrintedDocument(BaseModel):
 
 
 class RunReport(PrintedDocument, verb="run"):
-    """Document of `run`: results of the nodes, messages sent and messages recorded."""
+    """Document of `run`: results of the nodes, and messages sent."""
 
     machine: str
     config: Mapping[str, Any]
@@ -41,7 +41,6 @@ class RunReport(PrintedDocument, verb="run"):
     events: tuple[Event, ...]
     recording: Path | None
     messages_sent: Mapping[str, int]
-    messages_recorded: Mapping[str, int]
 
 
 class RecomputedSample(PrintedDocument):

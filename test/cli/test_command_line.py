@@ -125,7 +125,6 @@ def test_a_signal_ends_a_run_and_closes_the_recording(number: signal.Signals, pr
     told, info = json.loads(out), document("info", str(bag), "--json")
     assert told["machine"] == "winding_drum"
     assert info["finished"] is True
-    assert told["messages_recorded"] == {name: topic["messages"] for name, topic in info["topics"].items()}
 
 
 def wait_for_growth(file: Path) -> None:
