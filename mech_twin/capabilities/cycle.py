@@ -185,26 +185,7 @@ def first_rise(values: Array, first: int, level: float) -> int:
     return -1
 
 
-__all__ = [
-    "TURN",
-    "Array",
-    "CycleFeature",
-    "CycleFeatures",
-    "CycleReference",
-    "SampledChannel",
-    "SampledCycle",
-    "event_ratio",
-    "event_share",
-    "event_value",
-    "harmonic",
-    "mean",
-    "period",
-    "sampled",
-    "share_above",
-    "speed_harmonic",
-    "swing",
-    "upper",
-]
+__all__ = ["TURN", "Array"]  # of the kernels, offered here too
 
 
 class CycleReference(NamedTuple):
