@@ -35,10 +35,7 @@ Item = TypeVar("Item")
 UNFOLDED = 10_000  # characters
 PIPED = 140  # characters, where no terminal says how wide it is
 LONGEST_WORD = 48  # beyond it a cell is folded rather than given room
-WORDS = frozenset(
-    {"unit", "kind", "contact", "state", "regime", "description", "figure or equation", "quantity", "inputs", "verdict"}
-    | {"reason"}
-)  # columns that hold words
+WORDS = frozenset({"unit", "kind", "contact", "state", "regime", "description", "quantity", "verdict"})  # of a column
 VERDICT_STYLES = {
     **dict.fromkeys(("holds", "reproduced", "reproduced with a stated change"), "green"),
     **dict.fromkeys(("not met", "broken", "not reproduced"), "bold red"),

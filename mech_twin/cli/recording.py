@@ -246,7 +246,6 @@ def replay_bag(request: ReplayVerb) -> None:
 LATEST_SECOND = 64  # steps after a difference within which a second sample of its step comes
 NEEDED = {"analyse": ("linkage", "forces"), "resimulate": ("linkage", "motor")}
 TITLES = {"analyse": "forces recomputed from the recorded motion", "resimulate": "run recomputed from its start"}
-UNITS = {"steps_compared": "steps", "samples_compared": "samples", "incomplete_steps": "steps"}
 
 
 def recompute_bag(request: ReplayVerb) -> None:
@@ -320,8 +319,8 @@ def _write(
         return
     if numbers["identical"] is None:
         numbers["identical"] = "not certain" if uncertain else "nothing compared"
-    rows = [(_word(name), value, UNITS.get(name, "")) for name, value in numbers.items()]
-    print_table(f"{request.bag}: {TITLES[mode]}", ("quantity", "value", "unit"), rows)
+    rows = [(name.replace("_", " "), value) for name, value in numbers.items()]
+    print_table(f"{request.bag}: {TITLES[mode]}", ("quantity", "value"), rows)
     say(*(f"step {step}: resumed from the recorded state" for step in verdict.taken_up[:10]))
     say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
     if uncertain:
@@ -337,9 +336,3 @@ def _write(
     elif not verdict.samples:
         absent = " and ".join(role for role in NEEDED[mode] if role not in samples.topics)
         say("nothing could be compared" + (f": the recording has no steps of the {absent}" if absent else ""))
-
-
-def _word(name: str) -> str:
-    """Return the word of a number whose unit stands beside it: compared, of ``steps_compared``."""
-    words, unit = name.replace("_", " "), UNITS.get(name, "")
-    return words.removeprefix(f"{unit} ").removesuffix(f" {unit}") if unit else words

@@ -202,10 +202,6 @@ def _design(machine: str, named: set[str], row: dict[str, Any]) -> Design:
     return Design(variables, objectives, margins, parameters, shorter)
 
 
-def _published(document: Document) -> tuple[PublishedRow, ...]:
-    return read_as(tuple[PublishedRow, ...], document["rows"])
-
-
 def _comparison(document: Document) -> RunComparison:
     settings = tuple(_differing(row, inf) for row in document["settings"])
     numbers = tuple(_differing(row, nan) for row in document["numbers"])
@@ -286,23 +282,21 @@ def _regimes(document: Document) -> RegimeAnswer:
     return question.read(document["key"], document["regimes"])
 
 
-def _names(document: Document) -> tuple[str, ...]:
-    return tuple(machine["name"] for machine in document["machines"])
-
-
 KINDS = (
     KnownDocument("simulate", frozenset({"machine", "config", "summary", "residuals", "events"}), _run),
     KnownDocument("study size", frozenset({"machine", "config", "sizes", "constraints"}), _sizes),
     KnownDocument("study sweep", frozenset({"machine", "points", "rows"}), _points),
     KnownDocument("study search", frozenset({"machine", "objectives", "designs", "configuration"}), _designs),
     KnownDocument("compare", frozenset({"machine", "first", "second", "settings", "numbers"}), _comparison),
-    KnownDocument("reproduce", frozenset({"all_gated_hold", "rows"}), _published),
+    KnownDocument(
+        "reproduce", frozenset({"all_gated_hold", "rows"}), lambda read: read_as(tuple[PublishedRow, ...], read["rows"])
+    ),
     KnownDocument("identify", frozenset({"machine", "config", "before", "asked", "search"}), _identified),
     KnownDocument("analyse", frozenset({"machine", "config", "summary"}), _analysis),
     KnownDocument("study designs", frozenset({"machine", "designs", "feasible_share", "table"}), _scan),
     KnownDocument("study synthesise", frozenset({"machine", "chosen", "configuration"}), _synthesis),
     KnownDocument("study regimes", frozenset({"machine", "key", "regimes"}), _regimes),
-    KnownDocument("list", frozenset({"machines"}), _names),
+    KnownDocument("list", frozenset({"machines"}), lambda read: tuple(each["name"] for each in read["machines"])),
     KnownDocument("recover", frozenset({"bag", "out", "damages", "messages_of_lost_topics"}), _salvaged),
     KnownDocument("fleet", frozenset({"machine", "limit", "common", "machines"}), _fleet),
     *_printed(),
