@@ -21,7 +21,7 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.process.interruption import raising_interrupt
-from mech_twin.results.objects import Analysis, Columns, Numbers, Run, RunComparison, SizingResult, with_pictures
+from mech_twin.results.objects import Analysis, Columns, Numbers, Run, RunComparison, SizingResult
 
 if TYPE_CHECKING:
     from mech_twin.capabilities.design import Design
@@ -194,7 +194,7 @@ def size(
     from mech_twin.studies import size as sized
 
     known = machine_parameters(machine, _path(config), settings)
-    return with_pictures(sized(machine, known, limits=limits, objective=objective, tolerance=tolerance))
+    return SizingResult(**vars(sized(machine, known, limits=limits, objective=objective, tolerance=tolerance)))
 
 
 @raising_interrupt()

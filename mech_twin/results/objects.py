@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -207,8 +207,3 @@ class SizingResult(Sizing):
     def plot(self, *names: str) -> Figure:
         """Return a figure of the metrics near the result; see `Columns.plot`."""
         return self.around.plot(*names)
-
-
-def with_pictures(found: Sizing) -> SizingResult:
-    """Return sizes as a result with export functions."""
-    return SizingResult(**{field.name: getattr(found, field.name) for field in fields(found)})
