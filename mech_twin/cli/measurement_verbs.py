@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from mech_twin.cli.console import CommandError
 from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap
 
 LARGEST_SHARE = 0.8
+FalseAlarms = Annotated[
+    float | None, option("mean time between false alarms of a machine, h", None, "--arl0", ge=1e-3, shown="24")
+]
+Skip = Annotated[
+    float | None, option("time at the start of each run that is left out, s", unit="s", shown="the machine's run-up")
+]
 
 
 class ShadowVerb(Configured, answer="shadow:shadow_machine"):
@@ -161,12 +167,8 @@ class MonitorVerb(Configured, answer="monitor:monitor_machine"):
     save_baseline: Path | None = option("file (.json) for baseline, thresholds, signatures", writes=())
     renew: bool = option("take the runs into the baseline file, where none has an alarm and you say yes", False)
     yes: bool = option("with --renew: yes, without a question", False)
-    known_arl0_h: float | None = option(
-        "mean time between false alarms of all charts together, h", None, "--arl0", ge=1e-3, shown="24"
-    )
-    skip_s: float | None = option(
-        "time at the start of each run that is left out, s", unit="s", shown="the machine's run-up"
-    )
+    known_arl0_h: FalseAlarms = None
+    skip_s: Skip = None
     explain: str | None = option(
         "fault: which features have changed, how far, and what it would do to them", metavar="FAULT"
     )
@@ -184,12 +186,8 @@ class FleetVerb(Configured, answer="monitor:rank_fleet"):
     machine: MachineName
     folder: Path = argument("folder with a folder for each machine: recordings, and baseline.json if it has one")
     map_file: MapFile = None
-    known_arl0_h: float | None = option(
-        "mean time between false alarms of each machine, h", None, "--arl0", ge=1e-3, shown="24"
-    )
-    skip_s: float | None = option(
-        "time at the start of each recording that is left out, s", unit="s", shown="the machine's run-up"
-    )
+    known_arl0_h: FalseAlarms = None
+    skip_s: Skip = None
     healthy: int = option("first recordings of each machine that are its baseline, where it has no file", 1, ge=1)
     save_baselines: bool = option("keep each machine's baseline in its folder (baseline.json)", False)
     page: Path | None = option("page to write (.html)", writes=(".html",))
