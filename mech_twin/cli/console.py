@@ -380,19 +380,13 @@ def report_cli_errors() -> Iterator[None]:
         raise SystemExit(EXIT_CODE) from error
 
 
-def _in_directory() -> bool:
-    """Return whether the working directory exists; libraries look for it while they are loaded."""
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return False
-    return True
-
-
 def _told(error: Exception) -> str | None:
     """Return what is said of an error in the input; None of an internal one."""
     if isinstance(error, ImportError):
         return missing_extra(error)
-    if isinstance(error, FileNotFoundError) and not _in_directory():
-        return "the working directory does not exist any more: change to another one"
+    if isinstance(error, FileNotFoundError):
+        try:
+            Path.cwd()  # which libraries look for while they are loaded
+        except FileNotFoundError:
+            return "the working directory does not exist any more: change to another one"
     return str(error) if isinstance(error, (ToldError, StandardOutputError)) else None

@@ -115,13 +115,9 @@ class Verb(BaseModel):
         return path or (Path(f"{Path(getattr(self, 'machine', '')).stem}-{usual}") if usual else None)
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return what changes when a file is written: its number and time, None where there is none."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_ino, found.st_mtime_ns
+def _stamp(path: Path) -> int:
+    """Return what changes when a file is written: its time, 0 where there is none."""
+    return path.stat().st_mtime_ns if path.exists() else 0
 
 
 def verbs_in(*modules: ModuleType) -> dict[str, type[Verb]]:
