@@ -88,16 +88,12 @@ def show_info(request: InfoVerb) -> None:
 def _print_files(splits: list[dict[str, Any]]) -> None:
     """Write a row of each file, its times since the first where they count from an epoch."""
     first_s = min((split["start_s"] for split in splits if split["start_s"] is not None), default=0.0)
-    of_epoch = first_s > EPOCH_S
-    since = f", times since {datetime.fromtimestamp(first_s, UTC):%Y-%m-%d %H:%M:%S} UTC" if of_epoch else ""
-    known = [
-        {
-            name: at - first_s if of_epoch and name.endswith("_s") and at is not None else at
-            for name, at in split.items()
-        }
-        for split in splits
-    ]
-    rows = [tuple("-" if value is None else value for value in split.values()) for split in known]
+    zero_s = first_s if first_s > EPOCH_S else 0.0
+    since = f", times since {datetime.fromtimestamp(zero_s, UTC):%Y-%m-%d %H:%M:%S} UTC" if zero_s else ""
+    rows = []
+    for file, size, start_s, end_s, messages in (split.values() for split in splits):
+        times = ("-" if at is None else at - zero_s for at in (start_s, end_s))
+        rows.append((file, "-" if size is None else size, *times, "-" if messages is None else messages))
     print_table(f"files{since}", ("file", "bytes", "start, s", "end, s", "messages"), rows)
 
 
