@@ -267,9 +267,7 @@ class CompileProgress(logging.Handler):
     def __init__(self, write: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
         super().__init__(logging.INFO)
         self._write, self._clock = write, clock
-        self._begun_s = clock()
-        self._due_s = FIRST_TOLD_S
-        self._count = 0
+        self._begun_s, self._due_s = clock(), FIRST_TOLD_S
         self._end: Callable[[], None] | None = None
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -282,20 +280,17 @@ class CompileProgress(logging.Handler):
             self._end = on_compile(self.compiling)
 
     def compiling(self, kernel: str, count: int) -> None:
-        """Take note of the kernel that is compiled now, the ``count``-th; say so where a line is due."""
-        self._count, spent_s = count, self._clock() - self._begun_s
+        """Say which number the kernel has that is compiled now, where a line is due."""
+        spent_s = self._clock() - self._begun_s
         if spent_s >= self._due_s:
             self._due_s = GROWTH * spent_s
-            self._write(f"  kernels compiled: {count - 1} in {spent_s:.0f} s, going on\n")
+            self._write(f"  kernels compiled, once: {count - 1} in {spent_s:.0f} s, going on\n")
 
     def close(self) -> None:
-        """Say what was compiled, if anything was, and observe no longer."""
+        """Observe no longer."""
         if self._end is not None:
             self._end()
             self._end = None
-            spent_s = self._clock() - self._begun_s
-            if spent_s >= FIRST_TOLD_S:
-                self._write(f"  kernels compiled: {self._count}; they are kept, the next time begins at once\n")
         super().close()
 
 
