@@ -11,6 +11,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     CHATTER_END,
     FLIGHT,
     IMPACT,
+    RELEASE,
     ImpactSystem,
     MassMotion,
     initial_motion,
@@ -22,19 +23,20 @@ AT_REST, LEFT, WANDERING = -1, -2, -3  # fates of a start that does not reach th
 
 
 class PeriodOutcome(NamedTuple):
-    """One period: the motion at its end, its impacts (those listed), completed series, and its hardest blow."""
+    """One period: the motion at its end, its impacts (those listed), completed series, hardest blow, and releases."""
 
     motion: MassMotion
     impacts: float
     chatter_ends: float
     largest_blow_m_per_s: float
+    releases: float
 
 
 @kernel
 def next_period(motion: MassMotion, system: ImpactSystem) -> PeriodOutcome:
     """Return the outcome of the rest of the present period."""
     number = motion.period
-    impacts, ends, largest = 0.0, 0.0, 0.0
+    impacts, ends, largest, releases = 0.0, 0.0, 0.0, 0.0
     while motion.period == number:
         event, motion = next_event(motion, system)
         if event.impacts > 0.0:
@@ -42,7 +44,9 @@ def next_period(motion: MassMotion, system: ImpactSystem) -> PeriodOutcome:
             largest = max(largest, event.pre_m_per_s)
         elif event.kind == CHATTER_END:
             ends += 1.0
-    return PeriodOutcome(motion, impacts, ends, largest)
+        elif event.kind == RELEASE:
+            releases += 1.0
+    return PeriodOutcome(motion, impacts, ends, largest, releases)
 
 
 @kernel

@@ -9,12 +9,12 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from mech_twin.capabilities.long_run import CycleAnswer, RegimeAnswer, SynthesisAnswer
+from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.errors import StudyError
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.regimes import LongRunRegime, RegimeMap, regime_map, write_bifurcation_picture
+from mech_twin.machines.impact_mass.regimes import LongRunRegime, regime_of, write_bifurcation_picture
 from mech_twin.machines.impact_mass.synthesis import CycleDesign, CycleSpec, RobustnessSpec, synthesise
-from mech_twin.machines.impact_mass.tolerance_box import Certificate
 
 USUAL_ROBUSTNESS = asdict(RobustnessSpec())
 USUAL_KEY = "phase1_duration_s"
@@ -81,11 +81,15 @@ def regime_answer(
     StudyError
         If a value of the key is no number.
     """
+    found = []
     try:
-        found = regime_map(parameters, values, key, settling_periods, progress)
+        for value in values:
+            found.append(regime_of(varied(parameters, {key: float(value)}), settling_periods))
+            if progress is not None:
+                progress(len(found), len(values))
     except TypeError as error:
         raise StudyError(str(error)) from error
-    return _answer(found)
+    return _answer(key, tuple(float(value) for value in values), found)
 
 
 def regimes_read(key: str, records: Sequence[Mapping[str, Any]]) -> RegimeAnswer:
@@ -93,14 +97,12 @@ def regimes_read(key: str, records: Sequence[Mapping[str, Any]]) -> RegimeAnswer
     rest = {key, "note"}
     regimes = [{name: value for name, value in record.items() if name not in rest} for record in records]
     values = tuple(record[key] for record in records)
-    return _answer(RegimeMap(key, values, TypeAdapter(tuple[LongRunRegime, ...]).validate_python(regimes)))
+    return _answer(key, values, TypeAdapter(list[LongRunRegime]).validate_python(regimes))
 
 
-def _answer(found: RegimeMap) -> RegimeAnswer:
-    key = found.key
+def _answer(key: str, values: tuple[float, ...], found: list[LongRunRegime]) -> RegimeAnswer:
     records = tuple(
-        {key: value, **asdict(regime), "note": regime.note}
-        for value, regime in zip(found.values, found.regimes, strict=True)
+        {key: value, **asdict(regime), "note": regime.note} for value, regime in zip(values, found, strict=True)
     )
     rows = tuple(
         (
@@ -112,7 +114,8 @@ def _answer(found: RegimeMap) -> RegimeAnswer:
         )
         for record in records
     )
-    return RegimeAnswer(key, records, (key, *COLUMNS), rows, partial(write_bifurcation_picture, found))
+    draw = partial(write_bifurcation_picture, key, values, found)
+    return RegimeAnswer(key, records, (key, *COLUMNS), rows, draw)
 
 
 def cycle_record(design: CycleDesign) -> dict[str, Any]:
@@ -127,16 +130,7 @@ def cycle_record(design: CycleDesign) -> dict[str, Any]:
         "stroke_m": design.stroke_m,
         "verdict": judged,
         "endurance": [asdict(lasting) for lasting in design.endurance],
-        "certificate": design.certificate and certificate_record(design.certificate),
-    }
-
-
-def certificate_record(certificate: Certificate) -> dict[str, Any]:
-    """Return what was tried of the box of tolerances, and its worst."""
-    return {
-        **asdict(certificate),
-        "tried": certificate.tried,
-        "worst_deviation": certificate.worst_deviation._asdict(),
+        "certificate": design.certificate and asdict(design.certificate),
     }
 
 

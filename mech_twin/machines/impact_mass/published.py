@@ -15,8 +15,6 @@ from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedR
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.impact_mass.cycle_verdict import endurance, verdict
 from mech_twin.machines.impact_mass.dynamics import (
-    CHATTER_END,
-    IMPACT,
     gap_after,
     initial_motion,
     next_event,
@@ -24,41 +22,20 @@ from mech_twin.machines.impact_mass.dynamics import (
 )
 from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.regimes import PeriodTable, recorded
 from mech_twin.machines.impact_mass.synthesis import CycleSpec, printed_periods, published_parameters, with_phase2_force
 
 PAPER = "Manzhosov, Novikov"
 WORKED = "exact computation"
-ENDLESS = -1.0  # stands for the impacts of a period in which the series completes
 BLOW_M_PER_S = 20.0  # published, fig. 4
 AXIS_M_PER_S = {"a": (-15.0, 25.0), "b": (30.0,)}  # published ends of the velocity axes of figs. 3a and 3b
 ARC = 24  # points of a parabola between two events
 
 
-class FirstPeriods(NamedTuple):
-    """First periods of a motion: impacts and first blow of each period, velocity range."""
-
-    impacts: tuple[float, ...]
-    blows_m_per_s: tuple[float, ...]
-    low_m_per_s: float
-    high_m_per_s: float
-
-
-def walk(parameters: ImpactMass, periods: int) -> FirstPeriods:
-    """Return the first periods from the configured start; velocity is linear between events, so its range is exact."""
-    system = parameters.system
-    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
-    impacts, blows = [0.0] * periods, [0.0] * periods
-    speeds = [parameters.initial_velocity_m_per_s]
-    while motion.period < periods:
-        event, motion = next_event(motion, system)
-        speeds += [event.pre_m_per_s, event.post_m_per_s]
-        if event.kind == IMPACT:
-            number = int(event.period)
-            blows[number] = blows[number] or event.pre_m_per_s
-            impacts[number] += 1.0 if impacts[number] != ENDLESS else 0.0
-        elif event.kind == CHATTER_END:
-            impacts[int(event.period)] = ENDLESS
-    return FirstPeriods(tuple(impacts), tuple(blows), min(speeds), max(speeds))
+def first_periods(parameters: ImpactMass, periods: int) -> PeriodTable:
+    """Return the table of the first periods from the configured start."""
+    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, parameters.system)
+    return recorded(start, parameters.system, periods)[-1]
 
 
 def cycle_spec(parameters: ImpactMass) -> CycleSpec:
@@ -116,17 +93,17 @@ def _synthesis(parameters: ImpactMass) -> Iterator[PublishedRow]:
 
 
 def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
-    seen = walk(parameters, 40)
+    seen = first_periods(parameters, 40)
     inputs = f"t1 {parameters.phase1_duration_s:g} s, T {parameters.period_s:g} s, R {parameters.rebound:g}"
     paper = Literature(PAPER, "Fig. 2", f"{inputs}, xc 0 assumed")
     yield paper.limit(
         "steady blow over the first (print: well below, so below 1)",
         1.0,
-        seen.blows_m_per_s[-1] / seen.blows_m_per_s[0],
+        float(seen.hardest_m_per_s[-1] / seen.hardest_m_per_s[0]),
         "the print says 'well below the first cycles'; its picture has no numbers",
         "below",
     )
-    completed = float(seen.impacts.count(ENDLESS))
+    completed = float(np.count_nonzero(seen.chatter_ends))
     yield paper.limit(
         "periods of 40 with chatter (print: it appears, so one at least)",
         1.0,
@@ -139,9 +116,10 @@ def _settling(parameters: ImpactMass) -> Iterator[PublishedRow]:
 def _missed(parameters: ImpactMass) -> Iterator[PublishedRow]:
     for panel, t1, periods in (("a", 0.025, 6), ("b", 0.03, 10)):
         figure, (*feet, top) = f"Fig. 3{panel}", AXIS_M_PER_S[panel]
-        seen = walk(varied(parameters, {"phase1_duration_s": t1}), periods)
+        case = varied(parameters, {"phase1_duration_s": t1})
+        seen, speeds = first_periods(case, periods), path(case, periods).velocity_m_per_s
         paper = Literature(PAPER, figure, f"as Fig. 2, t1 {t1:g} s")
-        missed = float(seen.impacts.count(0.0))
+        missed = float(np.count_nonzero((seen.impacts == 0.0) & (seen.chatter_ends == 0.0)))
         yield paper.limit(
             f"periods of {periods} without impact (print: impacts are missed, so one at least)",
             1.0,
@@ -150,11 +128,11 @@ def _missed(parameters: ImpactMass) -> Iterator[PublishedRow]:
             "above",
         )
         yield paper.gated(
-            "top of the velocity axis, m/s", top, seen.high_m_per_s, "the motion fills it, as printed", absolute=0.05
+            "top of the velocity axis, m/s", top, speeds.max(), "the motion fills it, as printed", absolute=0.05
         )
         for foot in feet:
             why = "the motion fits the printed axis"
-            yield paper.limit("foot of the velocity axis, m/s", foot, seen.low_m_per_s, why, "above")
+            yield paper.limit("foot of the velocity axis, m/s", foot, speeds.min(), why, "above")
 
 
 class MotionCurves(NamedTuple):

@@ -24,7 +24,7 @@ Impact with speed v- under A: (-R 0; (1 + R) A/v- -R).  A completed series erase
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -32,10 +32,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.variation import varied
 from mech_twin.files.output_file import written_file
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.impact_mass.batch import leaves_for_good
+from mech_twin.machines.impact_mass.batch import leaves_for_good, next_period
 from mech_twin.machines.impact_mass.dynamics import (
     CHATTER_END,
     FLIGHT,
@@ -44,7 +43,6 @@ from mech_twin.machines.impact_mass.dynamics import (
     PHASE_1,
     PHASE_2,
     PHASE_CHANGE,
-    RELEASE,
     ImpactSystem,
     MassMotion,
     MotionEvent,
@@ -188,15 +186,6 @@ class LongRunRegime:
         return f"period not resolved, growth {self.growth:.0e}" if self.kind == NOT_RESOLVED else ""
 
 
-@dataclass(frozen=True)
-class RegimeMap:
-    """Regimes over the values of one configuration key."""
-
-    key: str
-    values: tuple[float, ...]
-    regimes: tuple[LongRunRegime, ...]
-
-
 @kernel
 def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[MassMotion, int, int, PeriodTable]:
     """Return the motion after a number of periods, how it ended (going, rest, escape), the periods done, and a table.
@@ -211,15 +200,9 @@ def recorded(motion: MassMotion, system: ImpactSystem, periods: int) -> tuple[Ma
         table.gap_m[i], table.velocity_m_per_s[i] = motion.gap_m, motion.velocity_m_per_s
         if rests_for_good(motion, system):
             return motion, REST, i, table
-        while motion.period == start.period:
-            event, motion = next_event(motion, system)
-            if event.impacts > 0.0:
-                table.impacts[i] += event.impacts
-                table.hardest_m_per_s[i] = max(table.hardest_m_per_s[i], event.pre_m_per_s)
-            elif event.kind == RELEASE:
-                table.releases[i] += 1.0
-            elif event.kind == CHATTER_END:
-                table.chatter_ends[i] += 1.0
+        done = next_period(motion, system)
+        motion, table.impacts[i], table.chatter_ends[i] = done.motion, done.impacts, done.chatter_ends
+        table.hardest_m_per_s[i], table.releases[i] = done.largest_blow_m_per_s, done.releases
         if leaves_for_good(start, motion, table.impacts[i], system):
             return motion, ESCAPE, i + 1, table
     return motion, GOING, periods, table
@@ -302,42 +285,7 @@ def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRe
     return regime(system, start, settling_periods)
 
 
-def regime_map(
-    parameters: ImpactMass,
-    values: Sequence[float],
-    key: str = "phase1_duration_s",
-    settling_periods: int = 1000,
-    progress: Callable[[int, int], None] | None = None,
-) -> RegimeMap:
-    """Return the long-run regimes for each value of a configuration key, each from the configured start.
-
-    Parameters
-    ----------
-    parameters : ImpactMass
-        The rest of the configuration.
-    values : sequence of float
-        Values of the key, in its unit.
-    key : str
-        Configuration key.
-    settling_periods : int
-        See `regime`.
-    progress : callable, optional
-        ``progress(done, all)`` after each value.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If a value makes a configuration that cannot be.
-    """
-    found = []
-    for number, value in enumerate(values, 1):
-        found.append(regime_of(varied(parameters, {key: float(value)}), settling_periods))
-        if progress is not None:
-            progress(number, len(values))
-    return RegimeMap(key, tuple(float(v) for v in values), tuple(found))
-
-
-def write_bifurcation_picture(regimes: RegimeMap, path: Path) -> None:
+def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequence[LongRunRegime], path: Path) -> None:
     """Write the bifurcation picture: hardest blow of each period against the swept key, coloured by regime."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -350,7 +298,7 @@ def write_bifurcation_picture(regimes: RegimeMap, path: Path) -> None:
         "undecided": "#b0b0b0",
     }
     marks: dict[str, tuple[list[float], list[float]]] = {name: ([], []) for name in (*colours, "rest", "escape")}
-    for value, found in zip(regimes.values, regimes.regimes, strict=True):
+    for value, found in zip(values, regimes, strict=True):
         name = "chatter" if found.kind == "periodic" and found.completed_chatter else found.kind
         blows = found.blows_m_per_s or (0.0,)
         x, y = marks[name]
@@ -363,7 +311,7 @@ def write_bifurcation_picture(regimes: RegimeMap, path: Path) -> None:
         if x:
             sign = {"rest": "s", "escape": "^"}.get(name, ".")
             axes.plot(x, y, sign, color=colours.get(name, "#000000"), markersize=3.0, linestyle="none", label=name)
-    axes.set_xlabel(regimes.key)
+    axes.set_xlabel(key)
     axes.set_ylabel("hardest blow of a period, m/s")
     axes.legend(loc="best", fontsize="small")
     with written_file(path, force=True) as unfinished:

@@ -51,6 +51,7 @@ class Certificate:
     """Points tried over the box, and the worst of them.
 
     ``tolerance`` is relative, of P1, P2, t1, T and R alike; every point was tried with ``starts`` random starts.
+    ``tried`` counts the nominal point too.
     """
 
     tolerance: float
@@ -62,13 +63,9 @@ class Certificate:
     seed: int
     worst_fraction: float
     worst_margin: float
-    worst_deviation: Deviation
+    worst_deviation: dict[str, float]
     slowest_periods: int
-
-    @property
-    def tried(self) -> int:
-        """Number of points tried, the nominal one included."""
-        return 1 + self.corners + self.faces + self.inside + self.climbed
+    tried: int
 
 
 def deviated(parameters: ImpactMass, deviation: Deviation) -> ImpactSystem | None:
@@ -158,6 +155,7 @@ def certified(parameters: ImpactMass, tolerance: float, starts: StartBox, count:
         starts.seed,
         worst.fraction,
         min(point.margin for point in (*tried, *met)),
-        worst.deviation,
+        worst.deviation._asdict(),
         max(point.slowest_periods for point in (*tried, *met)),
+        len(tried) + len(met),
     )

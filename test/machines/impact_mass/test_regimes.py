@@ -9,7 +9,8 @@ from machines.impact_mass.release_reference import periods_between_releases
 from pydantic import ValidationError
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.machines.impact_mass.regimes import regime_map, regime_of, write_bifurcation_picture
+from mech_twin.machines.impact_mass.long_run_answers import regime_answer
+from mech_twin.machines.impact_mass.regimes import regime_of
 from mech_twin.parameters.load import machine_parameters
 
 BASE = machine_parameters("impact_mass")
@@ -64,27 +65,33 @@ def test_chaos_has_a_positive_exponent():
 def test_the_completed_chatter_of_period_1_begins_where_the_closed_form_says():
     share = 0.5 + np.sqrt(0.75) * (1 + 0.6 / 0.7)
     border = 0.05 * share / (1 + share)
-    swept = regime_map(BASE, [border * 0.995, border * 1.001])
-    assert [r.period for r in swept.regimes][1] == 1
-    assert swept.regimes[0].period != 1
+    before, after = (regime_of(at(phase1_duration_s=border * share)) for share in (0.995, 1.001))
+    assert after.period == 1
+    assert before.period != 1
 
 
 def test_a_map_sweeps_any_key_tells_progress_and_is_drawn(tmp_path):
     steps = []
-    swept = regime_map(
-        BASE, np.linspace(0.2, 0.6, 9), "restitution", progress=lambda done, of: steps.append((done, of))
-    )
+    values = np.linspace(0.2, 0.6, 9).tolist()
+    swept = regime_answer(BASE, values, "restitution", 1000, lambda done, of: steps.append((done, of)))
     assert steps[-1] == (9, 9)
-    assert len(swept.regimes) == 9
-    assert {r.kind for r in swept.regimes} <= {"periodic", "not resolved", "rest", "escape", "chaotic", "undecided"}
+    assert len(swept.records) == 9
+    assert {record["kind"] for record in swept.records} <= {
+        "periodic",
+        "not resolved",
+        "rest",
+        "escape",
+        "chaotic",
+        "undecided",
+    }
     picture = tmp_path / "map.png"
-    write_bifurcation_picture(swept, picture)
+    swept.write_picture(picture)
     assert picture.stat().st_size > 5_000
 
 
 def test_a_value_that_makes_no_configuration_is_refused():
     with pytest.raises(ValidationError, match="0 < phase1_duration_s < period_s"):
-        regime_map(BASE, [0.03, 0.06])
+        regime_answer(BASE, [0.03, 0.06], "phase1_duration_s", 1000)
 
 
 # value, period in 200 digits; the refused ones come out of doubles as 88, 42, 107, 58, 52, 45, 41, 48, 45, 98, 37

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build, cycle_verdict
 from mech_twin.machines.impact_mass.cycle_verdict import basin, default_box, endurance, phase2_cycle, verdict
-from mech_twin.machines.impact_mass.long_run_answers import certificate_lines, certificate_record
+from mech_twin.machines.impact_mass.long_run_answers import certificate_lines
 from mech_twin.machines.impact_mass.synthesis import (
     CycleSpec,
     RobustnessSpec,
@@ -167,7 +167,7 @@ def test_the_certificate_says_what_was_tried_and_the_design_what_it_takes(both):
     assert (certificate.corners, certificate.faces, certificate.inside) == (32, 10, 300)
     words = "points of the box tried (between them nothing is proved)"
     assert (
-        certificate_lines(certificate_record(certificate))[words]
+        certificate_lines(asdict(certificate))[words]
         == f"32 corners, 10 faces, 300 inside, {certificate.climbed} climbed"
     )
     assert certificate.tried == 1 + 32 + 10 + 300 + certificate.climbed
