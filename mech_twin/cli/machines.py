@@ -6,27 +6,25 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from mech_twin import __version__
-from mech_twin.cli.console import CommandError, busy, numbers_table, print_json, print_table, print_tables, say_result
+from mech_twin.cli.console import (
+    CommandError,
+    busy,
+    numbers_table,
+    print_json,
+    print_table,
+    print_tables,
+    say_result,
+)
 from mech_twin.cli.verbs import CheckVerb, FmuVerb, ListVerb, NewVerb
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.machines.catalog import CATALOGUE, FORMER
+from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.errors import described_keys
 from mech_twin.parameters.load import (
-    MACHINE_KEY,
     PAGE,
     PAGE_SUFFIXES,
-    RUN_GROUP,
     configuration_directories,
-    configuration_text,
-    is_of_ros,
     is_page,
     machine_parameters,
-    text_tree,
-    validated,
-    with_catalogue_motor,
 )
 
 
@@ -57,11 +55,6 @@ def write_page(request: NewVerb) -> None:
             raise CommandError(f"--keys {request.keys}: expected all or one of {groups}")
         print_table("keys of a page, NAME is yours", ("key", "unit", "description"), found, wide=True)
         return
-    if request.former is not None:
-        if kind is not None:
-            raise CommandError(f"--from {request.former}: expected no page to start from beside it, got {kind}")
-        sys.stdout.write(former_page(request.former))
-        return
     if kind is None:
         heads = {name: path.read_text(encoding="utf-8").splitlines()[0] for name, path in pages.items()}
         rows = [(name, head.lstrip("# ")) for name, head in heads.items()]
@@ -70,40 +63,6 @@ def write_page(request: NewVerb) -> None:
     if kind not in pages:
         raise CommandError(f"no page '{kind}' to start from; expected one of {', '.join(pages)}")
     sys.stdout.write(pages[kind].read_text(encoding="utf-8"))
-
-
-def former_page(path: Path) -> str:
-    """Return the text of a page from the configuration of a `planar_linkage`, in a file or in a recording of it."""
-    from mech_twin.machines.page.crank_and_dyads import page_of
-    from mech_twin.machines.page.parameters import GROUPS
-
-    source = str(path)
-    if path.is_dir() or path.suffix == ".mcap":
-        from mech_twin.recording.bag_reader import about_bag
-
-        info, _ = about_bag(path, lambda _: None)
-        text = info.configuration or ""
-    else:
-        text = configuration_text(path)
-    given = {key: value for key, value in text_tree(text, source).items() if key != RUN_GROUP and not is_of_ros(key)}
-    if (of := given.pop(MACHINE_KEY, FORMER)) != FORMER:
-        raise ConfigurationError(f"{source}: key '{MACHINE_KEY}', value {of!r}: expected '{FORMER}'")
-    try:
-        page = page_of(with_catalogue_motor(given, source))
-        PAGE.build(validated(PAGE, page, source))
-    except ConfigurationError as error:
-        raise ConfigurationError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
-    lines = [f"# A page from the {FORMER} of {path.name}, written by mech-twin {__version__}"]
-    for group, value in page.items():
-        named = group in GROUPS or group == "bodies"
-        inside = [f"  {name}: {_flow(element)}" for name, element in value.items()] if named else []
-        lines += [f"{group}:", *inside] if named else [f"{group}: {_flow(value)}"]
-    return "\n".join(lines) + "\n"
-
-
-def _flow(value: Any) -> str:
-    """Return a value as YAML on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=math.inf).removesuffix("...\n").strip()
 
 
 def check_page(request: CheckVerb) -> None:

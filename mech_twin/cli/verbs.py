@@ -299,7 +299,6 @@ class NewVerb(Verb, answer="machines:write_page"):
 
     kind: str | None = argument("page to start from; names them where absent", None)
     keys: str | None = option("keys of a group of pages, such as springs; all: of all groups", metavar="GROUP")
-    former: Path | None = option("page from a planar_linkage's configuration, or a recording of it", None, "--from")
 
 
 class CheckVerb(Written, answer="machines:check_page"):

@@ -9,8 +9,6 @@ from typing import Any
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.roles import Capabilities, Machine
 
-FORMER = "planar_linkage"  # a machine that pages took the place of
-
 
 @dataclass(frozen=True)
 class Entry:

@@ -30,7 +30,7 @@ from mech_twin.capabilities.arguments import by_name
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat, tree_from_json
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
-from mech_twin.machines.catalog import CATALOGUE, FORMER, Entry
+from mech_twin.machines.catalog import CATALOGUE, Entry
 from mech_twin.parameters.errors import LONGEST_VALUE, KeyLines, key_lines, no_lines, refusal, shown_value
 from mech_twin.roles import Machine
 
@@ -205,8 +205,6 @@ def catalogue_entry(name: str) -> Entry:
         return PAGE
     if text in CATALOGUE:
         return CATALOGUE[text]
-    if text == FORMER:
-        raise ConfigurationError(f"{FORMER} is a page now: `mech-twin new --from OLD.yaml > my.yaml` writes it")
     within = [known for known in CATALOGUE if len(str(name)) > 1 and str(name) in known]
     near = get_close_matches(str(name), CATALOGUE, 1) or within
     hint = f"; did you mean '{near[0]}'?" if near else ""

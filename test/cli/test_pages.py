@@ -19,7 +19,6 @@ from mech_twin.cli.main import app
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import StudyError
 from mech_twin.files.output_file import OutputError
-from mech_twin.parameters.description import description
 from mech_twin.parameters.load import machine_parameters
 
 RUNNER = CliRunner()
@@ -249,49 +248,11 @@ def test_a_length_of_the_page_is_swept_as_a_number_of_its_point(page, tmp_path):
     assert machine_parameters(str(page), None, {"gravity_m_per_s2.1": -1.6}).gravity_m_per_s2 == (0.0, -1.6)
 
 
-def test_a_configuration_of_the_former_linkage_becomes_a_page(tmp_path):
-    former = json.loads(FORMER.read_text(encoding="utf-8"))["shaper"]["configuration"]
-    file, page = tmp_path / "old.yaml", tmp_path / "my.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"machine": "planar_linkage", **former}}}))
-    page.write_text(answer("new", "--from", file), encoding="utf-8")
-    found = json.loads(answer("check", page, "--json"))
-    assert found["numbers"]["driven_joints"] == 1
-    assert found["numbers"]["freedoms"] == 0
-    assert found["masses_kg"]["dyad_2_second"] == 30.0
-    assert "# A page from the planar_linkage of old.yaml" in page.read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("/**: {ros__parameters: {machine: mb10_breaker}}", "key 'machine', value 'mb10_breaker': expected"),
-        ("/**: {ros__parameters: {crank: {length_m: 0.1}}}", "key 'dyad_1': expected a group"),
-        ("bodies: {}\njoints: {}", "key 'crank': expected a group"),
-    ],
-)
-def test_what_is_no_former_linkage_is_refused_in_one_line(text, said, tmp_path):
-    file = tmp_path / "old.yaml"
-    file.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=said) as told:
-        answer("new", "--from", file)
-    assert str(told.value).startswith(str(file))
-    assert "\n" not in str(told.value)
-
-
 def test_a_configuration_given_as_a_page_is_refused_with_the_words_that_take_it(tmp_path):
     file = tmp_path / "sized.yaml"
     file.write_text("/**: {ros__parameters: {machine: mb10_breaker}}", encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"'mb10_breaker': expected 'page'; `mb10_breaker --config FILE`"):
         answer("simulate", file, "--duration", "1")
-
-
-def test_the_former_linkage_and_its_recordings_are_told_where_they_went(page, tmp_path):
-    with pytest.raises(ConfigurationError, match=r"planar_linkage is a page now: `mech-twin new --from OLD\.yaml"):
-        answer("simulate", "planar_linkage", "--duration", "1")
-    former = json.loads(FORMER.read_text(encoding="utf-8"))["shaper"]["configuration"]
-    text = yaml.safe_dump({"machine": "planar_linkage", "/**": {"ros__parameters": former}})
-    with pytest.raises(ConfigurationError, match="planar_linkage is a page now"):
-        description(text)
 
 
 def test_a_picture_without_a_known_ending_overwrites_nothing(page, tmp_path):

@@ -57,7 +57,7 @@ def test_a_member_with_too_many_events_in_a_step_ends_and_the_others_go_on(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "planar_linkage"])
+@pytest.mark.parametrize("name", list(CATALOGUE))
 def test_the_steps_of_a_machine_compile_for_a_graphics_processor(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     from numba import cuda, types
     from numba.cuda import dispatcher

@@ -8,7 +8,6 @@ The first is the configuration that was installed, the next three were printed o
 
 from __future__ import annotations
 
-import copy
 import json
 import math
 from functools import cache
@@ -19,12 +18,10 @@ import pytest
 from machines.page.pages import SLIDER_CRANK, page
 
 from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.errors import StudyError
 from mech_twin.machines.page import build
 from mech_twin.machines.page import sizing as page_sizing
-from mech_twin.machines.page.crank_and_dyads import page_of
 from mech_twin.machines.page.parameters import Page
 from mech_twin.machines.page.sizing import sizing
 from mech_twin.mechanics.kinematics import Kinematics
@@ -36,8 +33,8 @@ RELATIVE["crank_rocker"] = 2e-8  # a page holds its motor's slope over a step: t
 
 @cache
 def built(name):
-    """Return the machine of a converted page."""
-    return build(Page.model_validate(page_of(copy.deepcopy(FORMER[name]["configuration"]))))
+    """Return the machine of a page."""
+    return build(Page.model_validate(FORMER[name]["page"]))
 
 
 @cache
@@ -58,7 +55,7 @@ def drive_torque(name, frame):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMER)
-def test_a_converted_page_moves_and_bears_as_the_former_machine(name):
+def test_a_page_of_dyads_moves_and_bears_as_the_former_machine(name):
     run, former, shared = told(name), FORMER[name], built(name).linkage.shared
     torque = max(map(abs, (former["run"]["torque_max_nm"], former["run"]["torque_min_nm"])))
     force = max(former["run"]["pins_max_n"].values())
@@ -113,9 +110,8 @@ def test_the_drive_torque_is_the_same_by_work_and_by_equilibrium(name):
 
 @pytest.mark.parametrize("name", FORMER)
 def test_the_flywheel_is_the_former_machine_s(name):
-    tree = copy.deepcopy(FORMER[name]["configuration"])
-    tree["crank"]["flywheel_kg_m2"], tree["drive"]["kind"] = 0.0, "constant_speed"
-    found = sizing(Page.model_validate(page_of(tree)), {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
+    bare = Page.model_validate(FORMER[name]["page"] | FORMER[name]["without_flywheel"])
+    found = sizing(bare, {"non_uniformity": 0.05}, "flywheel_inertia_kg_m2", dict)
     assert found.metrics["flywheel_inertia_kg_m2"] == pytest.approx(FORMER[name]["flywheel_kg_m2"], rel=3e-6)
 
 
@@ -135,8 +131,7 @@ def test_a_flywheel_against_inertia_alone_is_the_same_at_any_speed():
 
 
 def test_the_flywheel_keeps_the_asked_non_uniformity_in_a_time_run():
-    tree = copy.deepcopy(FORMER["shaper"]["configuration"])
-    found = sizing(Page.model_validate(page_of(tree)), {"non_uniformity": 0.1}, "flywheel_inertia_kg_m2", dict)
+    found = sizing(built("shaper").parameters, {"non_uniformity": 0.1}, "flywheel_inertia_kg_m2", dict)
     turn = list(frames(built("shaper"), 1.0))
     torque = turn[-1].linkage.memory["motor_work_j"] / (2.0 * math.pi)
     free = varied(
@@ -154,29 +149,6 @@ def test_the_flywheel_keeps_the_asked_non_uniformity_in_a_time_run():
     speeds = [-frame.linkage.joint("crank_bearing").velocity for frame in frames(build(free), 3.0)][1000:2000]
     spread = 2.0 * (max(speeds) - min(speeds)) / (max(speeds) + min(speeds))
     assert spread == pytest.approx(0.1, rel=0.1)  # the mean speed of a free run is not exactly the rated one
-
-
-CRANK = {"length_m": 0.1, "mass": {"mass_kg": 1.0}}
-FOUR_BAR = {"kind": "rrr", "from_link": "crank", "to_x_m": 0.4, "first_m": 0.35, "second_m": 0.2}
-DRIVE = {"kind": "constant_speed", "speed_rpm": 60.0}
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"dyad_1": {**FOUR_BAR, "second_m": 0.01}}, "'dyad_1': the links do not meet"),
-        ({"dyad_1": {**FOUR_BAR, "from_link": "dyad_1_second"}}, "'dyad_1.from_link', value 'dyad_1_second': expected"),
-        ({"dyad_1": {"kind": "rrr", "from_link": "crank", "first_m": 0.3}}, "'dyad_1.second_m': expected a number"),
-        ({"dyad_1": {**FOUR_BAR, "weight_n": 3.0}}, "'dyad_1.weight_n', value 3.0: expected no such key"),
-        ({"crank": 3}, "'crank', value 3: expected a group"),
-        ({"crank": {}}, "'crank.length_m': expected a number"),
-        ({"dyad_1": {"kind": "rrp", "from_link": "crank", "to_y_m": 1.0, "first_m": 0.3}}, "does not reach the guide"),
-        ({"load_1": {"link": "ground", "x_m": 0.0}}, "'load_1.link', value 'ground': expected one of crank"),
-    ],
-)  # fmt: skip
-def test_what_is_no_such_linkage_is_refused_by_its_key(changes, said):
-    with pytest.raises(ConfigurationError, match=said):
-        page_of({"crank": CRANK, "dyad_1": FOUR_BAR, "drive": DRIVE} | changes)
 
 
 SHAFTS = """
