@@ -65,6 +65,23 @@ def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[f
     return MachineFault(name, meaning, unit, tuple(sizes), changes, key=key)
 
 
+def rod_faults(rod: Any, key: str, weak_key: str, prefix: str = "") -> tuple[MachineFault, ...]:
+    """Return the faults of a struck rod, the group ``key``; ``weak_key`` is the force of a wall that yields."""
+    found = []
+    if rod.face.kind == "linear":
+        worn = f"{key}.face.stiffness_n_per_m"
+        found.append(share_of_key(f"{prefix}face_worn", "the struck face is softer", worn, LESS))
+    if rod.foot.length_m > 0.0:
+        play = (1e-4, 2e-4, 5e-4)
+        found.append(added_to_key(f"{prefix}foot_worn", "the foot has play", f"{key}.foot_gap_m", "m", play))
+    if rod.wall.kind == "loading":
+        soft = f"{key}.wall.stiffness_n_per_m"
+        found.append(share_of_key(f"{prefix}wall_soft", "the wall is softer", soft, LESS))
+    if rod.wall.kind == "yielding":
+        found.append(share_of_key(f"{prefix}wall_weak", "the wall gives way sooner", weak_key, LESS))
+    return tuple(found)
+
+
 class OperatingVariable(NamedTuple):
     """A quantity that may vary within its range without being a fault.
 

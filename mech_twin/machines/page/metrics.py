@@ -20,7 +20,7 @@ from mech_twin.capabilities.cycle import (
     event_value,
     gauge_features,
 )
-from mech_twin.capabilities.faults import LESS, MachineFault, added_to_key, share_of_key
+from mech_twin.capabilities.faults import MachineFault, rod_faults
 from mech_twin.errors import StudyError
 from mech_twin.machines.crank_run import LAST, Extremes, over_last
 from mech_twin.machines.page.force_laws import PageNumbers
@@ -62,25 +62,10 @@ def features(page: Page) -> CycleFeatures:
 
 def faults(page: Page) -> tuple[MachineFault, ...]:
     """Return the faults of the rods: face, foot, wall."""
-    found = []
-    for name, contact in page.contacts.items():
-        if contact.rod is None:
-            continue
-        rod, key = contact.rod, f"contacts.{name}.rod"
-        if rod.face.kind == "linear":
-            found.append(
-                share_of_key(f"{name}_face_worn", "the struck face is softer", f"{key}.face.stiffness_n_per_m", LESS)
-            )
-        if rod.foot.length_m > 0.0:
-            play = (1e-4, 2e-4, 5e-4)
-            found.append(added_to_key(f"{name}_foot_worn", "the foot has play", f"{key}.foot_gap_m", "m", play))
-        if rod.wall.kind == "loading":
-            found.append(share_of_key(f"{name}_wall_soft", "the wall is softer", f"{key}.wall.stiffness_n_per_m", LESS))
-        if rod.wall.kind == "yielding":
-            found.append(
-                share_of_key(f"{name}_wall_weak", "the wall gives way sooner", f"{key}.wall.threshold_n", LESS)
-            )
-    return tuple(found)
+    rods = {name: contact.rod for name, contact in page.contacts.items() if contact.rod is not None}
+    keys = {name: f"contacts.{name}.rod" for name in rods}
+    found = (rod_faults(rod, keys[n], f"{keys[n]}.wall.threshold_n", f"{n}_") for n, rod in rods.items())
+    return tuple(fault for each in found for fault in each)
 
 
 class PageRun:
