@@ -70,7 +70,7 @@ def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
         (("winding_drum", "sweep", "--over", "a=1,2"), "no configuration key 'a'"),
         (("vibration_crank", "sweep", "--over", "rod_m=0.5,a"), "values 0.5 and 'a': expected numbers or names, not"),
         (("vibration_crank", "size", "--tolerance", "0.6"), "expected 0 to 0.5"),
-        (("mb10_breaker", "size", "--limit", "tool_mass_kg=9"), "limit tool_mass_kg: not of the objective largest"),
+        (("mb10_breaker", "size", "--limit", "tool_mass_kg=9"), "no limit 'tool_mass_kg'; there are gap_at_blow_m"),
         (("winding_drum", "search"), "no design question; its runs are searched with"),
         (("impact_mass", "designs", "--count", "10"), "no design question; there is an answer for compaction_press"),
         (("compaction_press", "search", "--limit", "peak_n=1"), "no limit 'peak_n'"),
