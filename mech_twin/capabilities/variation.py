@@ -5,7 +5,6 @@ In the box each assumed number varies by up to a share of its value.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
 from typing import Any, TypeVar
 
 import numpy as np
@@ -38,12 +37,6 @@ def scaled(parameters: Model, factors: Mapping[str, float]) -> Model:
     """
     tree = configuration_tree(parameters)
     return varied(parameters, {key: float(value_in(tree, key)) * factor for key, factor in factors.items()})
-
-
-def corners(keys: Sequence[str], tolerance: float) -> Iterator[Factors]:
-    """Yield the 2^n corners of the box."""
-    for signs in product((-1.0, 1.0), repeat=len(keys)):
-        yield {key: 1.0 + sign * tolerance for key, sign in zip(keys, signs, strict=True)}
 
 
 def inner_points(keys: Sequence[str], tolerance: float, count: int, seed: int = 1) -> Iterator[Factors]:

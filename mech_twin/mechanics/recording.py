@@ -15,7 +15,7 @@ import importlib.util
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -246,64 +246,6 @@ def total(terms: Sequence[Number]) -> Number:
     for term in terms:
         result = result + term
     return result
-
-
-def tangents(outputs: Sequence[Number], seeds: Mapping[int, Number]) -> list[Number]:
-    """Return the directional derivatives of outputs in forward mode.
-
-    Parameters
-    ----------
-    outputs : sequence of Number
-        What is differentiated.
-    seeds : mapping of int to Number
-        Derivative of each leaf, by its index; a leaf that is not named is held.
-    """
-    recording = next((x.recording for x in outputs if isinstance(x, Expression)), None)
-    if recording is None:
-        return [0.0] * len(outputs)
-    rates: dict[int, Number] = {}
-
-    def value(x: int | str | None) -> Number:
-        return Expression(recording, x) if isinstance(x, int) else float(x or 0.0)
-
-    def rate(x: int | str | None) -> Number:
-        return rates[x] if isinstance(x, int) else 0.0
-
-    last = max((x.index for x in outputs if isinstance(x, Expression)), default=-1)
-    for index in range(last + 1):
-        node = recording.nodes[index]
-        rates[index] = seeds.get(index, 0.0) if node.operation == "leaf" else _rate(node, index, value, rate, recording)
-    return [rates[x.index] if isinstance(x, Expression) else 0.0 for x in outputs]
-
-
-def _rate(  # noqa: PLR0911 # one line an operation
-    node: Node,
-    index: int,
-    value: Callable[[int | str | None], Number],
-    rate: Callable[[int | str | None], Number],
-    recording: Recording,
-) -> Number:
-    """Return the derivative of one operation."""
-    d = rate(node.left)
-    itself = Expression(recording, index)
-    match node.operation:
-        case "neg":
-            return -d
-        case "cos":
-            return -(sine(value(node.left)) * d)
-        case "sin":
-            return cosine(value(node.left)) * d
-        case "sqrt":
-            return 0.5 * d / itself
-        case "add":
-            return d + rate(node.right)
-        case "sub":
-            return d - rate(node.right)
-        case "mul":
-            return d * value(node.right) + value(node.left) * rate(node.right)
-        case "div":
-            return (d - itself * rate(node.right)) / value(node.right)
-    raise TypeError(f"{node.operation} has no derivative everywhere")
 
 
 PACKAGE = "mech_twin_generated"  # of the generated modules: no package on disk

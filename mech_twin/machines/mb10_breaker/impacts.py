@@ -133,18 +133,6 @@ def blow(b: Breaker, q: float, u: float, phi: float, p: float, rests: bool) -> B
     return strike(b, q, u, phi, p, 0.0, rests, b.tool_restitution)
 
 
-@kernel
-def touchdown(b: Breaker, q: float, u: float, phi: float, p: float, e: float) -> tuple[float, float, float, float]:
-    """Return u and p after the body meets its collar, the collar's angular impulse (N m s) and the loss (J).
-
-    du = -(M12/M11)(1 + e)|p|, dp = (1 + e)|p|.
-    """
-    m = masses_at(b, q, phi)
-    jump = -(1.0 + e) * p
-    seen = m.m22 - m.m12 * m.m12 / m.m11
-    return u - m.m12 / m.m11 * jump, p + jump, seen * jump, 0.5 * (1.0 - e * e) * seen * p * p
-
-
 class Push(NamedTuple):
     """Effect of a push: change of u and phi' (rad/s), angular impulse on the body (N m s), work on both (J)."""
 

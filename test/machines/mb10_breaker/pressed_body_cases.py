@@ -18,7 +18,8 @@ from mech_twin.machines.mb10_breaker.pressed_body.collar_contact import (
     resting_piece,
     stretch_from,
 )
-from mech_twin.machines.mb10_breaker.pressed_body.flight import highest
+from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import load_stretch, start_state
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import (
     BodyParameters,
     ExcitationParameters,
@@ -93,6 +94,15 @@ def walked_cycle(body: PressedBody, cycle: int = 0) -> WalkedCycle:
             settled = ended.end if ending.cause == SETTLED else settled
     assert ending.cause == BLOW
     return WalkedCycle(body.radius * piece.angle, fastest, rested, settled, top)
+
+
+def swing(body: PressedBody, z: complex, time: float) -> tuple[float, float]:
+    """Return angle and rate (rad, rad/s) at a time (s) of a cycle with amplitudes Z."""
+    angle, rate = start_state(body, z)
+    if time <= body.onset:
+        return motion(body, SwingStretch(angle, rate, 0.0, 0.0), time)
+    angle, rate = motion(body, SwingStretch(angle, rate, 0.0, 0.0), body.onset)
+    return motion(body, load_stretch(body, angle, rate), time - body.onset)
 
 
 def integrated(body: PressedBody, angle: float, rate: float, start: float, end: float, *, dense: bool = False):

@@ -2,10 +2,10 @@
 """The breaker's body under the half sine: one chain of events, whatever the step, however it is continued."""
 
 import pytest
-from machines.mb10_breaker.pressed_body_cases import parameters, rate_at, walked_cycle
+from machines.mb10_breaker.pressed_body_cases import parameters, rate_at, swing, walked_cycle
 
 from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
-from mech_twin.machines.mb10_breaker.pressed_body.free_swing import amplitudes_of_cycle, swing
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import amplitudes_of_cycle
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import pressed_body
 from mech_twin.roles import BodyRole
 from mech_twin.samples import ForceSample, Named

@@ -6,7 +6,15 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from machines.mb10_breaker.pressed_body_cases import OMEGA, body_at, cycle_integrated, integrated, parameters, rate_at
+from machines.mb10_breaker.pressed_body_cases import (
+    OMEGA,
+    body_at,
+    cycle_integrated,
+    integrated,
+    parameters,
+    rate_at,
+    swing,
+)
 from machines.mb10_breaker.published_swing import (
     cycle_constants,
     load_constants,
@@ -26,7 +34,6 @@ from mech_twin.machines.mb10_breaker.pressed_body.free_swing import (
     pressing_force,
     resonance_rate,
     start_state,
-    swing,
     swing_regime,
 )
 

@@ -90,15 +90,6 @@ def amplitudes_of_cycle(body: PressedBody, cycle: int) -> complex:
     return cycle_map(body).after(amplitudes(body, 0.0, 0.0), cycle)
 
 
-def swing(body: PressedBody, z: complex, time: float) -> tuple[float, float]:
-    """Return angle and rate (rad, rad/s) at a time (s) of a cycle with amplitudes Z."""
-    angle, rate = start_state(body, z)
-    if time <= body.onset:
-        return motion(body, SwingStretch(angle, rate, 0.0, 0.0), time)
-    angle, rate = motion(body, SwingStretch(angle, rate, 0.0, 0.0), body.onset)
-    return motion(body, load_stretch(body, angle, rate), time - body.onset)
-
-
 def resonance_rate(body: PressedBody, order: int) -> float:
     """Return the spring rate (N/m) at which k = n omega: c = J (n omega)^2/l^2."""
     return body.inertia * (2.0 * math.pi * order / body.period) ** 2 / body.arm**2
