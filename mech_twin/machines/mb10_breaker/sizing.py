@@ -267,6 +267,8 @@ def sizing(
     tolerance : float
         Part of its value by which each assumed number may be off.
     """
+    if parameters.body.contact == "none":
+        raise StudyError("body.contact is none; expected one_sided, a collar that seats the tool")
     omega = 2.0 * pi * parameters.excitation.blow_rate_hz
     rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
     soft = varied(parameters, {"body.spring_rate_n_per_m": rate})

@@ -64,6 +64,11 @@ def test_limits_that_cannot_be_met_are_named():
         size("mb10_breaker", half_sine(), limits={"largest_force_n": 10.0})
 
 
+def test_without_a_collar_nothing_seats_the_tool():
+    with pytest.raises(StudyError, match=r"body\.contact is none; expected one_sided"):
+        size("mb10_breaker", machine_parameters("mb10_breaker", None, HALF_SINE | {"body.contact": "none"}))
+
+
 def test_seated_means_one_thing_everywhere():
     """At most 0.02 mm off the collar at the blow, and at rest on it for a twentieth of the cycle before."""
     rest = 1.0 - SEATED_REST
