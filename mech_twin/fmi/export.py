@@ -186,7 +186,7 @@ def _constants(unit: MachineUnit) -> str:
             _array("int", "PARAMETER_LIVE", (str(int(each.key.live)) for each in adjustable)),
             _array("char *const", "PARAMETER_NAMES", (f'"{each.key.name}"' for each in adjustable)),
             _array("char *const", "PARAMETER_RANGES", ranges),
-            _array("char *const", "FAILURES", (f'"{failure}"' for failure in failures)),
+            _array("char *const", "FAILURES", (f'"{each.removeprefix(f"{unit.name}: ")}"' for each in failures)),
         )
     )
 

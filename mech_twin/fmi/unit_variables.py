@@ -225,7 +225,7 @@ def _variables(unit: MachineUnit) -> Iterator[Variable]:
 
 def _events(unit: MachineUnit) -> Iterator[Variable]:
     units: Mapping[str, str] = dict(zip(EVENT_FIELDS, ("", "s", "m/s", "m/s", "N.s"), strict=True))
-    meaning = {"count": "how many there were", "time_s": "exact time of the last, 0 before the first"}
+    meaning = {"count": "how many there were", "time_s": "exact time of the last, the start time before the first"}
     for i, kind in enumerate(unit.kinds):
         for j, name in enumerate(EVENT_FIELDS):
             what: Any = "count" if name == "count" else "real"

@@ -190,7 +190,7 @@ def _held(rows: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate([rows, before]), order="time")
 
 
-def test_a_state_given_back_goes_on_with_the_same_bits(unit: Any) -> None:
+def test_a_state_given_back_goes_on_with_the_same_bits_and_only_in_its_unit(unit: Any, tmp_path: Path) -> None:
     with Slave(unit("impact_mass", 2)) as slave:
         slave.begin()
         for step in range(150):
@@ -204,6 +204,11 @@ def test_a_state_given_back_goes_on_with_the_same_bits(unit: Any) -> None:
         other.begin()
         other.fmu.setFMUstate(other.fmu.deSerializeFMUstate(stored))
         assert _onward(other) == once
+    machine = built_machine("impact_mass", None, {"period_s": 0.07})
+    with Slave(export_fmu(machine, tmp_path / "unit.fmu").file) as foreign:  # as many bytes, and other constants
+        with pytest.raises(Exception, match="DeSerialize"):
+            foreign.fmu.deSerializeFMUstate(stored)
+        assert foreign.get("parameters.period_s") == 0.07
 
 
 def _onward(slave: Slave) -> list[float]:
@@ -214,13 +219,15 @@ def _onward(slave: Slave) -> list[float]:
     return found
 
 
-def test_a_long_step_ends_where_short_ones_do(unit: Any) -> None:
+@pytest.mark.parametrize("start_s", [0.0, -3.0, 1.76e9])
+def test_a_long_step_ends_where_short_ones_do_at_any_start_time(unit: Any, start_s: float) -> None:
     ends = []
     for length in (1, 10, 250):
         with Slave(unit("impact_mass", 2)) as slave:
+            slave.fmu.setupExperiment(startTime=start_s)
             slave.begin()
             for begin in range(0, 500, length):
-                slave.fmu.doStep(0.001 * begin, 0.001 * length)
+                slave.fmu.doStep(start_s + 0.001 * begin, 0.001 * length)
             ends.append(slave.get("linkage.mass.velocity"))
     assert ends == [mt.rollout("impact_mass", 0.5)["linkage.mass.velocity"][-1]] * 3
 

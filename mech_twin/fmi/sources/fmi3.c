@@ -224,8 +224,7 @@ EXPORT fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
 }
 
 EXPORT fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) {
-    unit_restore(c, state);
-    return fmi3OK;
+    return answered(c, unit_restore(c, state));
 }
 
 EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {

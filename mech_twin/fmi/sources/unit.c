@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "unit.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,7 +9,7 @@
 
 #include "machine_data.h" /* constants and first frame of the machine, written by the export */
 
-#define ON_STEP 1e-6 /* of a step: a time this little before a step counts as on it */
+#define ON_STEP 1e-6 /* of a step: a time this little, and its own rounding, before a step counts as on it */
 #define MOST_STEPS 9e15 /* as many as a double counts one by one */
 
 /* The compiled kernels, in the calling convention of numba: result, exception, arguments; not 0 is an exception. */
@@ -41,6 +42,7 @@ static void put_parameter(unit_state *s, int i) {
 void unit_reset(unit *it) {
     unit_state *s = &it->state;
     memset(s, 0, sizeof *s);
+    memcpy(s->token, TOKEN, sizeof s->token);
     if (REAL_COUNT > 0) memcpy(s->reals, REALS, REAL_COUNT * sizeof(double));
     if (WHOLE_COUNT > 0) memcpy(s->wholes, WHOLES, WHOLE_COUNT * sizeof(int64_t));
     if (FLAG_COUNT > 0) memcpy(s->flags, FLAGS, FLAG_COUNT * sizeof(uint8_t));
@@ -62,13 +64,14 @@ double unit_time(const unit *it) { return it->state.start_s + (double)it->state.
 
 int unit_advance(unit *it, double time_s, double step_s, int stop_at_event, int *stopped) {
     unit_state *s = &it->state;
-    double last = floor((time_s + step_s - s->start_s) / STEP_S + ON_STEP);
+    double near = ON_STEP + 2.0 * DBL_EPSILON * fabs(time_s) / STEP_S;
+    double last = floor((time_s + step_s - s->start_s) / STEP_S + near);
     char text[300];
     *stopped = 0;
     if (!s->begun) return told(it, MACHINE_NAME ": a step before the initialization has ended");
-    if (!(fabs(time_s - unit_time(it)) <= STEP_S && step_s >= 0.0 && last <= MOST_STEPS)) { /* so is what is not a number */
+    if (!(fabs(time_s - unit_time(it)) <= (1.0 + near) * STEP_S && near < 0.5 && step_s >= 0.0 && last <= MOST_STEPS)) { /* so is what is not a number */
         snprintf(
-            text, sizeof text, MACHINE_NAME ": a step of %.9g s from %.9g s: expected one onward from where the last ended, %.9g s",
+            text, sizeof text, MACHINE_NAME ": a step of %.9g s from %.15g s: expected one onward from where the last ended, %.15g s",
             step_s, time_s, unit_time(it));
         return told(it, text);
     }
@@ -175,8 +178,15 @@ const char *unit_store(const unit *it, void **state) {
     return unit_from_bytes(&it->state, sizeof(unit_state), state);
 }
 
-void unit_restore(unit *it, const void *state) {
-    memcpy(&it->state, state, sizeof(unit_state));
+static const char *foreign(const void *state) {
+    int own = state != NULL && memcmp(((const unit_state *)state)->token, TOKEN, sizeof TOKEN) == 0;
+    return own ? NULL : MACHINE_NAME ": this is no state of this unit: expected one that it, or an equal export, has stored";
+}
+
+const char *unit_restore(unit *it, const void *state) {
+    const char *why = foreign(state);
+    if (why == NULL) memcpy(&it->state, state, sizeof(unit_state));
+    return why;
 }
 
 void unit_forget(void **state) {
@@ -192,7 +202,8 @@ const char *unit_to_bytes(const void *state, void *bytes, size_t size) {
 }
 
 const char *unit_from_bytes(const void *bytes, size_t size, void **state) {
-    if (size != sizeof(unit_state)) return MACHINE_NAME ": these bytes are no state of this machine";
+    const char *why = foreign(size == sizeof(unit_state) ? bytes : NULL);
+    if (why != NULL) return why;
     if (*state == NULL) *state = malloc(sizeof(unit_state));
     if (*state == NULL) return MACHINE_NAME ": no memory for a state";
     memcpy(*state, bytes, size);

@@ -18,6 +18,7 @@ enum { SINGLE_EFFORTS = EFFORT_COUNT > 0 ? EFFORT_COUNT : 1 };
 
 typedef struct {
     void *none;             /* NULL: fmusim frees what a state begins with, not what it is told the address of */
+    char token[sizeof TOKEN]; /* of the unit whose state this is: constants and their places are its own */
     double reals[REAL_COUNT > 0 ? REAL_COUNT : 1]; /* kernels work in arrays of all three */
     int64_t wholes[WHOLE_COUNT > 0 ? WHOLE_COUNT : 1];
     uint8_t flags[FLAG_COUNT > 0 ? FLAG_COUNT : 1];
@@ -57,7 +58,7 @@ int unit_set_real(unit *it, unsigned reference, double value);
 int unit_get_count(const unit *it, unsigned reference, int32_t *value);
 /* A state of its own for the importer.  What can fail returns why, or NULL. */
 const char *unit_store(const unit *it, void **state);
-void unit_restore(unit *it, const void *state);
+const char *unit_restore(unit *it, const void *state);
 void unit_forget(void **state);
 const char *unit_to_bytes(const void *state, void *bytes, size_t size);
 const char *unit_from_bytes(const void *bytes, size_t size, void **state);
