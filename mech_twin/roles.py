@@ -239,7 +239,7 @@ class Machine:
     Attributes
     ----------
     name : str
-        Catalogue name, also the ROS namespace.
+        Catalogue name, of a page ``page``; `own_name` is that of its topics.
     parameters : Parameters
         The validated model the roles were built from.
     coupling_step_s : float
@@ -285,6 +285,11 @@ class Machine:
     gauge: BlowGauge | None = None
     remarks: Callable[[Mapping[str, float]], Iterable[str]] = no_remarks
     goes_on: Callable[[Observer], None] = unchanged
+
+
+def own_name(machine: str, parameters: Parameters) -> str:
+    """Return the name that a machine has on its topics and for its user: of a page the one that stands on it."""
+    return str(getattr(parameters, "name", machine))
 
 
 @dataclass(frozen=True)

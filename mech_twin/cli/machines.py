@@ -26,6 +26,7 @@ from mech_twin.parameters.load import (
     is_page,
     machine_parameters,
 )
+from mech_twin.roles import own_name
 
 
 def show_catalogue(request: ListVerb) -> None:
@@ -161,20 +162,20 @@ def _draw(model: Any, picture: Path) -> None:
 def export_unit(request: FmuVerb) -> None:
     """Write the unit, and say what an importer sees of it."""
     from mech_twin.fmi.export import LINUX, WINDOWS, export_fmu
-    from mech_twin.fmi.unit_variables import unit_name
 
     built = request.built
-    fmi, file = request.fmi, request.out or Path(f"{unit_name(built)}.fmu")
+    name, fmi = own_name(built.name, built.parameters), request.fmi
+    file = request.out or Path(f"{name}.fmu")
     platforms = (LINUX, WINDOWS) if request.windows else (LINUX,)
     with busy("compiling the unit"):
         written = export_fmu(built, file, fmi, platforms, force=request.force)
     if request.as_json:
-        head = {"machine": unit_name(built), "file": file, "fmi": fmi}
+        head = {"machine": name, "file": file, "fmi": fmi}
         head["platforms"] = [platform.folders[fmi - 2] for platform in platforms]
         sides = {f"{side}s": [v.name for v in written.variables if v.causality == side] for side in ("input", "output")}
         print_json({**head, **sides, "parameters": written.parameters})
         return
     outputs = sum(v.causality == "output" for v in written.variables)
     keys = ", ".join(v.name for v in written.variables if v.name.startswith(("parameters.", "live."))) or "none"
-    say_result(f"{file}: FMI {fmi}.0 co-simulation of {unit_name(built)}, {outputs} outputs")
+    say_result(f"{file}: FMI {fmi}.0 co-simulation of {name}, {outputs} outputs")
     say_result(f"configuration keys that an importer may set: {keys}; for others export anew with --set")

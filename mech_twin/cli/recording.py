@@ -31,7 +31,8 @@ from mech_twin.measurements.blocks import EPOCH_S
 from mech_twin.measurements.tables import is_table
 from mech_twin.nodes.run.domain import settle_domain
 from mech_twin.parameters.description import description_text
-from mech_twin.parameters.load import MACHINE_KEY, file_tree, is_page, machine_parameters, own_name
+from mech_twin.parameters.load import MACHINE_KEY, file_tree, is_page, machine_parameters
+from mech_twin.roles import own_name
 from mech_twin.studies.resimulation import ConfigurationHistory, Verdict, analysed, resimulated
 
 if TYPE_CHECKING:

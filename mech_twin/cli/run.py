@@ -26,12 +26,12 @@ from mech_twin.parameters.load import (
     catalogue_entry,
     is_page,
     machine_parameters,
-    own_name,
     run_group,
 )
 from mech_twin.process.dependencies import require_modules
 from mech_twin.process.interruption import StopSignal
 from mech_twin.recording.bag_metadata import check_recording_directory, kept_until_replaced
+from mech_twin.roles import own_name
 from mech_twin.studies.simulation import event_record
 
 if TYPE_CHECKING:

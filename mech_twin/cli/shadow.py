@@ -28,9 +28,10 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.output_file import check_output_directory
 from mech_twin.nodes.run.domain import run_namespace, settle_domain
 from mech_twin.parameters.errors import did_you_mean, key_units, refusal
-from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of, own_name
+from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of
 from mech_twin.recording.bag_metadata import check_recording_directory, kept_until_replaced
 from mech_twin.results.opened_runs import given_map
+from mech_twin.roles import own_name
 from mech_twin.studies.advice_search import AdviceWish, advice_model
 
 if TYPE_CHECKING:

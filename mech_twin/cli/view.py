@@ -26,9 +26,9 @@ from mech_twin.engine.run import frames, steps_for
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.files.output_file import written_file
 from mech_twin.nodes.run.domain import settle_domain
-from mech_twin.parameters.load import is_page, own_name
+from mech_twin.parameters.load import is_page
 from mech_twin.process.interruption import StopSignal
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.studies.run_comparison import changed_settings
 from mech_twin.studies.simulation import RunMetrics
 

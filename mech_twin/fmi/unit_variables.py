@@ -20,12 +20,11 @@ from mech_twin.engine.compiled_machine import CompiledMachine, PackedModels, com
 from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.sample_vectors import Array
 from mech_twin.fmi.step_object import EVENT_FIELDS
-from mech_twin.machines.page.parameters import Page
 from mech_twin.measurements.units import column_unit, sliding_in
 from mech_twin.mechanics.recording import generated_at
 from mech_twin.parameters.errors import Key, keys
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.roles import EffortMotor, Machine
+from mech_twin.roles import EffortMotor, Machine, own_name
 from mech_twin.samples import Frame
 
 # value references, consecutive within each group (the same numbers as in sources/unit.h)
@@ -74,8 +73,8 @@ class MachineUnit:
 
     @property
     def name(self) -> str:
-        """Name of the machine."""
-        return unit_name(self.machine)
+        """Name of the machine, of a page the one on it."""
+        return own_name(self.machine.name, self.machine.parameters)
 
     @property
     def supply_off(self) -> bool:
@@ -87,11 +86,6 @@ class MachineUnit:
     def variables(self) -> tuple[Variable, ...]:
         """All variables, in the order of the model description."""
         return tuple(_variables(self))
-
-
-def unit_name(machine: Machine) -> str:
-    """Return the name of a machine, or of the configuration page it is built from."""
-    return str(machine.parameters.name) if isinstance(machine.parameters, Page) else machine.name
 
 
 def unit_of(machine: Machine, compiled: CompiledMachine) -> MachineUnit:

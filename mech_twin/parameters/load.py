@@ -216,11 +216,6 @@ def kind_of(name: str) -> str:
     return PAGE.name if is_page(name) else name
 
 
-def own_name(machine: str, parameters: Parameters) -> str:
-    """Return the name that a machine has on its topics and for its user: of a page the one that stands on it."""
-    return str(getattr(parameters, "name", machine))
-
-
 def machine_of_prefix(text: str) -> str:
     """Return the machine whose name is the only one with this prefix; a page's path is returned unchanged.
 

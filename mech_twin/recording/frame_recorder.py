@@ -27,7 +27,7 @@ from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import JOINT_FIELDS, STAMP, TopicField
 from mech_twin.recording.schemas import offered_qos
-from mech_twin.roles import Machine
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import Drawing, ForceSample, Frame
 
 FIELD_TYPES: Mapping[str, Any] = {
@@ -126,7 +126,7 @@ class FrameRecorder:
     """
 
     def __init__(self, machine: Machine, directory: Path, description: str) -> None:
-        self._machine = machine
+        self._machine, self._space = machine, own_name(machine.name, machine.parameters)
         self._writer = BagWriter(directory, configuration=description)
         gauge = machine.gauge
         gauged = () if gauge is None else (topics.BLOW_GAUGE, *((topics.BLOW_WAVE,) if gauge.sent else ()))
@@ -134,7 +134,7 @@ class FrameRecorder:
         for topic in (*topics.recorded_topics(machine.forces.pins, machine.body is not None), *gauged, *seen):
             durability = "transient_local" if topic.qos is topics.LATCHED else "volatile"
             qos = offered_qos(durability=durability, depth=topic.qos.depth)
-            self._writer.add_topic(topics.full_name(machine.name, topic), topics.type_name(topic), qos)
+            self._writer.add_topic(topics.full_name(self._space, topic), topics.type_name(topic), qos)
         self._now_ns = 0
         self._window = topics.steps_per_window(topics.STREAM_RATE_HZ, machine.coupling_step_s)
         self._wrenches = {pin: topics.PeakHoldWindow[Any](self._window) for pin in machine.forces.pins}
@@ -206,14 +206,14 @@ class FrameRecorder:
             self._put(topics.CLOCK, stamped_bytes(linkage.time_s))
             self._write_frames(frame)
         if linkage.step % self._steps_per_drawing == 0:
-            shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._machine.name, scene.FRAME)
+            shapes, frame_name = self._machine.draw(linkage, frame.body), frame_id(self._space, scene.FRAME)
             self._put(topics.SCENE, scene.to_bytes(Drawing(linkage.step, linkage.time_s, shapes), frame_name))
 
     def _write_frames(self, frame: Frame) -> None:
         if self._machine.mechanism is None:
             return
         positions = dict(zip(frame.linkage.joints, frame.linkage.position, strict=True))
-        for found in transforms(self._machine.mechanism, positions, frame.linkage.time_s, self._machine.name):
+        for found in transforms(self._machine.mechanism, positions, frame.linkage.time_s, self._space):
             self._put(topics.FRAMES, found)
 
     def _describe(self, description: str) -> None:
@@ -223,13 +223,13 @@ class FrameRecorder:
 
     def _put_wrench(self, pin: str, kept: tuple[Any, ...]) -> None:
         for time_s, wrench in kept:
-            self._put(topics.pin_wrench(pin), wrench_bytes(time_s, frame_id(self._machine.name, pin), *wrench))
+            self._put(topics.pin_wrench(pin), wrench_bytes(time_s, frame_id(self._space, pin), *wrench))
 
     def _put_pressing_force(self, kept: tuple[Any, ...]) -> None:
         for time_s, force_n in kept:
-            self._put(topics.PRESSING_FORCE, wrench_bytes(time_s, frame_id(self._machine.name, TOOL_FRAME), force_n))
+            self._put(topics.PRESSING_FORCE, wrench_bytes(time_s, frame_id(self._space, TOOL_FRAME), force_n))
 
     def _put(self, topic: topics.Topic, message: Any) -> None:
-        name = topics.full_name(self._machine.name, topic)
+        name = topics.full_name(self._space, topic)
         raw = message if isinstance(message, bytes) else serialize_message(message)
         self._writer.write(name, raw, self._now_ns, self._now_ns, latched=topic.qos is topics.LATCHED)

@@ -22,8 +22,8 @@ from mech_twin.engine.coupling import RESET, driven, next_body, restarted
 from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.parameters.description import Description, description
-from mech_twin.parameters.load import catalogue_entry, own_name
-from mech_twin.roles import Machine
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.roles import Machine, own_name
 from mech_twin.samples import BodySample, ForceSample, Frame, LinkageSample, MotorSample, Named
 from mech_twin.studies.run_comparison import changed_settings
 

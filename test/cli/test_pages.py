@@ -99,7 +99,9 @@ def test_a_key_of_the_page_is_set_by_its_names(page):
 def test_a_bag_of_a_page_is_computed_anew_to_the_bit_without_the_page(page, tmp_path):
     bag = tmp_path / "bag"
     answer("simulate", page, "--duration", "0.5", "--bag", bag)
-    assert answer("info", bag).startswith("spring_hammer, 0.5 s; complete")
+    told = answer("info", bag)
+    assert told.startswith("spring_hammer, 0.5 s; complete")
+    assert "topics below /spring_hammer/" in told  # where `run` publishes them
     page.unlink()
     answer("replay", bag, "--resimulate")
 
