@@ -40,7 +40,8 @@ FIRST_COLOUR = {
     "motor/speed": 4,
     "linkage_sliding/speed": 2,
     "linkage_sliding/position": 2,
-    "body/effort": 1,
+    "linkage_sliding/effort": 2,
+    "body_moment": 1,
     "residuals/forces": 3,
     "residuals/body": 6,
 }

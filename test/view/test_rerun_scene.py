@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+import re
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -6,7 +8,9 @@ from rerun.chunk import RrdReader
 from rrd_tables import rrd_tables
 from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
+from mech_twin.engine.run import frames
 from mech_twin.errors import RerunSceneError
+from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
 from mech_twin.view.extent import Bounds, event_line, round_above
 from mech_twin.view.layout import PhasePortrait, SceneContents, blueprint, legend_share, plot
@@ -34,6 +38,22 @@ def kept(tmp_path_factory):
     with RerunScene("four_bar", rrd_path=path) as scene:
         shown(scene)
     return rrd_tables(path)
+
+
+@pytest.mark.parametrize("name", ["roller_former", "mb10_breaker"])
+def test_a_joint_has_the_same_colour_in_every_plot_of_its_role(name, tmp_path):
+    machine, path, colours = built_machine(name), tmp_path / "run.rrd", {}
+    with RerunScene(name, rrd_path=path) as scene:
+        scene.know(machine.mechanism)
+        for now in frames(machine, 0.01):
+            scene.frame(now.motor, now.linkage, now.forces, now.body)
+    for entity, batch in rrd_tables(path)[1].items():
+        if found := re.fullmatch(r"/(linkage|body)(?:_sliding)?/(?:position|speed|effort)", entity):
+            names, drawn = (batch.column(f"SeriesLines:{column}")[0].as_py() for column in ("names", "colors"))
+            for joint, colour in zip(names, drawn, strict=True):
+                colours.setdefault((found[1], joint), set()).add(colour)
+    assert colours
+    assert all(len(of_joint) == 1 for of_joint in colours.values()), colours
 
 
 def sorted_rows(table, component):
