@@ -94,11 +94,29 @@ def _length(interval_s: Array | float) -> npt.NDArray[np.int64]:
     return np.asarray(interval_s, dtype=np.float64).view(np.int64) >> 38
 
 
+def unit_differences(times_s: Array, values: Array, order: int) -> Array:
+    """Return the size of the divided differences of a series (n,), scaled so that white noise keeps its deviation.
+
+    Those of a polynomial of lower degree are zero however unevenly its samples come, so that jitter and losses add
+    nothing.  Differences across a repeated stamp are left out.
+    """
+    count = max(len(times_s) - order, 0)
+    total, squares = np.zeros(count), np.zeros(count)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for j in range(order + 1):
+            apart = [times_s[j : j + count] - times_s[m : m + count] for m in range(order + 1) if m != j]
+            weights = 1.0 / np.prod(apart, axis=0)
+            total += weights * values[j : j + count]
+            squares += weights**2
+        found = np.abs(total) / np.sqrt(squares)
+    return np.asarray(found[np.isfinite(found)])
+
+
 class QualityGauge:
     """Computes the quality of one channel, block by block."""
 
     def __init__(self) -> None:
-        self._stamps, self._shown = np.empty(0), np.empty(0)  # the last stamp, and two values of rising stamps
+        self._stamps, self._shown = np.empty(0), np.empty((2, 0))  # the last stamp; the last two rising, with values
         self._intervals, self._bends, self._kept = _Thinned(), _Thinned(), _Thinned()
         self._samples = self._repeats = self._back = self._nan = 0
         self._lengths, self._counts = (np.empty(0, dtype=np.int64) for _ in range(2))  # intervals by their length
@@ -131,11 +149,10 @@ class QualityGauge:
         if finite.any():
             self._take_values(values[finite])
         risen = np.append(np.ones(len(times) - len(intervals), dtype=bool), intervals > 0.0)
-        shown = np.concatenate([self._shown, values[risen]])  # a repeated sample has no curvature of its own
-        bends = np.diff(shown, 2)
-        self._bends.add(np.abs(bends[np.isfinite(bends)]))
+        shown = np.hstack([self._shown, [times[risen], values[risen]]])  # a repeated sample has no curvature of its own
+        self._bends.add(unit_differences(shown[0], shown[1], 2))
         self._kept.add(values[finite])
-        self._stamps, self._shown = times[-1:], shown[-2:]
+        self._stamps, self._shown = times[-1:], shown[:, -2:]
         if len(block.delays_s):
             since, delays = times - self._first_s, block.delays_s[stamped]
             squares = (since @ since, since @ delays, delays @ delays)
@@ -175,7 +192,7 @@ class QualityGauge:
             quantum=self._quantum(),
             saturated=self._saturated(),
             nan=self._nan,
-            noise=float(np.median(bends)) / NORMAL_MEDIAN / 6.0**0.5 if len(bends) else np.nan,
+            noise=float(np.median(bends)) / NORMAL_MEDIAN if len(bends) else np.nan,
             low=np.nan if empty else self._low,
             high=np.nan if empty else self._high,
             span_s=self._last_s - self._first_s,

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from mech_twin.engine.rollout import RollOut
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, fixed
-from mech_twin.measurements.quality import NORMAL_MEDIAN
+from mech_twin.measurements.quality import NORMAL_MEDIAN, unit_differences
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.sensors import event_values
 from mech_twin.measurements.units import EVENT, TURN, is_angle, is_event
@@ -202,22 +201,20 @@ def fit_channel(channel: Channel, times_s: Array, values: Array, quantum: float)
     if channel.sigma is not None:
         noise = own * channel.sigma
     else:
-        noise = 0.0 if channel.quantity.startswith(EVENT) else seen_noise(values)
+        noise = 0.0 if channel.quantity.startswith(EVENT) else seen_noise(times_s, values)
     return FitChannel(channel, times_s[::every], values[::every], float(np.hypot(noise, own * quantum / 12.0**0.5)))
 
 
-def seen_noise(values: Array) -> float:
-    """Return the standard deviation of the noise in a series, estimated from its higher differences.
+def seen_noise(times_s: Array, values: Array) -> float:
+    """Return the standard deviation of the noise in a series, estimated from its higher differences at its stamps (s).
 
-    Second differences still contain the curvature of a fast motion, higher ones less of it.  White noise of standard
-    deviation s gives differences of order k with s sqrt(binomial(2k, k)); the least estimate over the orders is taken.
+    Second differences still contain the curvature of a fast motion, higher ones less of it; the least estimate over
+    the orders is taken.
     """
-    found = []
-    for order in DIFFERENCES:
-        left = np.abs(np.diff(values, order))
-        if len(left) >= FEWEST_DIFFERENCES:
-            found.append(float(np.median(left)) / NORMAL_MEDIAN / comb(2 * order, order) ** 0.5)
-    return min(found, default=0.0)
+    found = (unit_differences(times_s, values, order) for order in DIFFERENCES)
+    return min(
+        (float(np.median(left)) / NORMAL_MEDIAN for left in found if len(left) >= FEWEST_DIFFERENCES), default=0.0
+    )
 
 
 def _earlier(channel: FitChannel, shift_s: float) -> FitChannel:
