@@ -147,15 +147,15 @@ def sensor_findings(
     for column, usual in limits.items():
         quality = qualities.get(column, ChannelQuality(0, float("nan"), 0.0, 0.0))
         lost = 1.0 - quality.samples / (usual.rate_hz * period_s)
-        stretched = quality.spacing_s / usual.spacing_s
+        apart = quality.spacing_s / usual.spacing_s, 1.0 / max(1.0 - lost, 1e-9)  # jitter moves one, losses the other
         is_tested = usual.rate_hz * usual.spacing_s >= EVEN
-        is_even = (1.0 - lost) * stretched >= 1.0 - 0.5 * LOST  # as many samples as fill the cycle at their spacing
+        is_rarer = min(apart) > SPACING and apart[0] >= (1.0 - 0.5 * LOST) * apart[1]  # losses leave the spacing
         if quality.wrong_turns:
             found.append(SensorFinding("turns", column, quality.wrong_turns))
         elif usual.equal_share < PLATEAU and quality.equal_share > 0.5 * (1.0 + usual.equal_share):
             found.append(SensorFinding("stuck", column, quality.equal_share))
-        elif is_tested and is_even and not 1.0 / SPACING <= stretched <= SPACING:
-            found.append(SensorFinding("rate", column, stretched))
+        elif is_tested and (is_rarer or max(apart) < 1.0 / SPACING):
+            found.append(SensorFinding("rate", column, apart[1]))
         elif lost > usual.lost + LOST + 2.0 / max(usual.rate_hz * period_s, 1.0):
             found.append(SensorFinding("dropout", column, lost))
         elif usual.isolation > 0.0 and quality.isolation > ISOLATION * usual.isolation:

@@ -143,6 +143,24 @@ def test_jitter_does_not_matter() -> None:
     assert not any(each.finding for each in told(jittering))
 
 
+@pytest.mark.parametrize("later_jitter", [0.0, 0.2, 0.4])
+@pytest.mark.parametrize(("spacing", "sizes"), [(1.0, []), (0.93, []), (0.5, [0.5] * 600)])
+def test_a_doubled_rate_of_few_jittered_samples_is_told_and_jitter_is_not(
+    spacing: float, sizes: list[float], later_jitter: float
+) -> None:
+    random = np.random.default_rng(3)
+
+    def cycle(interval_s: float, jitter: float) -> tuple[float, dict[str, ChannelQuality]]:
+        count = round(0.05 / interval_s)
+        times_s = interval_s * (np.arange(count) + np.clip(jitter * random.standard_normal(count), -0.45, 0.45))
+        return 0.05, {COLUMN: channel_quality(times_s, np.sin(times_s))}
+
+    limits = sensor_limits([cycle(0.001, 0.2) for _ in range(600)])
+    found = [sensor_findings(limits, *cycle(0.001 * spacing, later_jitter)) for _ in range(600)]
+    rates = [each.size for findings in found for each in findings if each.kind == "rate"]
+    assert rates == pytest.approx(sizes, rel=0.03)
+
+
 def test_a_channel_with_plateaus_while_healthy_is_not_called_stuck() -> None:
     times = np.linspace(0.0, 1.0, 101)
     flat = np.where(times < 0.6, 0.0, np.sin(times))
