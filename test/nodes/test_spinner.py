@@ -13,6 +13,7 @@ from itertools import pairwise
 import pytest
 import rclpy
 from rclpy.node import Node
+from std_msgs.msg import Float64
 
 from mech_twin.nodes.exchange.spinner import SLICE_S, Spinner
 
@@ -88,3 +89,23 @@ def test_serving_ends_soon_after_the_run(node: Idle | Paced) -> None:
         begun_s = time.monotonic()
         served(spinner, WARM_S)
     assert time.monotonic() - begun_s < WARM_S + 10.0 * SLICE_S + 0.2
+
+
+def test_serving_ends_where_messages_come_faster_than_they_are_served() -> None:
+    rclpy.init()
+    node = Node("slow")
+    more = node.create_publisher(Float64, "more", 5000)
+
+    def message(heard: Float64) -> None:
+        time.sleep(0.005)
+        for _ in range(5):
+            more.publish(heard)
+
+    node.create_subscription(Float64, "more", message, 5000)
+    node.create_timer(0.3, lambda: more.publish(Float64()))
+    end_s = time.monotonic() + 3.0
+    with Spinner([node]) as spinner:
+        spinner.serve(lambda: time.monotonic() > end_s)
+    assert time.monotonic() < end_s + 2.0
+    node.destroy_node()
+    rclpy.try_shutdown()

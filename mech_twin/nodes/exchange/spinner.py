@@ -30,6 +30,7 @@ from mech_twin.nodes.exchange.hand_over import HandOver
 LONGEST_WAIT_S = 0.1
 SHORTEST_WAIT_S = 1e-4
 SLICE_S = 0.02
+LATE_S = 0.2  # between two looks: what waits in the executor takes that long
 LONGEST_SLICE_S = 1.0
 BY_MESSAGE_S = 1.0  # spin message by message for so long after a call of ``interrupt``
 # a step makes some thousand short-lived tuples: with the default thresholds the garbage collector takes a twentieth of
@@ -72,6 +73,7 @@ class Spinner:
         self._steps = HandOver()
         self._slice = Future()
         self._by_message_until_s = 0.0
+        self._behind = False
         self._slice_end_s = 0.0
         self.patient: list[Callable[[], None]] = []
         self._thresholds = gc.get_threshold()
@@ -110,16 +112,21 @@ class Spinner:
         """Serve the nodes until a run has ended, which is checked some fifty times a second, or rclpy is shut down.
 
         Between two checks (a slice) the executor processes messages by itself, unless a node calls ``interrupt``.
-        A node that waits for the wall clock is served message by message.  Each slice leaks some bytes in rclpy, so a
-        slice lasts until a task is due.
+        A node that waits for the wall clock is served message by message.  So are nodes whose messages come faster than
+        they are served: a slice, also one with a time limit, ends only after all that waited before, which takes ever
+        longer.  Each slice leaks some bytes in rclpy, so a slice lasts until a task is due.
         """
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         for node in ticking:
             node.interrupt = self._interrupt
         first, running = self.nodes[0], rclpy.get_default_context().ok
 
+        looked_s = time.monotonic()
+
         def look() -> None:
-            if not running() or ended() or self._steps.waiting or _wait_s(ticking) < SLICE_S:
+            nonlocal looked_s
+            self._behind, looked_s = time.monotonic() > looked_s + LATE_S, time.monotonic()
+            if self._behind or not running() or ended() or self._steps.waiting or _wait_s(ticking) < SLICE_S:
                 self._slice.set_result(None)
 
         timer = first.create_timer(SLICE_S, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -130,7 +137,7 @@ class Spinner:
                     continue
                 self._serve_others()
                 wait_s = _wait_s(ticking)
-                if wait_s < SLICE_S or self._steps.used or time.monotonic() < self._by_message_until_s:
+                if self._behind or wait_s < SLICE_S or self._steps.used or time.monotonic() < self._by_message_until_s:
                     self._executor.spin_once(timeout_sec=wait_s)
                 else:
                     self._slice = Future()
