@@ -7,7 +7,7 @@ Unknown keys get suggestions, and every key has its unit and declaration.
 import re
 import types
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
 
@@ -142,11 +142,6 @@ SECTION = "ros__parameters"
 KeyLines = Callable[[], Mapping[str, int]]
 
 
-def no_lines() -> dict[str, int]:
-    """Return no line numbers, for values that do not come from a file."""
-    return {}
-
-
 def parameter_nodes(text: str) -> list[yaml.MappingNode]:
     """Return the nodes with parameters: below each section's head, or a page as a whole, which has no head."""
     document = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -156,9 +151,9 @@ def parameter_nodes(text: str) -> list[yaml.MappingNode]:
     return found or [node for node in (document,) if isinstance(node, yaml.MappingNode)]
 
 
-def key_lines(text: str, elsewhere: Iterable[str]) -> dict[str, int]:
+def key_lines(text: str, elsewhere: Collection[str]) -> dict[str, int]:
     """Return the line number of each dotted key in a parameter file, without keys ``elsewhere`` and their groups."""
-    left_out = {key[: len(key) - cut] for key in elsewhere for cut in _dots(key)}
+    left_out = {*elsewhere, *groups_of(elsewhere)}
     found = [pair for node in reversed(parameter_nodes(text)) for pair in _lines(node, "")]  # the first one counts
     return {key: line for key, line in found if key not in left_out}
 
@@ -169,13 +164,8 @@ def _lines(node: yaml.Node, prefix: str) -> Iterator[tuple[str, int]]:
         yield from _lines(value, f"{prefix}{key.value}.")
 
 
-def _dots(key: str) -> list[int]:
-    """Return the numbers of characters to remove from a key's end for the key itself and each of its groups."""
-    return [0, *(len(key) - place for place, letter in enumerate(key) if letter == ".")]
-
-
 def refusal(
-    source: str, error: ValidationError, model: type[BaseModel] | None = None, lines: KeyLines = no_lines
+    source: str, error: ValidationError, model: type[BaseModel] | None = None, lines: KeyLines = dict
 ) -> ConfigurationError:
     """Return an error of one line with every wrong key, its value and what was expected.
 

@@ -31,7 +31,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError, merged
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.machines.catalog import CATALOGUE, Entry
-from mech_twin.parameters.errors import LONGEST_VALUE, KeyLines, key_lines, no_lines, refusal, shown_value
+from mech_twin.parameters.errors import LONGEST_VALUE, KeyLines, key_lines, refusal, shown_value
 from mech_twin.roles import Machine
 
 DEPTH_LIMIT = 20
@@ -404,7 +404,7 @@ def run_group(name: str, path: Path | None = None, overrides: Mapping[str, Any] 
     return group
 
 
-def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLines = no_lines) -> Parameters:
+def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLines = dict) -> Parameters:
     """Return the validated parameter model of a tree of values; raise a ConfigurationError of one line."""
     values = {key: value for key, value in tree.items() if not is_of_ros(key)}
     values.pop(RUN_GROUP, None)
