@@ -235,17 +235,17 @@ def busy(title: str) -> Iterator[None]:
 
 
 @contextmanager
-def counted(title: str, *times: str, total: float | None = None) -> Iterator[Callable[[int, int], None] | None]:
-    """Give ``progress(done, all)``: a bar with these columns of time, else both, when a terminal listens."""
-    times = times or ("TimeElapsedColumn", "TimeRemainingColumn")
-    with bar(title, "{task.description}", "BarColumn", "MofNCompleteColumn", *times, total=total) as update:
+def counted(title: str, total: float | None = None) -> Iterator[Callable[[int, int], None] | None]:
+    """Give ``progress(done, all)``, which moves a bar, when a terminal listens."""
+    columns = ("{task.description}", "BarColumn", "MofNCompleteColumn", "TimeElapsedColumn", "TimeRemainingColumn")
+    with bar(title, *columns, total=total) as update:
         yield None if update is None else lambda done, total: update(completed=done, total=total)
 
 
 @contextmanager
 def progress(items: Iterable[Item], total: int, title: str) -> Iterator[Iterable[Item]]:
     """Iterate over the items, with a progress bar on a terminal; elsewhere with an estimate if it takes long."""
-    with counted(title, "TimeRemainingColumn", total=total) as update:
+    with counted(title, total) as update:
         show = update or estimating(title, BEYOND_REASON_S)
 
         def followed() -> Iterator[Item]:
