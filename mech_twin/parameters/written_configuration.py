@@ -88,7 +88,11 @@ def _with_values(name: str, text: str, parameters: Parameters, source: str) -> s
     wanted |= {} if is_page(name) else {MACHINE_KEY: name}
     values, groups = _places(text)
     changed = {key: value for key, value in wanted.items() if before.get(key) != value and key != MACHINE_KEY}
-    edits = [(values[key], _replacing(text, values[key], value)) for key, value in changed.items() if key in values]
+    edits = []
+    for key, value in changed.items():
+        if (place := values.get(key)) is not None:
+            before_it = "" if place.flow else f"  # was {text[place.begin : place.end].strip()};"
+            edits.append((place, _shown(value) + before_it))
     keys = [key for key in (MACHINE_KEY, *changed) if key in wanted and key not in values]
     new = {key: wanted[key] for key in keys if not _of_catalogue(key, wanted)}
     gone = [values[key] for key in before if key in values and key not in wanted]
@@ -102,12 +106,6 @@ def _with_values(name: str, text: str, parameters: Parameters, source: str) -> s
 def _of_catalogue(key: str, wanted: Mapping[str, Any]) -> bool:
     """Return whether a key is a motor value that the motor's catalogue name determines."""
     return key.startswith(f"{MOTOR}.") and f"{MOTOR}.{NAME_KEY}" in wanted
-
-
-def _replacing(text: str, place: TextPlace, value: Any) -> str:
-    """Return a value, followed by the previous value at the start of the comment beside it."""
-    before = text[place.begin : place.end].strip()
-    return _shown(value) if place.flow else f"{_shown(value)}  # was {before};"
 
 
 def _line_of(text: str, place: TextPlace) -> TextPlace:
