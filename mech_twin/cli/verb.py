@@ -17,6 +17,7 @@ from mech_twin.cli.console import CommandError, say
 from mech_twin.files.output_file import check_output_file
 from mech_twin.process.dependencies import require_extra
 
+SIGNS = (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="))  # bounds of a value
 PLACEHOLDERS = {int: "N", float: "NUMBER", Path: "PATH"}
 
 
@@ -256,7 +257,11 @@ def in_library(name: str, field: FieldInfo) -> Any:
     """Return a field as the command line library declares an option or an argument."""
     said = declared(field)
     complete = said.get("complete") or ""
-    options: dict[str, Any] = {"help": field.description, "metavar": said.get("metavar") or name.upper()}
+    bounds = [
+        f"{sign} {getattr(bound, word):g}" for bound in field.metadata for word, sign in SIGNS if hasattr(bound, word)
+    ]
+    meaning = f"{field.description} ({', '.join(bounds)})" if bounds else field.description
+    options: dict[str, Any] = {"help": meaning, "metavar": said.get("metavar") or name.upper()}
     if complete:
         options["autocompletion"] = getattr(option_values, complete)
     if complete == "machines":

@@ -483,7 +483,7 @@ def test_the_lightest_tool_that_a_wall_allows_keeps_the_balances(wall_n):
             | {"coupling.step_s": 2e-5},
             "tool.wall_force_n must be at most",
         ),
-        ({"tool.mass_kg": 1e-7}, r"tool.wall_force_n must be at most 100 N, 1e\+09 m/s2 of tool.mass_kg"),
+        ({"tool.mass_kg": 1e-7}, r"tool.wall_force_n must be at most 100 N, 1e\+09 m/s2 of the tool.s mass"),
     ],
 )
 def test_what_cannot_be_followed_is_refused_with_its_bound(overrides, words):
