@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -221,6 +222,18 @@ def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
     assert all(later >= earlier for earlier, later in pairwise(grown))
     assert values["level"] == "model"
     assert int(values["/plant/wheel: timeout"]) >= 1
+
+
+def test_the_latency_of_an_estimate_counts_the_wait_of_its_sample() -> None:
+    with FollowedMachine() as bench:
+        bench.play(ROWS[:60])
+        bench.shadow._latencies_s.clear()
+        for row in ROWS[60:70]:
+            bench.show(row)
+        time.sleep(0.5)
+        bench.until(lambda: len(bench.shadow._latencies_s) == 10)
+        told = bench.shadow.diagnostic_values()["latency median ms"]
+    assert 450.0 < float(told) < 5000.0
 
 
 def test_garbage_on_a_followed_topic_is_counted_and_changes_nothing() -> None:

@@ -227,7 +227,7 @@ class TwinNode(Node):
         """Return a subscription: objects from nodes of the same executor, else bytes."""
         silence_s = self.options.peer_timeout_s
         listener = Listener(self.resolve_topic_name(topic.name), take, receive, patient, silence_s)
-        subscription = self.subscribe(topic, _with_info(listener.hear), raw=True, **changes)
+        subscription = self.subscribe(topic, with_info(listener.hear), raw=True, **changes)
         listener.publishers = subscription.handle.get_publisher_count
         self._listeners.append(listener)
         if self._hand_over is not None:
@@ -322,7 +322,7 @@ class TwinNode(Node):
         self._diagnostics_out.send(array_message(self.time_s, status))
 
 
-def _with_info(hear: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
+def with_info(hear: Callable[[bytes, Mapping[str, Any]], None]) -> Callable[..., None]:
     """Return a callback with message and info arguments, for rclpy's events executor, which passes them as one."""
 
     @wraps(hear)

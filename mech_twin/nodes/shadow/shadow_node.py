@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from math import nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -34,7 +34,7 @@ from mech_twin.messages.topics import (
     sigma_of,
     virtual_pin,
 )
-from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
+from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, with_info
 from mech_twin.nodes.exchange.counting import CountingPublisher
 from mech_twin.nodes.shadow.inputs import (
     COMMAND,
@@ -196,11 +196,12 @@ class ShadowSetup(NamedTuple):
 
 
 class ReceivedMessage(NamedTuple):
-    """Contents of a message of the machine, its topic, and time of arrival (s of the steady clock)."""
+    """Contents of a message of the machine, its topic, when it was taken (s of the steady clock), its wait (s)."""
 
     followed: FollowedTopic
     contents: ReceivedValues
     arrived_s: float
+    waited_s: float
 
 
 class ShadowNode(TwinNode):
@@ -252,7 +253,7 @@ class ShadowNode(TwinNode):
         self.followed = followed_topics(given, setup.namespace)
         self._has_stamps = any(followed.has_stamps for followed in self.followed)
         for followed in self.followed:
-            self.subscribe(followed.topic, partial(self._on_message, followed), qos=FOLLOWED, raw=True)
+            self.subscribe(followed.topic, with_info(partial(self._on_message, followed)), qos=FOLLOWED, raw=True)
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
         self.subscribe(command, self._on_command)
 
@@ -266,8 +267,9 @@ class ShadowNode(TwinNode):
 
     # -- following --------------------------------------------------------------------------------------------------
 
-    def _on_message(self, followed: FollowedTopic, raw: bytes) -> None:
-        arrived_s = time.monotonic()
+    def _on_message(self, followed: FollowedTopic, raw: bytes, info: Mapping[str, Any]) -> None:
+        arrived_s, now_ns = time.monotonic(), time.time_ns()
+        waited_s = max(0, now_ns - (info["received_timestamp"] or now_ns)) / SECOND_NS  # 0: the middleware has no time
         try:
             contents = followed.values(raw)
         except (CdrError, ValueError) as error:
@@ -278,7 +280,7 @@ class ShadowNode(TwinNode):
         stamp_ns = contents.led_ns
         if stamp_ns is None and not self._has_stamps:  # a machine without stamps runs on the steady clock
             stamp_ns = round(arrived_s * SECOND_NS)
-        for found in self.admission.take(ReceivedMessage(followed, contents, arrived_s), stamp_ns, arrived_s):
+        for found in self.admission.take(ReceivedMessage(followed, contents, arrived_s, waited_s), stamp_ns, arrived_s):
             if found.believed or (found.item.contents.stamp is None and self.admission.clock.now_ns is not None):
                 self._take(found.item)
             else:
@@ -309,7 +311,7 @@ class ShadowNode(TwinNode):
         self._count(followed.topic.name)
         if estimate is not None:
             self._publish(estimate)
-            self._latencies_s.append(time.monotonic() - arrived_s)
+            self._latencies_s.append(time.monotonic() - arrived_s + message.waited_s)
             self.on_estimate(sample, estimate)
 
     def _on_command(self, message: Float64) -> None:
@@ -361,7 +363,7 @@ class ShadowNode(TwinNode):
         return tuple(each.topic.name for each in self.followed) if self._received_s is None else ()
 
     def diagnostic_values(self) -> dict[str, str]:
-        """Return level, state, lost messages, and the latency from a sample to its estimate."""
+        """Return level, state, lost messages, and the latency from the arrival of a sample to its estimate."""
         values = {"level": self.level, "observer": self.observer.state.value}
         values |= {f"samples {reason}": str(number) for reason, number in self.observer.counts.items()}
         if self._latencies_s:
