@@ -16,7 +16,6 @@ import yaml
 from mutations import mutated, mutated_tree
 
 from mech_twin.cli.console import CommandError
-from mech_twin.cli.machines import former_page
 from mech_twin.cli.monitor_baseline import read_setup
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.errors import MotionError
@@ -94,22 +93,4 @@ def test_a_damaged_map_is_a_map_or_one_line(map_file: Path, tmp_path: Path) -> N
             followed_topics(given, "/plant")
         except ConfigurationError as error:
             assert len(str(error)) < LONGEST_LINE
-    assert 0 < accepted < MUTATIONS
-
-
-def former_linkages() -> list[dict[str, Any]]:
-    """Return configurations of the machine that pages took the place of, as files of parameters."""
-    former = json.loads((ROOT / "test" / "machines" / "page" / "former_linkages.json").read_text(encoding="utf-8"))
-    return [{"/**": {"ros__parameters": each["configuration"]}} for each in former.values()]
-
-
-@pytest.mark.parametrize("place", range(4))
-def test_a_damaged_linkage_of_ones_own_is_a_page_or_one_line(place: int, tmp_path: Path) -> None:
-    chance, file = random.Random(f"linkage {place}"), tmp_path / "linkage.yaml"
-    tree = former_linkages()[place]
-    accepted = 0
-    for i in range(MUTATIONS):
-        text = yaml.safe_dump(tree).encode()
-        file.write_bytes(mutated(text, chance) if i % 2 else yaml.safe_dump(mutated_tree(tree, chance)).encode())
-        accepted += refused(lambda: former_page(file), file) is not None
     assert 0 < accepted < MUTATIONS
