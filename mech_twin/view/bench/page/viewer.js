@@ -5,6 +5,7 @@ import { find } from "./state.js";
 
 const APART_MS = 50; // least time between two updates of the viewer's time
 const AGAIN_MS = 500, MOST_AGAIN = 240; // a time that it has not taken in yet is sent again
+const SURE = 6; // it is looked at so often after it was taken in: what loads then may move it
 let sent, listener, last = 0, again = 0; // the listener is of one viewer: closed and opened, it is another
 
 function open(wanted) {
@@ -19,11 +20,12 @@ export function tellTime(at) {
   const viewer = find("viewer").hidden ? null : find("viewer").contentWindow, now = performance.now();
   const isNew = at !== sent || viewer?.seek !== listener;
   if (!viewer?.seek || !(isNew || again) || now - last < (isNew ? APART_MS : AGAIN_MS)) return;
-  again = at === null ? 0 : isNew ? MOST_AGAIN : viewer.isAt(at) ? 0 : again - 1;
+  const isThere = !isNew && at !== null && viewer.isAt(at);
+  again = at === null ? 0 : isNew ? MOST_AGAIN : (isThere ? Math.min(again, SURE) : again) - 1;
   sent = at;
   listener = viewer.seek;
   last = now;
-  if (isNew || again) viewer.seek(at);
+  if (isNew || (again && !isThere)) viewer.seek(at);
 }
 
 find("rerun").onclick = () => open(find("viewer").hidden);
