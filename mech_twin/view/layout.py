@@ -37,7 +37,8 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TimelineColumn
 
 from mech_twin.samples import BodySample
-from mech_twin.view.curves import SIM_TIME, plots
+from mech_twin.view.curve_groups import plots
+from mech_twin.view.curves import SIM_TIME
 from mech_twin.view.extent import Bounds, round_above
 
 MECHANISM = "mechanism"

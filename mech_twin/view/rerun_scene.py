@@ -17,7 +17,8 @@ from mech_twin.declarations.captions import metrics_table
 from mech_twin.process.closing import Closing
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.annotations import Annotations, Banner, lost_energy
-from mech_twin.view.curves import PALETTE, Track, body_groups, force_groups, linkage_groups, motor_groups, times
+from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
+from mech_twin.view.curves import PALETTE, Track, times
 from mech_twin.view.extent import Bounds, event_line, is_logged
 from mech_twin.view.layout import (
     BANNER,

@@ -26,7 +26,7 @@ from mech_twin.studies.observer.filter_state import GATE
 from mech_twin.view.annotations import Card
 from mech_twin.view.bench.link import PREFIX, BenchLink
 from mech_twin.view.bench.shadow_scene import BenchShadowScene
-from mech_twin.view.shadow_scene import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
+from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
 
 if TYPE_CHECKING:
     from mech_twin.nodes.shadow.advisor_node import AdvisorNode

@@ -22,7 +22,15 @@ from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, Li
 from mech_twin.view.annotations import RESET, Annotations, Banner, is_stalled, lost_energy
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curves, packed_layout, packed_shapes
-from mech_twin.view.curves import Groups, body_groups, force_groups, linkage_groups, motor_groups, plots, same_names
+from mech_twin.view.curve_groups import (
+    Groups,
+    body_groups,
+    force_groups,
+    linkage_groups,
+    motor_groups,
+    plots,
+    same_names,
+)
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
 from mech_twin.view.sending import Sending, extreme_rows
 

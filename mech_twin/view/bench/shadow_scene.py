@@ -9,7 +9,7 @@ from mech_twin.process.closing import Closing
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, packed_curves, packed_layout, packed_shapes
 from mech_twin.view.extent import Bounds, DrawnExtent, with_placed_texts
-from mech_twin.view.shadow_scene import (
+from mech_twin.view.shadow_picture import (
     BANDED,
     CURVES,
     ChannelReading,
