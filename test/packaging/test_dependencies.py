@@ -154,15 +154,23 @@ class Absent:
         if name.partition(".")[0] in {names!r}:
             raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
 sys.meta_path.insert(0, Absent())
-from mech_twin.cli.main import main
-main()
 """
+COMMAND = "from mech_twin.cli.main import main; main()"
 
 
-def without_extras(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    script = HEADLESS.format(names=sorted(EXTRA_OF))
+def without_extras(*words: str, cwd: Path, script: str = COMMAND) -> subprocess.CompletedProcess[str]:
+    script = HEADLESS.format(names=sorted(EXTRA_OF)) + script
     command = [sys.executable, "-c", script, *words]
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False)
+
+
+def test_no_verb_needs_an_extra_before_it_is_asked_for(tmp_path: Path) -> None:
+    rooms = ("cli", "nodes/roles", "nodes/shadow", "recording")
+    files = [file for room in rooms for file in sorted((PACKAGE / room).glob("[!_]*.py"))]
+    modules = [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files]
+    assert len(modules) > 40
+    done = without_extras(cwd=tmp_path, script="\n".join(f"import {module}" for module in modules))
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow
