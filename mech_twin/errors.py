@@ -5,19 +5,19 @@ from pathlib import Path
 from typing import Any
 
 
-class ToldError(Exception):
+class OneLineError(Exception):
     """An error whose message is one line for the user."""
 
 
-class RerunSceneError(ToldError):
+class RerunSceneError(OneLineError):
     """The view cannot show the run or write its file; the message is one line."""
 
 
-class ViewerError(ToldError):
+class ViewerError(OneLineError):
     """The page cannot be served; the message is one line."""
 
 
-class SentError(ToldError):
+class SentError(OneLineError):
     """An error made of more than its line, which a process sends to another one whole."""
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -40,7 +40,7 @@ class MeasurementError(SentError):
         super().__init__(f"{self.file}: {self.reason}")
 
 
-class MotionError(ToldError, ArithmeticError):
+class MotionError(OneLineError, ArithmeticError):
     """A step for which the integration fails or which has too many events; one line for the user."""
 
 
@@ -48,7 +48,7 @@ class StateError(ValueError):
     """A text that is no state of a machine, or a state that cannot be stored; one line for the user."""
 
 
-class StudyError(ToldError, ValueError):
+class StudyError(OneLineError, ValueError):
     """An error in the request; the message is one line for the user."""
 
 

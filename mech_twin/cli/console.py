@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from mech_twin.errors import ToldError
+from mech_twin.errors import OneLineError
 from mech_twin.files.output_file import plain, written_file
 from mech_twin.process.dependencies import lacking, missing_extra
 from mech_twin.process.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE, interruptible
@@ -322,7 +322,7 @@ INTERRUPTED = EXIT_CODE_BASE + signal.SIGINT
 UNREAD = EXIT_CODE_BASE + signal.SIGPIPE  # of a command whose output nobody reads to its end, as of other tools
 
 
-class CommandError(ToldError):
+class CommandError(OneLineError):
     """A command that cannot be carried out as given; the message is one line."""
 
 
@@ -368,14 +368,14 @@ def report_cli_errors() -> Iterator[None]:
     except Exception as error:
         if isinstance(error, StandardOutputError):
             give_up_output()
-        message = lacking(error) or _told(error)
+        message = lacking(error) or _line_of(error)
         if message is None:
             raise
         sys.stderr.write(f"mech-twin: {printable(' '.join(message.split()))}\n")
         raise SystemExit(EXIT_CODE) from error
 
 
-def _told(error: Exception) -> str | None:
+def _line_of(error: Exception) -> str | None:
     """Return what is said of an error in the input; None of an internal one."""
     if isinstance(error, ImportError):
         return missing_extra(error)
@@ -384,4 +384,4 @@ def _told(error: Exception) -> str | None:
             Path.cwd()  # which libraries look for while they are loaded
         except FileNotFoundError:
             return "the working directory does not exist any more: change to another one"
-    return str(error) if isinstance(error, (ToldError, StandardOutputError)) else None
+    return str(error) if isinstance(error, (OneLineError, StandardOutputError)) else None

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.errors import ToldError
+from mech_twin.errors import OneLineError
 
 
 def at_most(limit: float, reserve: float = 0.05) -> float:
@@ -103,5 +103,5 @@ def _leaves(tree: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield key, value
 
 
-class ConfigurationError(ToldError, ValueError):
+class ConfigurationError(OneLineError, ValueError):
     """An unusable configuration; the message is one line for the user."""

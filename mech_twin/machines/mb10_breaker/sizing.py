@@ -5,7 +5,7 @@ The spring's rate is the soft one, k = 0.3 of the blow frequency.  Its preload i
 blow finds the tool seated, in the worst case over a box of tolerances: every number that is assumed, not published,
 off by up to the tolerance.
 
-The worst corner is sought one number at a time; the measure is the share of the cycle in flight at a preload below
+The worst corner is searched one number at a time; the measure is the share of the cycle in flight at a preload below
 the limit.  Then the preload chosen is run at the neighbouring corners and at random points within the box.  A point
 that breaks a limit becomes the new worst one, until none is found.
 """

@@ -16,12 +16,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.errors import ToldError
+from mech_twin.errors import OneLineError
 from mech_twin.process.dependencies import SurroundingsError, check_address_space
 from mech_twin.process.interruption import end_with_parent
 
 
-class NodeEndedError(ToldError):
+class NodeEndedError(OneLineError):
     """A node's process ended by itself, with an error that it has already printed."""
 
 
