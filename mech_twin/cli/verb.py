@@ -234,7 +234,8 @@ def _refused(verb: type[Verb], error: ValidationError) -> str:
     """Return the line of the first value that was not taken: option, value, what was expected."""
     first = error.errors()[0]
     name, said = str(first["loc"][0]), first["msg"].removeprefix("Value error, ").partition(", unable to parse")[0]
-    expected = said.replace("Input should be", "expected")
+    is_bound = "than" in first["type"]
+    expected = said.replace("Input should be", "expected a number" if is_bound else "expected")
     return f"{flags_of(name, verb.model_fields[name])[0]} {first['input']}: {expected}"
 
 
