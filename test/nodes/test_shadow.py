@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -233,6 +234,11 @@ def test_the_latency_of_an_estimate_counts_the_wait_of_its_sample() -> None:
         time.sleep(0.5)
         bench.until(lambda: len(bench.shadow._latencies_s) == 10)
         told = bench.shadow.diagnostic_values()["latency median ms"]
+        waited_s = partial(bench.shadow._waited_s, "another")
+        assert [waited_s(10.0, 100.0), waited_s(10.5, 100.1)] == [0.0, pytest.approx(0.4)]
+        set_back = [waited_s(10.6, 50.0), waited_s(10.7, 50.1)]  # the clock of the middleware
+        assert set_back == [pytest.approx(0.4)] * 2
+        assert waited_s(10.8, 90.0) == 0.0
     assert 450.0 < float(told) < 5000.0
 
 

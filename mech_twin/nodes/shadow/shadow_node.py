@@ -195,6 +195,14 @@ class ShadowSetup(NamedTuple):
     deviations: Mapping[str, float] | None = None
 
 
+class Wait(NamedTuple):
+    """When a message was taken (s of the steady clock) and received (s of the middleware's clock), and its wait (s)."""
+
+    taken_s: float
+    received_s: float
+    waited_s: float
+
+
 class ReceivedMessage(NamedTuple):
     """Contents of a message of the machine, its topic, when it was taken (s of the steady clock), its wait (s)."""
 
@@ -239,6 +247,7 @@ class ShadowNode(TwinNode):
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
+        self._waits: dict[str, Wait] = {}
         self._received_s: float | None = None
         self._listens_from_s = time.monotonic()
         self._stale = False
@@ -268,8 +277,8 @@ class ShadowNode(TwinNode):
     # -- following --------------------------------------------------------------------------------------------------
 
     def _on_message(self, followed: FollowedTopic, raw: bytes, info: Mapping[str, Any]) -> None:
-        arrived_s, now_ns = time.monotonic(), time.time_ns()
-        waited_s = max(0, now_ns - (info["received_timestamp"] or now_ns)) / SECOND_NS  # 0: the middleware has no time
+        arrived_s = time.monotonic()
+        waited_s = self._waited_s(followed.topic.name, arrived_s, info["received_timestamp"] / SECOND_NS)
         try:
             contents = followed.values(raw)
         except (CdrError, ValueError) as error:
@@ -285,6 +294,18 @@ class ShadowNode(TwinNode):
                 self._take(found.item)
             else:
                 self._count_stamp(found.item)
+
+    def _waited_s(self, topic: str, taken_s: float, received_s: float) -> float:
+        """Return how long a message waited to be taken, longer than the one of its topic that waited least (s).
+
+        The clock of the middleware, which may be set, is compared with itself alone.
+        """
+        before = self._waits.get(topic, Wait(taken_s, received_s, 0.0))
+        passed_s = taken_s - before.taken_s
+        apart_s = received_s - before.received_s
+        waited_s = max(0.0, before.waited_s + passed_s - (apart_s if apart_s > 0.0 else passed_s))
+        self._waits[topic] = Wait(taken_s, received_s, waited_s)
+        return waited_s
 
     def _count_stamp(self, message: ReceivedMessage) -> None:
         shown_s = (message.contents.led_ns or 0) / SECOND_NS
