@@ -142,11 +142,18 @@ def write_report(
         f"<p>{versions()}</p>",
         section("Settings that differ from the machine as installed", ("key", "installed", "here"), changed),
         section("Asked", ("option", "value"), asked),
-        *(section(each.title, each.heads, each.rows[:MOST_ROWS]) for each in tables),
+        *(_section(each) for each in tables),
         *(f"<p>{escape(remark)}</p>" for remark in remarks),
         *pictures,
     ]
     write_text(request.report, page(f"{request.machine}: {title}", parts), force=True)
+
+
+def _section(table: ShownTable) -> str:
+    """Return a table of a report, the first rows of a long one."""
+    count = len(table.rows)
+    cut = f" (the first {MOST_ROWS} of {count})" if count > MOST_ROWS else ""
+    return section(table.title + cut, table.heads, table.rows[:MOST_ROWS])
 
 
 def options_of(request: Study, *names: str) -> dict[str, Any]:
