@@ -185,9 +185,6 @@ def first_rise(values: Array, first: int, level: float) -> int:
     return -1
 
 
-__all__ = ["TURN", "Array"]  # of the kernels, offered here too
-
-
 class CycleReference(NamedTuple):
     """Signal that defines the cycles.
 
