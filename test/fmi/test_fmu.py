@@ -172,6 +172,14 @@ def test_a_parameter_beyond_what_was_tried_is_refused_with_its_bounds(unit: Any)
     assert any(f"parameter period_s, value 50: expected {float(least)!r} to 0.1;" in line for line in told)
 
 
+@pytest.mark.parametrize("name", ["speed_command", "parameters.period_s"])
+def test_a_number_that_is_not_finite_is_refused_by_its_name(unit: Any, name: str) -> None:
+    with Slave(unit("impact_mass", 2)) as slave:
+        with pytest.raises(Exception, match="SetReal"):
+            slave.set(name, np.inf)
+        assert f"{name.removeprefix('parameters.')} (value reference" in slave.said[-1]
+
+
 def test_a_command_counts_from_the_next_step_on(unit: Any) -> None:
     command = np.where(np.arange(501) < 200, 1.0, 0.6)
     given = np.array(
@@ -197,6 +205,8 @@ def test_a_state_given_back_goes_on_with_the_same_bits_and_only_in_its_unit(unit
             slave.step(0.001 * step)
         stored = slave.fmu.serializeFMUstate(state := slave.fmu.getFMUstate())
         slave.fmu.freeFMUstate(state)
+        with pytest.raises(Exception, match="Serialize"):
+            slave.fmu.serializeFMUstate(None)
         once = _onward(slave)
         slave.fmu.setFMUstate(slave.fmu.deSerializeFMUstate(stored))
         assert _onward(slave) == once

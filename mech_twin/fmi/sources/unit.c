@@ -131,7 +131,9 @@ int unit_set_real(unit *it, unsigned reference, double value) {
     unit_state *s = &it->state;
     char text[300];
     if (!isfinite(value)) {
-        snprintf(text, sizeof text, MACHINE_NAME ": value reference %u: %g: expected a finite number", reference, value);
+        int is_parameter = reference >= PARAMETERS && reference < PARAMETERS + PARAMETER_COUNT;
+        const char *name = is_parameter ? PARAMETER_NAMES[reference - PARAMETERS] : reference == COMMAND ? "speed_command" : "input";
+        snprintf(text, sizeof text, MACHINE_NAME ": %s (value reference %u), value %g: expected a finite number", name, reference, value);
         return told(it, text);
     }
     if (reference == COMMAND) s->command = value;
@@ -197,6 +199,8 @@ void unit_forget(void **state) {
 
 const char *unit_to_bytes(const void *state, void *bytes, size_t size) {
     if (size < sizeof(unit_state)) return MACHINE_NAME ": too few bytes for a state";
+    const char *why = foreign(state);
+    if (why != NULL) return why;
     memcpy(bytes, state, sizeof(unit_state));
     return NULL;
 }
