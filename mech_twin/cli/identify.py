@@ -31,18 +31,24 @@ from mech_twin.results.opened_runs import checked_run, given_map, opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
-from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data, lengths
-from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
+from mech_twin.studies.identification.geometry_fit import (
+    FittedAssembly,
+    GeometryModel,
+    GeometryReport,
+    geometry_data,
+    geometry_report,
+    lengths,
+)
 from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
 from mech_twin.studies.identification.keyed_configuration import (
     AUTO,
+    IdentificationQuestion,
     KeyedConfiguration,
     assumed_keys,
     declared_bounds,
     machine_keys,
 )
 from mech_twin.studies.identification.sensor_plan import sensor_plan
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, Combination, KeyVerdict
 from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 

@@ -20,9 +20,8 @@ from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.parameter_bridge import declare_range, offer
 from mech_twin.process.interruption import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, KeyedConfiguration
 from mech_twin.studies.identification.recent_samples import RecentFit, RecentSamples, fitted_recent
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.observer.estimate import SeenSample
 from mech_twin.studies.spreading import NICE
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration as a function of some keys: from values to parameters and machine, with scales and bounds.
+"""The question of a fit, and a configuration as a function of some keys: from values to parameters and machine.
 
 By default the keys that the configuration calls assumed are free.
 
@@ -8,14 +8,16 @@ those too that a machine fills in where they are absent: a load set fills the ca
 key of the set changes nothing while the filled-in numbers stand beside it.
 """
 
+from __future__ import annotations
+
 import pickle
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
@@ -283,6 +285,50 @@ class KeyedConfiguration:
                 )
             found.append((low, high))
         return np.array(found).reshape(-1, 2).T
+
+
+@dataclass(frozen=True)
+class IdentificationQuestion:
+    """Specification of a fit: machine, free keys, and what is known of them.
+
+    Attributes
+    ----------
+    base : Parameters
+        Configuration to start from; keys that are not estimated keep its values.
+    keys : tuple of str
+        Keys that may change.
+    bounds : mapping
+        Lower and upper bounds of some keys.
+    priors : mapping
+        Mean and standard deviation of some keys.
+    longest_begin_s : float
+        Latest start of a run whose start is unknown, as time since the machine's start.
+    seed : int
+        Seed of the random further starts.
+    cores : int, optional
+        Threads; all cores if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler that distributes starts and profiles.
+    """
+
+    machine: str
+    base: Parameters
+    keys: tuple[str, ...]
+    bounds: Mapping[str, tuple[Annotated[float, -np.inf], Annotated[float, np.inf]]] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    longest_begin_s: float = 0.0
+    seed: int = 0
+    cores: int | None = None
+    scheduler: str | None = None
+
+    @property
+    def keyed(self) -> KeyedConfiguration:
+        """The configuration as a function of the keys."""
+        return KeyedConfiguration(self.machine, self.base, self.keys)
+
+    def of(self, keys: Iterable[str]) -> IdentificationQuestion:
+        """Return the same question about some of the keys, the others fixed as configured."""
+        return replace(self, keys=tuple(keys))
 
 
 def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:

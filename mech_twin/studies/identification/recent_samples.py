@@ -14,8 +14,8 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.studies.identification.fit_runs import COMMANDS, FitChannel, FitRun, fit_channel, placed_run
 from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
-from mech_twin.studies.identification.least_squares_fit import Progress, quiet
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
+from mech_twin.studies.identification.staged_fit import Progress, quiet
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.identification.written_identification import configuration_text
 from mech_twin.studies.observer.estimate import SeenSample

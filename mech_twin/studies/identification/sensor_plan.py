@@ -18,21 +18,13 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.units import joint_column
 from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.studies.identification.fit_problem import BEGIN, GAIN, KEY, LAG, ZERO, FitProblem, Weighting, problem_of
+from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.identification import PREDICTABLE, combined
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
-from mech_twin.studies.identification.key_knowledge import PREDICTABLE, combined
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import Fitted, problem_of
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, KeyedConfiguration
 from mech_twin.studies.identification.refits import Refits
-from mech_twin.studies.identification.residuals import FitProblem, Weighting
-from mech_twin.studies.identification.unknowns import (
-    BEGIN,
-    GAIN,
-    KEY,
-    LAG,
-    ZERO,
-    IdentificationQuestion,
-)
 from mech_twin.studies.identification.verdicts import (
     IDENTIFIED,
     Combination,
@@ -262,7 +254,7 @@ def _verdicts(
     found: list[Combination] = []
     if together:
         line = Linearised(jacobian, other, np.zeros(len(jacobian)), *(np.zeros(len(jacobian), dtype=np.int64),) * 3)
-        refits = Refits(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
+        refits = Refits(Fitted(_as_shown(problem, x), x, weighting), line, 1.0)
         found = combined(question, refits, seen, chosen, both)
     scales = unknowns.scales[:count]
     evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None)

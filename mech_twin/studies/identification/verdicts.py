@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.staged_fit import Search
 
 LARGEST_ERROR = 0.5  # half width of the interval over the key's value, at most, for a combination to be reported
 LEAST_WEIGHT = 0.1  # a key with a smaller weight is left out

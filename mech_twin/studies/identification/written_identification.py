@@ -27,7 +27,7 @@ from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, c
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import kind_of
 from mech_twin.process.dependencies import require_extra
-from mech_twin.studies.identification.held_out import ChannelFit, Score
+from mech_twin.studies.identification.fit_quality import ChannelFit, Score
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.intervals import intervals_before
 from mech_twin.studies.identification.keyed_configuration import scalar_lines

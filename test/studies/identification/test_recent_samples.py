@@ -12,8 +12,8 @@ from mech_twin.engine.rollout import roll_out
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.recent_samples import RecentSamples, fitted_recent
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.observer.estimate import SeenSample
 
 NAME, KEY = "vibration_crank", "masses.extra_kg"

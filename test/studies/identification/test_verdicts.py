@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.staged_fit import Search
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
     IDENTIFIED,
