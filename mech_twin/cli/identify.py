@@ -201,8 +201,7 @@ def _show_found(found: Identification) -> None:
     still = [c.channel for c in found.channels if math.isnan(c.fit_percent) and not is_event(c.channel)]
     say(*(f"{name}: left out of fit and score in percent, it stands still" for name in still))
     if found.held_out is not None and found.before is not None:
-        pairs = zip(found.held_out.channels, found.before.channels, strict=True)
-        scores = [(one.channel, one.fit_percent, other.fit_percent, 0.0) for one, other in pairs]
+        scores = [(*fits, 0.0) for fits in found.held_out_fits]
         print_table("fit of what was held out, percent", ("channel", "identified", "before", "constant"), scores)
         if found.held_out.event_time_rms_s is not None:
             say(

@@ -170,11 +170,10 @@ def shown_fit(identifier: IdentifierNode) -> ShownFit:
         (each.key, f"{each.before:.4g}", f"{each.estimate:.4g}", _interval(each), each.verdict.replace("_", " "))
         for each in keys
     )
-    held = () if found is None else found.held_out
+    held = () if found is None else found.held_out_fits
     scores = tuple((channel, f"{before:.1f} %", f"{after:.1f} %") for channel, after, before in held)
     kept_s = int(identifier.recent.span_s)
-    text = "" if found is None else found.text
-    return ShownFit(identifier.phase, identifier.status_line, identifier.keys, kept_s, rows, scores, text)
+    return ShownFit(identifier.phase, identifier.status_line, identifier.keys, kept_s, rows, scores, identifier.text)
 
 
 def _interval(key: KeyVerdict) -> str:

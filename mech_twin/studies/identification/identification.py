@@ -128,6 +128,12 @@ class Identification:
         other = "before" if self.held_out.misfit >= self.before.misfit else "by a constant"
         return f"what was held out is predicted no better than {other}"
 
+    @property
+    def held_out_fits(self) -> tuple[tuple[str, float, float], ...]:
+        """Each channel of the held-out data, its fit in percent with the resulting and the previous configuration."""
+        scores = (each.channels if each is not None else () for each in (self.held_out, self.before))
+        return tuple((one.channel, one.fit_percent, other.fit_percent) for one, other in zip(*scores, strict=True))
+
 
 def identified(
     question: IdentificationQuestion,

@@ -80,8 +80,8 @@ def _ends(low: float, high: float) -> str:
 def _scores(found: Identification) -> str:
     if found.held_out is None or found.before is None:
         return "<h2>Held out</h2><p>Nothing was held out.</p>"
-    pairs = zip(found.held_out.channels, found.before.channels, strict=True)
-    rows = [(one.channel, one.fit_percent, other.fit_percent, 0.0, one.white_p) for one, other in pairs]
+    pairs = zip(found.held_out_fits, found.held_out.channels, strict=True)
+    rows = [(*fits, 0.0, channel.white_p) for fits, channel in pairs]
     table = section("Held out", ("channel", "fit, %", "before", "constant", "white (p)"), rows)
     if found.held_out.event_time_rms_s is None:
         return table
