@@ -426,11 +426,10 @@ def verdicts_of(
     before = keyed.values()
     estimates, errors = before.copy(), np.full(count, np.nan)
     halves, given = np.full((2, count), np.inf), np.full((2, count), np.inf)
-    values = dict(zip(fitted.problem.model.keyed.keys, fitted.key_values.tolist(), strict=True))
-    for place, i in enumerate(chosen):
-        estimates[i], scale = values[question.keys[i]], fitted.problem.unknowns.all[place].scale
-        errors[i], halves[:, i] = known.errors[place] * scale, known.half_widths[:, place] * scale
-        given[:, i] = known.given_tied[:, place] * scale
+    own, places = slice(len(chosen)), list(chosen)
+    sizes = fitted.problem.unknowns.scales[own]
+    estimates[places], errors[places] = fitted.key_values, known.errors[own] * sizes
+    halves[:, places], given[:, places] = known.half_widths[:, own] * sizes, known.given_tied[:, own] * sizes
     around_it = (question, fitted, around.whole, around.line)
     lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
     if lacking is None:

@@ -49,98 +49,6 @@ NOT_OF_THE_MACHINE = ("coupling", "supply", "integrator", "start", "stall", "run
 START_STATES = ("linkage.initial_crank_deg", "initial_position_m", "initial_velocity_m_per_s", "package_radius_m")
 
 
-def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, Any]:
-    """Return the configuration as nested plain values, without those derived from one of the keys.
-
-    Raises
-    ------
-    ConfigurationError
-        The machine accepts no other value of a key, such as the inertia of a motor that is named from a catalogue.
-    """
-    whole = configuration_tree(base)
-    moved = {key: other_value(name, whole, key) for key in keys}
-    try:
-        _configured(name, whole, moved)
-        steps = [moved]
-    except ConfigurationError:  # together they are rejected, each alone is accepted
-        steps = [{key: value} for key, value in moved.items()]
-    return _acting(name, whole, tuple(_filled_in(name, base, whole)), steps)
-
-
-def keys_of_motion(name: str, base: Parameters, keys: Sequence[str]) -> tuple[str, ...]:
-    """Return those of the keys of which the machine accepts another value, and that its equations of motion contain.
-
-    The others change no constant of its kernels: keys of a tool in which no waves run, of an excitation of another
-    kind.
-    """
-    whole, build = configuration_tree(base), catalogue_entry(name).build
-    filled, own, found = tuple(_filled_in(name, base, whole)), _constants(build(base)), []
-    for key in keys:
-        try:
-            step = {key: other_value(name, whole, key)}
-        except ConfigurationError:
-            continue
-        tree = _acting(name, whole, filled, [step])
-        if own is None or _constants(build(_configured(name, tree, step))) != own:
-            found.append(key)
-    return tuple(found)
-
-
-def _constants(machine: Machine) -> bytes | None:
-    """Return the constants of the kernels of a machine, None where it has none."""
-    compiled = compiled_machine(machine)
-    return None if compiled is None else pickle.dumps(compiled.models)
-
-
-def _acting(
-    name: str, tree: Mapping[str, Any], filled: Sequence[str], steps: Sequence[Mapping[str, float]]
-) -> dict[str, Any]:
-    """Return a tree without the derived numbers that change with one of the steps of keys."""
-    left = dict(tree)
-    for leaf in filled:
-        if all(leaf not in step for step in steps) and any(_follows(name, tree, leaf, step) for step in steps):
-            left = _without(left, leaf)
-    return left
-
-
-def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
-    """Return a slightly different value of a key that the machine accepts."""
-    value = float(value_in(tree, key))
-    step, refused = MOVED * (abs(value) or 1.0), None
-    for other in (value + step, value - step):
-        try:
-            _configured(name, tree, {key: other})
-        except ConfigurationError as error:
-            refused = error
-        else:
-            return other
-    raise ConfigurationError(f"--free {key}: the machine accepts no other value: {refused}")
-
-
-def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the dotted keys of numbers that the machine derives if the configuration leaves them out."""
-    for leaf in numbers_of(tree):
-        try:
-            found = _configured(name, _without(tree, leaf), {})
-        except ConfigurationError:
-            continue
-        if found == base:
-            yield leaf
-
-
-def _follows(name: str, tree: Mapping[str, Any], leaf: str, moved: Mapping[str, float]) -> bool:
-    """Return whether a derived number changes when keys are changed."""
-    try:
-        found = _configured(name, _without(tree, leaf), moved)
-    except ConfigurationError:
-        return False
-    return bool(value_in(configuration_tree(found), leaf) != value_in(tree, leaf))
-
-
-def _configured(name: str, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
-    return validated(catalogue_entry(name), merged_tree(tree, tree_from_flat(changed)), name)
-
-
 def _without(tree: Mapping[str, Any], key: str) -> dict[str, Any]:
     first, _, rest = key.partition(".")
     return {
@@ -194,8 +102,27 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
 
 
 def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
-    """Return the numbers of the machine itself that its motion depends on and of which it accepts another value."""
-    return keys_of_motion(name, parameters, tuple(_numbers(parameters)))
+    """Return the numbers of the machine itself of which it accepts another value, and that its motion depends on.
+
+    The others change no constant of its kernels: keys of a tool in which no waves run, of an excitation of another
+    kind.
+    """
+    whole, build, found = KeyedConfiguration(name, parameters, ()), catalogue_entry(name).build, []
+    own = _constants(build(parameters))
+    for key in _numbers(parameters):
+        try:
+            step = {key: whole.other_value(key)}
+        except ConfigurationError:
+            continue
+        if own is None or _constants(build(whole.configured(whole.acting_in([step]), step))) != own:
+            found.append(key)
+    return tuple(found)
+
+
+def _constants(machine: Machine) -> bytes | None:
+    """Return the constants of the kernels of a machine, None where it has none."""
+    compiled = compiled_machine(machine)
+    return None if compiled is None else pickle.dumps(compiled.models)
 
 
 def _numbers(parameters: Parameters) -> Iterator[str]:
@@ -235,7 +162,57 @@ class KeyedConfiguration:
         ConfigurationError
             The machine accepts no other value of a key.
         """
-        return acting_tree(self.name, self.base, self.keys)
+        moved = {key: self.other_value(key) for key in self.keys}
+        try:
+            self.configured(self.tree, moved)
+        except ConfigurationError:  # together they are rejected, each alone is accepted
+            return self.acting_in([{key: value} for key, value in moved.items()])
+        return self.acting_in([moved])
+
+    def acting_in(self, steps: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+        """Return the tree without the derived numbers that change with one of the steps of keys."""
+        left = dict(self.tree)
+        for leaf in self._filled_in:
+            if all(leaf not in step for step in steps) and any(self._follows(leaf, step) for step in steps):
+                left = _without(left, leaf)
+        return left
+
+    @cached_property
+    def _filled_in(self) -> tuple[str, ...]:
+        """Dotted keys of the numbers that the machine derives if the configuration leaves them out."""
+
+        def is_derived(leaf: str) -> bool:
+            try:
+                return self.configured(_without(self.tree, leaf), {}) == self.base
+            except ConfigurationError:
+                return False
+
+        return tuple(filter(is_derived, numbers_of(self.tree)))
+
+    def _follows(self, leaf: str, moved: Mapping[str, float]) -> bool:
+        """Return whether a derived number changes when keys are changed."""
+        try:
+            found = self.configured(_without(self.tree, leaf), moved)
+        except ConfigurationError:
+            return False
+        return bool(value_in(configuration_tree(found), leaf) != value_in(self.tree, leaf))
+
+    def other_value(self, key: str) -> float:
+        """Return a slightly different value of a key that the machine accepts."""
+        value = float(value_in(self.tree, key))
+        step, refused = MOVED * (abs(value) or 1.0), None
+        for other in (value + step, value - step):
+            try:
+                self.configured(self.tree, {key: other})
+            except ConfigurationError as error:
+                refused = error
+            else:
+                return other
+        raise ConfigurationError(f"--free {key}: the machine accepts no other value: {refused}")
+
+    def configured(self, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
+        """Return the parameters of a tree with some keys changed."""
+        return validated(catalogue_entry(self.name), merged_tree(tree, tree_from_flat(changed)), self.name)
 
     def check(self) -> None:
         """Raise a ConfigurationError if a key is unknown, or cannot be changed."""
