@@ -156,7 +156,7 @@ def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
     shown = []
     for life in live.monitor.lives.values():
         if life.state in SEEN:
-            best = next((each for each in found.candidates if life.name in (found.finding, each.name)), None)
+            best = found.best_of(life.name)
             until_s = life.shelved_until_s if life.shelved_until_s > found.time_s else None
             shown.append(ShownFault(life.name, life.state, life.since_s, _size(best), life.is_acknowledged, until_s))
     return tuple(shown)
