@@ -61,7 +61,6 @@ from mech_twin.studies.identification.verdicts import (
     KeyVerdict,
     Sensitivity,
     combinations,
-    key_verdicts,
     refuted,
     sensitivity,
 )
@@ -439,12 +438,11 @@ def verdicts_of(
     fixed = frozenset(set(range(count)) - set(chosen))
     evidence = KeyEvidence(
         *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
-        *(scales, seen, fixed, refuted(lacking, search)),
+        *(scales, seen, fixed, refuted(lacking, search), found),
     )
     doubt = likely_cause(*around_it, is_refuted=False) if lacking is None else ""
     return [
-        replace(key, reason=key.reason + doubt) if key.verdict == IDENTIFIED else key
-        for key in key_verdicts(evidence, found)
+        replace(key, reason=key.reason + doubt) if key.verdict == IDENTIFIED else key for key in evidence.verdicts()
     ], found
 
 

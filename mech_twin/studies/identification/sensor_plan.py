@@ -30,7 +30,6 @@ from mech_twin.studies.identification.verdicts import (
     Combination,
     KeyEvidence,
     KeyVerdict,
-    key_verdicts,
     sensitivity,
 )
 
@@ -246,8 +245,8 @@ def _verdicts(
         refits = Refits(Fitted(_as_shown(problem, x), x, weighting), line, 1.0)
         found = combined(question, refits, seen, chosen, both)
     scales = unknowns.scales[:count]
-    evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None)
-    return key_verdicts(evidence, found), found
+    evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None, found)
+    return evidence.verdicts(), found
 
 
 def _further_sensors(question: IdentificationQuestion, samples: FitRun, duration_s: float) -> list[FitChannel]:
