@@ -288,8 +288,7 @@ def identify(
     from mech_twin.results.opened_runs import given_map as read_given
     from mech_twin.studies.identification.fit_runs import FitRun, fit_run
     from mech_twin.studies.identification.identification import identified
-    from mech_twin.studies.identification.keyed_configuration import assumed_keys
-    from mech_twin.studies.identification.unknowns import IdentificationQuestion
+    from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, assumed_keys
     from mech_twin.studies.identification.written_identification import SavedIdentification
     from mech_twin.studies.spreading import used_cores
 

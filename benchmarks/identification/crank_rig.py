@@ -21,8 +21,7 @@ from data_directory import given_directory
 from mech_twin.measurements.runs import read_run
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.results.opened_runs import given_map, opened_run
-from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data
-from mech_twin.studies.identification.geometry_report import geometry_report
+from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data, geometry_report
 
 RUNS = ("run_5.5V.tsv", "run_7.5V.tsv", "run_9.5V.tsv")
 KEYS = ("crank_m", "rod_m", "offset_m")

@@ -39,8 +39,8 @@ from mech_twin.measurements.tables import TableReader
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import fit_run
 from mech_twin.studies.identification.identification import identified
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.spreading import spread
 
 EVERY = {**BENCHES, **DRIVEN_BENCHES}

@@ -32,8 +32,8 @@ from synthetic_stand import SHORT_STANDS, STANDS, Stand
 
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.identification import identified
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.sensor_plan import sensor_plan
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import KeyVerdict
 from mech_twin.studies.spreading import spread
 

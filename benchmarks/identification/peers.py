@@ -36,8 +36,7 @@ from mech_twin.measurements.measurement_map import Channel
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import ColumnCurves, FitChannel, FitRun, needed_columns
 from mech_twin.studies.identification.identification import identified
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, KeyedConfiguration
 
 MACHINE, DURATION_S, ZERO, STEP_S = "vibration_crank", 1.2, 0.3, 0.008
 TRUE = {"crank_m": 0.131, "rod_m": 0.47}

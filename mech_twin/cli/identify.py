@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from mech_twin.cli.console import FOUND, CommandError, bar, print_json, print_table, say, write_text
-from mech_twin.cli.measured import NoNameError, runs_of_map
+from mech_twin.cli.measured import NoNameError, proposal, runs_of_map
 from mech_twin.cli.measurement_verbs import IdentifyVerb
 from mech_twin.cli.option_values import assigned, two_numbers
 from mech_twin.declarations.configuration_tree import configuration_tree, value_in
@@ -31,23 +31,30 @@ from mech_twin.results.opened_runs import checked_run, given_map, opened_run
 from mech_twin.roles import GuidedLinkage
 from mech_twin.studies.identification.bounces import Bounces, bounces, restitution
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
-from mech_twin.studies.identification.geometry_fit import GeometryModel, geometry_data, lengths
-from mech_twin.studies.identification.geometry_report import FittedAssembly, GeometryReport, geometry_report
+from mech_twin.studies.identification.geometry_fit import (
+    FittedAssembly,
+    GeometryModel,
+    GeometryReport,
+    geometry_data,
+    geometry_report,
+    lengths,
+)
 from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
 from mech_twin.studies.identification.keyed_configuration import (
     AUTO,
+    IdentificationQuestion,
     KeyedConfiguration,
     assumed_keys,
     declared_bounds,
     machine_keys,
 )
 from mech_twin.studies.identification.sensor_plan import sensor_plan
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_EXCITED, WIDEST, Combination, KeyVerdict
 from mech_twin.studies.identification.written_identification import SavedIdentification, check_out, is_file
 
 MOST_SHOWN = 12  # of what would help
 FEWEST_RUNS_TO_HOLD_OUT = 3
+LARGEST_SHARE = 0.8  # of each run, that may be held out
 BOUNCE_KEY = "restitution"  # of a machine whose runs may be bounces without a name
 
 
@@ -59,33 +66,42 @@ def bounded_keys(texts: Sequence[str]) -> tuple[tuple[str, ...], dict[str, tuple
 
 
 def identify_machine(request: IdentifyVerb) -> None:
-    """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
+    """Find what is asked for: by a plan without runs, from bounces, from the measured motion, or by a fit."""
     check_address_space(FIT_BYTES, "a fit takes")
     if request.plan:
         _plan(request)
         return
     if not request.runs:
         request = request.model_copy(update={"runs": runs_of_map(request.map_file, request.built)})
-    if _bouncing(request):
+    given = _map(request)
+    if given is None:
         identify_bounces(request)
         return
     turn = model_turn(request.built)
-    if _motion(request, turn) == "measured":
-        identify_lengths(request, turn)
-        return
+    if _motion(request, given, turn) == "measured":
+        identify_lengths(request, given, turn)
+    else:
+        identify_keys(request, given, turn)
+
+
+def identify_keys(request: IdentifyVerb, given: MeasurementMap, turn: ModelTurn | None) -> None:
+    """Fit the free keys to the runs; write what was found, unless what was held out is predicted no better with it."""
     if request.out is not None:
         check_out(request.out, force=request.force)
     question = _question(request)
-    fitted, held = split_runs(request)
-    share = request.held_out_share if request.held_out_share is not None else 0.0 if held else HOLD_OUT_SHARE
-    runs = [_run(path, request, turn) for path in fitted]
+    fitted, held, share = split_runs(request)
+
+    def run(path: Path) -> FitRun:
+        return fit_run(_checked(path, request, given, turn), begin_known=request.latest_begin_s is None)
+
+    runs = list(map(run, fitted))
     with bar("identifying", "SpinnerColumn", "{task.description}") as update:
 
         def notice(line: str) -> None:
             if update is not None and not request.as_json:
                 update(description=f"identifying: {line}")
 
-        found = identified(question, runs, [_run(path, request, turn) for path in held], share, notice)
+        found = identified(question, runs, list(map(run, held)), share, notice)
     saved = SavedIdentification(found, tuple(fitted), tuple(held), request.map_file)
     if request.as_json:
         print_json(saved.document)
@@ -124,24 +140,27 @@ def _plan(request: IdentifyVerb) -> None:
     print_table("what would help most", ("sensor or manoeuvre", "would also find", "intervals narrower by"), helped)
 
 
-def _bouncing(request: IdentifyVerb) -> bool:
-    """Return whether the runs are positions of something that bounces, without a name of the machine."""
-    if request.motion != "auto" or request.map_file is not None:
-        return request.motion == "bounces"
+def _map(request: IdentifyVerb) -> MeasurementMap | None:
+    """Return the map of the runs, given or proposed; None where they are taken as bounces, which need none."""
+    if request.motion == "bounces":
+        return None
+    if request.map_file is not None:
+        return given_map(request.map_file, request.built)
     try:
-        request.given_map  # noqa: B018
+        proposed = proposal(request.runs, request.built)
     except NoNameError:
-        if value_in(configuration_tree(request.built.parameters), BOUNCE_KEY) is None:
+        if request.motion != "auto" or value_in(configuration_tree(request.built.parameters), BOUNCE_KEY) is None:
             raise
-        return True
-    return False
+        return None
+    say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
+    return proposed.known
 
 
-def _motion(request: IdentifyVerb, turn: ModelTurn | None) -> str:
+def _motion(request: IdentifyVerb, given: MeasurementMap, turn: ModelTurn | None) -> str:
     """Return what moves the model: the measured crank, where it leads all that is measured and that is no effort."""
     if request.motion != "auto":
         return request.motion
-    names = [channel.quantity for channel in request.given_map.channels]
+    names = [channel.quantity for channel in given.channels]
     guided = isinstance(request.built.linkage, GuidedLinkage)
     if turn is None or not guided or not set(names) & set(TURNING):
         return "simulated"
@@ -168,15 +187,11 @@ def _question(request: IdentifyVerb) -> IdentificationQuestion:
     return IdentificationQuestion(request.machine, base, keys, bounds, priors, *searched)
 
 
-def _checked(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> MeasuredRun:
+def _checked(path: Path, request: IdentifyVerb, given: MeasurementMap, turn: ModelTurn | None) -> MeasuredRun:
     """Return one run; what contradicts the machine is said on standard error."""
-    run, problems = checked_run(path, request.given_map, request.built, turn)
+    run, problems = checked_run(path, given, request.built, turn)
     say(*problems)
     return run
-
-
-def _run(path: Path, request: IdentifyVerb, turn: ModelTurn | None) -> FitRun:
-    return fit_run(_checked(path, request, turn), begin_known=request.latest_begin_s is None)
 
 
 def _show_found(found: Identification) -> None:
@@ -195,8 +210,7 @@ def _show_found(found: Identification) -> None:
     still = [c.channel for c in found.channels if math.isnan(c.fit_percent) and not is_event(c.channel)]
     say(*(f"{name}: left out of fit and score in percent, it stands still" for name in still))
     if found.held_out is not None and found.before is not None:
-        pairs = zip(found.held_out.channels, found.before.channels, strict=True)
-        scores = [(one.channel, one.fit_percent, other.fit_percent, 0.0) for one, other in pairs]
+        scores = [(*fits, 0.0) for fits in found.held_out_fits]
         print_table("fit of what was held out, percent", ("channel", "identified", "before", "constant"), scores)
         if found.held_out.event_time_rms_s is not None:
             say(
@@ -214,16 +228,24 @@ def _show_combinations(combinations: Sequence[Combination]) -> None:
     print_table("identifiable in combination", heads, rows)
 
 
-def split_runs(request: IdentifyVerb) -> tuple[list[Path], list[Path]]:
-    """Return the runs that are fitted, and the one held out: as asked, else the last of three or more."""
-    runs, held_out = request.runs, request.held_out_run
-    if request.held_out_share is not None:
-        return runs, []
-    if held_out is None:
-        return (runs[:-1], runs[-1:]) if len(runs) >= FEWEST_RUNS_TO_HOLD_OUT else (runs, [])
-    if held_out not in runs or len(runs) < 2:
-        raise CommandError(f"--hold-out {held_out}: expected one of at least two runs")
-    return [run for run in runs if run != held_out], [held_out]
+def split_runs(request: IdentifyVerb) -> tuple[list[Path], list[Path], float]:
+    """Return the runs that are fitted, the one held out, and the share of each held out instead.
+
+    As asked, else the last of three or more runs, else a share.
+    """
+    runs, asked = request.runs, request.hold_out
+    if asked is None:
+        return (runs[:-1], runs[-1:], 0.0) if len(runs) >= FEWEST_RUNS_TO_HOLD_OUT else (runs, [], HOLD_OUT_SHARE)
+    try:
+        share = float(asked)
+    except ValueError:
+        held_out = Path(asked)
+        if held_out not in runs or len(runs) < 2:
+            raise CommandError(f"--hold-out {held_out}: expected one of at least two runs") from None
+        return [run for run in runs if run != held_out], [held_out], 0.0
+    if not 0.0 <= share <= LARGEST_SHARE:
+        raise CommandError(f"--hold-out {asked}: expected a run, or a share from 0 to {LARGEST_SHARE:g}")
+    return runs, [], share
 
 
 def show_keys(title: str, keys: Sequence[Any]) -> None:
@@ -237,17 +259,18 @@ def say_open(keys: Sequence[Any]) -> None:
     say(*(f"{key.key}: {key.verdict}, {key.reason}" for key in keys if key.verdict != IDENTIFIED or ";" in key.reason))
 
 
-def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:
+def identify_lengths(request: IdentifyVerb, given: MeasurementMap, turn: ModelTurn | None) -> None:
     """Fit the free keys to the runs; write the configuration found, unless the run held out fits no better with it."""
     began = time.monotonic()
     if request.out is not None:
         check_output_file(request.out, force=request.force)
     unused: dict[str, object] = {"--fix": request.fixed, "--prior": request.priors, "--scheduler": request.scheduler}
-    unused[f"--hold-out {request.hold_out}"] = request.held_out_share is not None
+    fitted, held, _ = split_runs(request)
+    unused[f"--hold-out {request.hold_out}"] = request.hold_out is not None and not held
     unused |= {f"--free {text}": "=" in text for text in request.free}
     for option in filter(unused.get, unused):
         raise CommandError(f"{option}: not used in the measured motion of the crank; expected --motion simulated")
-    given, base = request.given_map, request.parameters
+    base = request.parameters
     columns = _led_columns(request, given, turn)
     keys = tuple(key for key in request.free if key != AUTO)
     if AUTO in request.free or not request.free:
@@ -257,8 +280,9 @@ def identify_lengths(request: IdentifyVerb, turn: ModelTurn | None) -> None:
         raise CommandError(f"{request.machine}: no length moves {', '.join(columns)}; expected --free KEY")
     model = GeometryModel(request.machine, base, keys, columns)
     model.values()  # a key that is wrong is named before the runs are read
-    fitted, held = split_runs(request)
-    runs, kept = ([geometry_data(_checked(p, request, turn), columns) for p in paths] for paths in (fitted, held))
+    runs, kept = (
+        [geometry_data(_checked(p, request, given, turn), columns) for p in paths] for paths in (fitted, held)
+    )
     chosen = [text.partition("=")[0].strip() for text in request.settings]
     report, model = geometry_report(model, runs, next(iter(kept), None), chosen)
     _show_lengths(request, report, next(iter(held), None), time.monotonic() - began)

@@ -3,19 +3,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from mech_twin.cli.console import CommandError
 from mech_twin.cli.verb import Apart, Beside, Rules, argument, option
 from mech_twin.cli.verbs import Config, Configured, MachineName, MapFile, Namespace, Written
 from mech_twin.files.output_file import YAML_SUFFIXES
 
-if TYPE_CHECKING:
-    from mech_twin.measurements.measurement_map import MeasurementMap
-
-LARGEST_SHARE = 0.8
 FalseAlarms = Annotated[
     float | None, option("mean time between false alarms of a machine, h", None, "--arl0", ge=1e-3, shown="24")
 ]
@@ -111,36 +105,6 @@ class IdentifyVerb(Configured, answer="identify:identify_machine"):
     cores: int | None = option("processor cores to use", ge=1, shown="all")
     scheduler: str | None = option("Dask scheduler for starts and profiles, tcp://HOST:PORT", metavar="ADDRESS")
     out: Path | None = option("directory of the results, or file (.yaml) of the configuration")
-
-    @cached_property
-    def given_map(self) -> MeasurementMap:
-        """The map, checked to be of this machine; where none is given, the one proposed for the runs."""
-        if self.map_file is None:
-            from mech_twin.cli.console import say
-            from mech_twin.cli.measured import proposal
-
-            proposed = proposal(self.runs, self.built)
-            say(f"map, as `mech-twin map` proposes it:\n{proposed.text.rstrip()}")
-            return proposed.known
-        from mech_twin.results.opened_runs import given_map
-
-        return given_map(self.map_file, self.built)
-
-    @property
-    def held_out_run(self) -> Path | None:
-        """The run that was asked to be held out; None where nothing or a share was."""
-        return None if self.hold_out is None or self.held_out_share is not None else Path(self.hold_out)
-
-    @property
-    def held_out_share(self) -> float | None:
-        """The share that was asked to be held out."""
-        try:
-            share = float(self.hold_out or "")
-        except ValueError:
-            return None
-        if not 0.0 <= share <= LARGEST_SHARE:
-            raise CommandError(f"--hold-out {self.hold_out}: expected a run, or a share from 0 to {LARGEST_SHARE:g}")
-        return share
 
 
 class MonitorVerb(Configured, answer="monitor:monitor_machine"):

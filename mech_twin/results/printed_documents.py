@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from mech_twin.measurements.measurement_map import Source
 from mech_twin.samples import Event
-from mech_twin.studies.identification.geometry_report import FittedAssembly, HeldOut
+from mech_twin.studies.identification.geometry_fit import FittedAssembly, HeldOut
 from mech_twin.studies.identification.sensor_plan import Help
 from mech_twin.studies.identification.verdicts import Combination, KeyVerdict
 from mech_twin.studies.measured_forces import Compared

@@ -39,10 +39,10 @@ from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
 from mech_twin.samples import Event
 from mech_twin.studies.declared_studies import asked_of
 from mech_twin.studies.design_scan import DesignScan, read_scan
-from mech_twin.studies.identification.held_out import ChannelFit, ChannelScore, Score
+from mech_twin.studies.identification.fit_quality import ChannelFit, ChannelScore, Score
 from mech_twin.studies.identification.identification import Identification
-from mech_twin.studies.identification.staged_search import Search
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
+from mech_twin.studies.identification.staged_fit import Search
 from mech_twin.studies.identification.verdicts import Combination, KeyVerdict
 from mech_twin.studies.identification.written_identification import SavedIdentification
 from mech_twin.studies.monitoring.fleet import Fleet

@@ -19,11 +19,12 @@ from mech_twin.errors import StudyError
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies import designs, sweep
+from mech_twin.studies.identification.fit_problem import problem_of
 from mech_twin.studies.identification.fit_runs import ColumnCurves, FitChannel, FitRun, needed_columns
 from mech_twin.studies.identification.intervals import linearised
-from mech_twin.studies.identification.least_squares_fit import problem_of, stage_fit
-from mech_twin.studies.identification.refits import fits_spread, key_profiles, profiles_spread
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
+from mech_twin.studies.identification.refits import key_profiles
+from mech_twin.studies.identification.staged_fit import stage_fits
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, seen_run
 from mech_twin.studies.named_rollouts import rollout
 from mech_twin.studies.parameter_sweep import journal_of
@@ -164,17 +165,17 @@ def test_the_cluster_follows_the_same_profiles_and_ends_the_same_starts_as_one_c
     # the working force has hardly an effect: its interval is wider than itself, so it is followed
     keys = ("crank_m", "rod_m", "working_force_n")
     base, runs = machine_parameters("vibration_crank"), (measured_crank(),)
-    question = IdentificationQuestion("vibration_crank", base, keys, cores=1, scheduler=address)
+    question = IdentificationQuestion("vibration_crank", base, keys, cores=1)
     problem = problem_of(question, runs)
-    fitted = stage_fit(problem, problem.unknowns.start, 1.0)
+    (fitted,) = stage_fits(problem, [problem.unknowns.start], 1.0)
     line = linearised(fitted)
-    here, there = key_profiles(fitted, line), profiles_spread(question, fitted, line)
+    here, there = key_profiles(fitted, line), key_profiles(fitted, line, scheduler=address)
     ends = [[(each.place, each.lower, each.upper) for each in profiles] for profiles in (here, there)]
     assert not np.all(np.isnan(ends[0]))
     assert np.array_equal(*ends, equal_nan=True)
     start = problem.unknowns.start * 1.02
-    (far,) = fits_spread(question, runs, [start], 0.5)
-    assert np.array_equal(far.x, stage_fit(problem, start, 0.5).x)
+    ((far,), (near,)) = (stage_fits(problem, [start], 0.5, scheduler=each) for each in (address, None))
+    assert np.array_equal(far.x, near.x)
 
 
 def written_fleet(folder: Path) -> None:

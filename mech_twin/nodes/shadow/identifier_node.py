@@ -6,6 +6,7 @@ The fit runs in a process of its own, at lower priority, so that the shadow keep
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -20,9 +21,10 @@ from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.parameter_bridge import declare_range, offer
 from mech_twin.process.interruption import end_with_parent
 from mech_twin.studies.identification.fit_runs import FitRun
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.recent_samples import RecentFit, RecentSamples, fitted_recent
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, KeyedConfiguration
+from mech_twin.studies.identification.recent_samples import RecentSamples
+from mech_twin.studies.identification.written_identification import configuration_text
 from mech_twin.studies.observer.estimate import SeenSample
 from mech_twin.studies.spreading import NICE
 
@@ -42,9 +44,9 @@ class _RunningFit:
         self._process.start()
         sender.close()
 
-    def messages(self) -> Iterator[str | Exception | RecentFit]:
+    def messages(self) -> Iterator[str | Exception | Identification]:
         """Yield new messages of the fit: progress lines, finally the result or the reason of its failure."""
-        message: str | Exception | RecentFit = ""
+        message: str | Exception | Identification = ""
         while isinstance(message, str) and self._end.poll():
             try:
                 message = self._end.recv()
@@ -64,7 +66,8 @@ def _fit(parent: int, question: IdentificationQuestion, run: FitRun, connection:
     end_with_parent(parent)
     os.nice(NICE)
     try:
-        connection.send(fitted_recent(question, run, connection.send))
+        found = identified(question, [run], (), HOLD_OUT_SHARE, connection.send)
+        connection.send(replace(found, fitted=None))
     except FAILURES as error:
         connection.send(StudyError(str(error)))
 
@@ -103,7 +106,8 @@ class IdentifierNode(TwinNode):
         self.keys, self._bounds = tuple(keys), dict(bounds)
         self.recent = RecentSamples(channels, LONGEST_SPAN_S)
         self.phase, self.status_line = "idle", "nothing identified yet"
-        self.found: RecentFit | None = None
+        self.found: Identification | None = None
+        self.text, self._stretch = "", ""  # configuration that was found, and of which samples
         self.on_taken: Callable[[Parameters], None] = lambda parameters: None
         self._fit: _RunningFit | None = None
         declare_range(self, SPAN_S, USUAL_SPAN_S, "time before now that is fitted [s]", SHORTEST_SPAN_S, LONGEST_SPAN_S)
@@ -133,7 +137,7 @@ class IdentifierNode(TwinNode):
         if self._fit is not None:
             self._fit.end()
 
-    def _take(self, message: str | Exception | RecentFit) -> None:
+    def _take(self, message: str | Exception | Identification) -> None:
         if isinstance(message, str):
             self.status_line = message
             return
@@ -141,7 +145,7 @@ class IdentifierNode(TwinNode):
         if isinstance(message, Exception):
             self.phase, self.status_line = "failed", str(message)
             return
-        self.found = message
+        self.found, self.text = message, configuration_text(message, [self._stretch])
         self.phase = "found" if message.better else "not better"
         self.status_line = "; ".join(filter(None, (f"fitted in {message.seconds:.0f} s", message.lack)))
 
@@ -157,6 +161,7 @@ class IdentifierNode(TwinNode):
             self.machine_name, self.model, self.keys, self._bounds, longest_begin_s=LATEST_BEGIN_S, cores=1
         )
         self.phase, self.status_line, self.found = "running", f"fitting {run.path}", None
+        self._stretch, self.text = str(run.path), ""
         self._fit = _RunningFit(question, run)
         return True, f"{len(self.keys)} keys, {run.path}"
 

@@ -156,7 +156,7 @@ def shown_faults(live: LiveMonitor) -> tuple[ShownFault, ...]:
     shown = []
     for life in live.monitor.lives.values():
         if life.state in SEEN:
-            best = next((each for each in found.candidates if life.name in (found.finding, each.name)), None)
+            best = found.best_of(life.name)
             until_s = life.shelved_until_s if life.shelved_until_s > found.time_s else None
             shown.append(ShownFault(life.name, life.state, life.since_s, _size(best), life.is_acknowledged, until_s))
     return tuple(shown)
@@ -170,11 +170,10 @@ def shown_fit(identifier: IdentifierNode) -> ShownFit:
         (each.key, f"{each.before:.4g}", f"{each.estimate:.4g}", _interval(each), each.verdict.replace("_", " "))
         for each in keys
     )
-    held = () if found is None else found.held_out
+    held = () if found is None else found.held_out_fits
     scores = tuple((channel, f"{before:.1f} %", f"{after:.1f} %") for channel, after, before in held)
     kept_s = int(identifier.recent.span_s)
-    text = "" if found is None else found.text
-    return ShownFit(identifier.phase, identifier.status_line, identifier.keys, kept_s, rows, scores, text)
+    return ShownFit(identifier.phase, identifier.status_line, identifier.keys, kept_s, rows, scores, identifier.text)
 
 
 def _interval(key: KeyVerdict) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measured run prepared for a fit, and what a simulation predicts for it at the sensors' own instants.
+"""The runs of a fit: measured ones, and what simulations predict for them at the sensors' own instants.
 
 Between coupling steps a position is interpolated by cubic Hermite polynomials, everything else linearly; in a step with
 an event both linearly.  A column that jumps at events must not be compared close to one: `ColumnCurves.beside_event`
@@ -9,15 +9,18 @@ spacing.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from mech_twin.engine.rollout import RollOut
+from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.declarations.quantity import Parameters
+from mech_twin.engine.rollout import RollOut, roll_out
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, fixed
@@ -25,6 +28,9 @@ from mech_twin.measurements.quality import NORMAL_MEDIAN, unit_differences
 from mech_twin.measurements.runs import MeasuredRun
 from mech_twin.measurements.sensors import event_values
 from mech_twin.measurements.units import EVENT, TURN, is_angle, is_event
+from mech_twin.parameters.load import catalogue_entry
+from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration, number_at
+from mech_twin.studies.named_rollouts import rollouts
 
 COMMANDS = ("motor.command", "linkage.command")
 DIFFERENCES = (2, 3, 4, 5, 6)  # orders of the differences that estimate the noise of a channel
@@ -33,6 +39,7 @@ MOST_FITTED = 40_000  # samples of a channel in a run: more are evenly decimated
 POSITION, VELOCITY = ".position", ".velocity"
 SHARE = 0.3  # of the usual spacing of events: farther apart, they are different events
 SERIES = 0.1  # of the usual spacing: events that follow sooner belong to a series, and only its first is compared
+KEPT = 3  # simulations
 LATEST_START_S = 600.0  # a run with a later first stamp cannot begin at the machine's start
 
 
@@ -341,3 +348,94 @@ def needed_columns(columns: list[str]) -> list[str]:
     """Return the columns that the simulation must record: these, and the speed for each position."""
     speeds = [name[: -len(POSITION)] + VELOCITY for name in columns if name.endswith(POSITION)]
     return list(dict.fromkeys([*columns, *speeds]))
+
+
+Curves = tuple[ColumnCurves, ...]
+
+
+class ModelRuns:
+    """Simulations of a machine with the commands of measured runs, for comparison with them; the last are kept.
+
+    Parameters
+    ----------
+    longest_begin_s : float
+        Latest start of a run whose start is unknown, as time since the machine's start.
+    cores : int, optional
+        Threads; all cores if absent.
+    """
+
+    def __init__(
+        self, keyed: KeyedConfiguration, runs: Sequence[FitRun], longest_begin_s: float = 0.0, cores: int | None = None
+    ) -> None:
+        keyed.check()
+        self.keyed, self.runs, self.rolled_out = keyed, tuple(runs), 0
+        self._cores, self._longest_begin_s = cores, longest_begin_s
+        names = [channel.name for run in runs for channel in run.channels if not channel.of_events]
+        self._columns = needed_columns(names)
+        self._kept: dict[bytes, Curves | None] = {}
+
+    def over(self, runs: Sequence[FitRun]) -> ModelRuns:
+        """Return the same machine with other parts of the runs."""
+        return ModelRuns(self.keyed, runs, self._longest_begin_s, self._cores)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what another process gets: the same with one thread, without the simulations."""
+        return ModelRuns, (self.keyed, self.runs, self._longest_begin_s, 1)
+
+    def at(self, values: Array) -> Curves | None:
+        """Return the columns of each run for these values of the keys; None if they are rejected or a run fails."""
+        self.prepare([values])
+        return self._kept[values.tobytes()]
+
+    def prepare(self, members: Sequence[Array]) -> None:
+        """Compute what `at` will be asked for, at most `KEPT` sets of values, on all cores."""
+        lacking = [values for values in members if values.tobytes() not in self._kept]
+        if lacking:
+            found = zip((values.tobytes() for values in lacking), self.many(lacking), strict=True)
+            self._kept = dict([*self._kept.items(), *found][-KEPT:])
+
+    def many(self, members: Sequence[Array]) -> list[Curves | None]:
+        """Return the same for several sets of values, computed on all cores."""
+        configured = [self._parameters(values) for values in members]
+        legal = [each for each in configured if each is not None]
+        rolled = zip(*(self._rolled(run, legal) for run in self.runs), strict=True)
+        found: list[Curves | None] = []
+        for each in configured:
+            kept = () if each is None else tuple(curves for curves in next(rolled) if curves is not None)
+            found.append(kept if len(kept) == len(self.runs) else None)
+        return found
+
+    @property
+    def step_s(self) -> float:
+        """The coupling step."""
+        return number_at(self.keyed.tree, "coupling.step_s", self.keyed.name)
+
+    def _rolled(self, run: FitRun, configured: Sequence[Parameters]) -> list[ColumnCurves | None]:
+        if not configured:
+            return []
+        begin_s = self._longest_begin_s if run.begin_s is None else run.begin_s
+        duration_s = max(run.end_s, 0.0) + begin_s + 2.0 * self.step_s
+        command = run.command or 1.0
+        self.rolled_out += len(configured)
+        members: Iterable[RollOut]
+        if len(configured) == 1 or self._cores == 1:  # without the overhead of threads
+            entry = catalogue_entry(self.keyed.name)
+            members = [roll_out(entry.build(each), duration_s, self._columns, None, command) for each in configured]
+        else:
+            members = rollouts(
+                self.keyed.name,
+                duration_s,
+                list(configured),
+                columns=self._columns,
+                commands=[command] * len(configured),
+                cores=self._cores,
+            )
+        return [None if member.error is not None else ColumnCurves(member) for member in members]
+
+    def _parameters(self, values: Array) -> Parameters | None:
+        if not np.isfinite(values).all():
+            return None
+        try:
+            return self.keyed.parameters(values)
+        except ConfigurationError:
+            return None

@@ -5,12 +5,11 @@ The measured crank angle q drives the model x; every other measured position y i
 
     y(t) = x(q(t - lag) - crank_zero; keys) + zero
 
-Keys are shared by all runs.  The zero of the crank is estimated for each run (``per_run``) or for all together
-(``free``), and so are the zeros of the channels.  Each channel counts by its own residuals: without that, a key that
-one channel tells would have the interval of the others.  Errors within one run are correlated.  So the interval is that
-of the jackknife over runs (Student's t with runs - 1 degrees of freedom), where it is wider than that of least squares.
-
-The model gives positions as functions of the crank angle and of free keys.
+Both assemblies and both senses of the crank are tried.  Keys are shared by all runs.  The zero of the crank is
+estimated for each run (``per_run``) or for all together (``free``), and so are the zeros of the channels.  Each channel
+counts by its own residuals: without that, a key that one channel tells would have the interval of the others.  Errors
+within one run are correlated.  So the interval is that of the jackknife over runs (Student's t with runs - 1 degrees of
+freedom), where it is wider than that of least squares.
 """
 
 from __future__ import annotations
@@ -36,12 +35,22 @@ from mech_twin.measurements.units import TURN
 from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.parameters.written_configuration import leaves
 from mech_twin.roles import CrankState, GuidedLinkage
+from mech_twin.studies.identification.fit_quality import BY_CHANCE, TINY, ljung_box
 from mech_twin.studies.identification.intervals import remembered_noise
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
+    declared_bounds,
     declared_field,
     machine_keys,
     unit_at,
+)
+from mech_twin.studies.identification.verdicts import (
+    COMBINATION,
+    IDENTIFIED,
+    MODEL_ERROR,
+    NOT_EXCITED,
+    WIDEST,
+    KeyVerdict,
 )
 
 LENGTHENED = 1e-3  # relative change of a key: enough to move the mechanism
@@ -55,6 +64,9 @@ UNSEEN = 1e-6  # of the largest singular value: below it a direction is not obse
 LOST = 3e-8  # of the same: below it a direction is rounding error
 LEAST_NOISE = 1e-6  # of a channel's standard deviation
 ROUNDS = 2  # of weighting by the residuals
+CLEARLY = 1.02  # times the least residual: within it, the configured assembly is preferred
+COMBINED = 0.1  # share of a key in unobservable directions
+LEAST_FIT_PERCENT = 90.0  # of a channel: with less, the mechanism is probably different
 
 
 @dataclass(frozen=True)
@@ -115,7 +127,7 @@ def assemblies(model: GeometryModel, fixed: Sequence[str] = ()) -> Iterator[tupl
                 continue
             tree = merged_tree(model.tree, tree_from_flat({key: other}))
             try:
-                mirrored = GeometryModel(model.name, validated(entry, tree, key), model.keys, model.columns)
+                mirrored = replace(model, base=validated(entry, tree, key))
                 differs = _moves(model, model.values(), mirrored)
             except ConfigurationError:
                 continue
@@ -162,6 +174,10 @@ class GeometryFit:
     jacobian: Array
     cost: float
     weights: Array
+
+    def percent(self, run: int, channel: int) -> float:
+        """Return 100 (1 - rms / standard deviation) of a channel in a run; residuals are already in that unit."""
+        return 100.0 * (1.0 - float(np.sqrt(np.mean(self.residuals[run][channel] ** 2))))
 
 
 def geometry_data(run: MeasuredRun, columns: Sequence[str]) -> GeometryData:
@@ -275,8 +291,11 @@ class GeometryProblem:
                 off = channel.values[inside] - curves[channel.name](run.crank(times[inside]) - zero)
                 parts.append((off - off.mean() if channel.channel.zero == PER_RUN else off) / self._scales[i])
             found.append(parts)
-        if curves is not None:
-            self._take_common_zeros(found)
+        for i, channel in enumerate(self._runs[0].channels):
+            if curves is not None and channel.channel.zero == FREE:
+                mean = np.concatenate([parts[i] for parts in found]).mean()
+                for parts in found:
+                    parts[i] = parts[i] - mean
         return tuple(tuple(parts) for parts in found)
 
     def _curves(self, keys: Array) -> Mapping[str, CubicSpline] | None:
@@ -288,19 +307,6 @@ class GeometryProblem:
             except ConfigurationError:
                 self._known = (wanted, None)
         return self._known[1]
-
-    def _take_common_zeros(self, found: list[list[Array]]) -> None:
-        for i, channel in enumerate(self._runs[0].channels):
-            if channel.channel.zero == FREE:
-                mean = np.concatenate([parts[i] for parts in found]).mean()
-                for parts in found:
-                    parts[i] = parts[i] - mean
-
-
-def fit_percent(problem_fit: GeometryFit, run: int, channel: int) -> float:
-    """Return 100 (1 - rms / standard deviation) of a channel in a run; residuals are already in that unit."""
-    residual = problem_fit.residuals[run][channel]
-    return 100.0 * (1.0 - float(np.sqrt(np.mean(residual**2))))
 
 
 def unseen(fit: GeometryFit, keys: int) -> Array:
@@ -336,10 +342,10 @@ def own_errors(fit: GeometryFit, keys: int, scale: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(white, correlated)[:keys]) * scale)
 
 
-def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> Array | None:
-    """Return the standard errors of the keys by the jackknife over runs; None for fewer than two runs."""
+def jackknife(model: GeometryModel, runs: Sequence[GeometryData], fit: GeometryFit) -> Array:
+    """Return the standard errors of the keys by the jackknife over runs; 0 for fewer than two runs."""
     if len(runs) < 2:
-        return None
+        return np.zeros(len(model.keys))
     found = []
     for out in range(len(runs)):
         kept = [i for i in range(len(runs)) if i != out]
@@ -353,3 +359,142 @@ def half_width(error: Array, runs: int) -> Array:
     """Return half the width of the 95 % interval: Student's t with runs - 1; for one run, the normal quantile."""
     share = stats.t.ppf(0.975, runs - 1) if runs > 1 else stats.norm.ppf(0.975)
     return np.asarray(error * share)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Fit (percent) of a channel in the held-out run: with estimated keys, with configured keys, and a constant."""
+
+    channel: str
+    fit_percent: float
+    before_percent: float
+    constant_percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class FittedAssembly:
+    """Assembly mode of the mechanism and sense of rotation that fit the measured positions.
+
+    Attributes
+    ----------
+    configured : dict of str to str
+        Configuration keys that differ from before, with their new words.
+    sense : int
+        -1 if the crank turns opposite to the sign of its channel in the map.
+    margin, sense_margin : float
+        Residual (rms) of the best other assembly, and of the other sense, over the least; infinite without another.
+    """
+
+    configured: dict[str, str]
+    sense: int
+    margin: float
+    sense_margin: float
+
+
+@dataclass(frozen=True)
+class GeometryReport:
+    """Keys, fits of the channels over the fitted runs, and scores on the held-out run."""
+
+    keys: tuple[KeyVerdict, ...]
+    fit_percent: dict[str, float]
+    lags_s: tuple[float, ...]
+    held_out: tuple[HeldOut, ...]
+    assembly: FittedAssembly
+
+    @property
+    def better(self) -> bool:
+        """Whether a key is identified, and every held-out channel fits better than before and than a constant."""
+        ahead = (each.fit_percent > max(each.before_percent, each.constant_percent) for each in self.held_out)
+        return any(key.verdict == IDENTIFIED for key in self.keys) and all(ahead)
+
+
+def fitted_assembly(
+    model: GeometryModel, runs: Sequence[GeometryData], fixed: Sequence[str] = ()
+) -> tuple[FittedAssembly, GeometryModel]:
+    """Return the assembly mode and sense of rotation that fit best; the configured ones unless clearly worse.
+
+    ``fixed`` are keys that stay as configured.
+    """
+    tried = [
+        (GeometryProblem(each, [run.turning(sense) for run in runs]).solved().cost, words, sense, each)
+        for words, each in assemblies(model, fixed)
+        for sense in (1, -1)
+    ]
+    least = min(cost for cost, *_ in tried)
+    chosen, words, sense, best = next(each for each in tried if each[0] <= CLEARLY**2 * least)
+    others = min((cost for cost, *_, each in tried if each is not best), default=np.inf)
+    turned = next(cost for cost, _, other, each in tried if each is best and other != sense)
+    margins = np.sqrt(np.array([others, turned]) / max(chosen, TINY)).tolist()
+    return FittedAssembly(words, sense, *margins), best
+
+
+def geometry_report(
+    model: GeometryModel, runs: Sequence[GeometryData], held_out: GeometryData | None, fixed: Sequence[str] = ()
+) -> tuple[GeometryReport, GeometryModel]:
+    """Return the fit over the runs with intervals and the score on a held-out run; and the fitted model.
+
+    A key that moves no position stays as configured.  On the held-out run, only the parameters of a run (zero of the
+    crank, zeros of the channels, lags) are fitted, once with the estimated and once with the configured keys.
+    ``fixed`` as in `fitted_assembly`.
+    """
+    asked, configured = model, moving(model)
+    assembly, model = fitted_assembly(configured, runs, fixed)
+    runs = [run.turning(assembly.sense) for run in runs]
+    problem = GeometryProblem(model, runs)
+    fit = weighted(model, runs, problem.solved())
+    errors = np.maximum(own_errors(fit, len(model.keys), problem.key_scale()), jackknife(model, runs, fit))
+    names = [channel.name for channel in runs[0].channels]
+    fits = {name: min(fit.percent(run, i) for run in range(len(runs))) for i, name in enumerate(names)}
+    report = GeometryReport(
+        _keys(asked, model, fit, errors, half_width(errors, len(runs))),
+        fits,
+        tuple(fit.lags_s.tolist()),
+        () if held_out is None else _scores((model, configured), held_out, assembly.sense, fit.keys, names),
+        assembly,
+    )
+    return report, replace(model, keys=asked.keys)
+
+
+def _keys(
+    asked: GeometryModel, model: GeometryModel, fit: GeometryFit, errors: Array, widths: Array
+) -> tuple[KeyVerdict, ...]:
+    """Return the verdict on each key that was asked for; the model holds those that move a position."""
+    shares, off, found = unseen(fit, len(model.keys)), _misfit(fit), []
+    for key, before in zip(asked.keys, asked.values().tolist(), strict=True):
+        low, high = declared_bounds(type(asked.base), key)
+        if key not in model.keys:
+            found.append(KeyVerdict(key, before, before, np.nan, low, high, NOT_EXCITED, "no channel depends on it"))
+            continue
+        i = model.keys.index(key)
+        value, width = float(fit.keys[i]), float(widths[i])
+        verdict, reason = IDENTIFIED, "observable, with an interval within half its value"
+        if shares[i] > COMBINED:
+            partners = ", ".join(k for j, k in enumerate(model.keys) if j != i and shares[j] > COMBINED)
+            verdict, reason = COMBINATION, f"its effect equals that of {partners or 'the zeros and lags'}"
+        elif off is not None:
+            verdict, reason = MODEL_ERROR, f"a channel fits to {off:.1f} % only: another assembly or mechanism?"
+        elif width > WIDEST * abs(value):
+            verdict, reason = NOT_EXCITED, "its interval is wider than half its value"
+        ends = max(value - width, low), min(value + width, high)
+        found.append(KeyVerdict(key, before, value, float(errors[i]), *ends, verdict, reason))
+    return tuple(found)
+
+
+def _misfit(fit: GeometryFit) -> float | None:
+    """Return the fit (percent) of the channel that fits worst, too badly and not by noise; None without one."""
+    every = [(run, i) for run, parts in enumerate(fit.residuals) for i in range(len(parts))]
+    off = [
+        percent
+        for run, i in every
+        if (percent := fit.percent(run, i)) < LEAST_FIT_PERCENT and ljung_box(fit.residuals[run][i]) < BY_CHANCE
+    ]
+    return min(off, default=None)
+
+
+def _scores(
+    models: tuple[GeometryModel, GeometryModel], held_out: GeometryData, sense: int, keys: Array, names: Sequence[str]
+) -> tuple[HeldOut, ...]:
+    found, configured = models
+    after = GeometryProblem(found, [held_out.turning(sense)], keys).solved()
+    before = GeometryProblem(configured, [held_out], configured.values()).solved()
+    return tuple(HeldOut(name, after.percent(0, i), before.percent(0, i)) for i, name in enumerate(names))

@@ -1,52 +1,77 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification: estimates configuration keys from measured runs, each with an interval and a verdict."""
+"""Identification: estimates configuration keys from measured runs, each with an interval and a verdict.
+
+The keys that the channels see are fitted.  At the fit, derivatives by all free keys tell which of them the runs
+distinguish; those are fitted again, until their choice and their intervals settle.  Then each key gets its verdict, and
+what was held out scores the result.
+"""
+
+from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import StudyError
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.fit_runs import FitRun
-from mech_twin.studies.identification.held_out import (
+from mech_twin.studies.identification.causes import likely_cause
+from mech_twin.studies.identification.fit_problem import BEGIN, GAIN, KEY, LAG, ZERO, FitProblem, problem_of
+from mech_twin.studies.identification.fit_quality import (
     ChannelFit,
+    Fitted,
     Score,
-    beside,
     channel_fits,
     noise_misfit,
     refutation,
     score,
+    weighted,
 )
-from mech_twin.studies.identification.key_knowledge import (
-    AroundFit,
-    around_fit,
-    predictable,
-    sensitivity_at,
-    settled,
-    verdicts_of,
-    with_others_as_configured,
+from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.intervals import (
+    Linearised,
+    Uncertainty,
+    last_step,
+    linearised,
+    moved_by_fixed,
+    uncertainty,
 )
-from mech_twin.studies.identification.least_squares_fit import (
-    Fitted,
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, unit_at
+from mech_twin.studies.identification.refits import KeyProfile, Refits, family, key_profiles
+from mech_twin.studies.identification.staged_fit import (
+    BENDING,
     Progress,
+    Search,
     carried_over,
-    problem_of,
+    fixed_fit,
     quiet,
     refined,
+    robust_weights,
+    searched,
 )
-from mech_twin.studies.identification.refits import fits_spread
-from mech_twin.studies.identification.staged_search import Search, searched
-from mech_twin.studies.identification.unknowns import BEGIN, KEY, IdentificationQuestion
-from mech_twin.studies.identification.verdicts import COMBINATION, IDENTIFIED, ONE_SIDED, Combination, KeyVerdict
+from mech_twin.studies.identification.verdicts import (
+    COMBINATION,
+    IDENTIFIED,
+    ONE_SIDED,
+    Combination,
+    Family,
+    KeyEvidence,
+    KeyVerdict,
+    Sensitivity,
+    combinations,
+    refuted,
+    sensitivity,
+)
 
 WRITTEN = (IDENTIFIED, ONE_SIDED, COMBINATION)  # verdicts whose estimates go into the configuration
 HOLD_OUT_SHARE = 0.2
 WORSE = 1.2  # times the misfit: a worse fit with fewer keys is rejected
 CHOICES = 3  # rounds of choosing the keys to estimate, each at the last fit
+REFITS = 2  # at most, if a step or a profile shows that the fit had not converged
+PREDICTABLE = (0.5, 0.25, 0.12)  # shares of the runs to try if derivatives over the whole runs are unreliable
+OFFSET = 0.1  # of a half width: with a longer next step, the fit has not converged
 
 
 @dataclass(frozen=True)
@@ -102,6 +127,12 @@ class Identification:
         other = "before" if self.held_out.misfit >= self.before.misfit else "by a constant"
         return f"what was held out is predicted no better than {other}"
 
+    @property
+    def held_out_fits(self) -> tuple[tuple[str, float, float], ...]:
+        """Each channel of the held-out data, its fit in percent with the resulting and the previous configuration."""
+        scores = (each.channels if each is not None else () for each in (self.held_out, self.before))
+        return tuple((one.channel, one.fit_percent, other.fit_percent) for one, other in zip(*scores, strict=True))
+
 
 def identified(
     question: IdentificationQuestion,
@@ -124,43 +155,15 @@ def identified(
         raise StudyError("expected at least one free key")
     same_channels([*runs, *held_runs])
     fitted_runs, later = (list(runs), []) if held_runs or share <= 0.0 else _split(runs, share)
-    everything = problem_of(question, fitted_runs)
-    progress("which keys the channels see")
-    places = list(range(len(question.keys)))
-    chosen = sensitivity_at(everything, everything.unknowns.start).estimated(places)
-    fitted, search = _best_fit(question.of([question.keys[i] for i in chosen]), fitted_runs, progress)
-    if len(chosen) < len(places) and refutation(fitted) is not None:
-        # the effect of a key at the start of the search may differ from that elsewhere
-        with_all = _best_fit(question, fitted_runs, progress)
-        if noise_misfit(with_all[0]) < noise_misfit(fitted):
-            (fitted, search), chosen = with_all, places
-    around = predictable(question, around_fit(question, fitted), progress)
-    for _ in range(CHOICES):
-        again, wanted = around.seen.estimated(places), False
-        if set(again) != set(chosen):
-            fewer = _fit_of_fewer(question, around, again, progress)
-            # a key is still needed if the fit without it is rejected
-            wanted = refutation(fewer) is not None and noise_misfit(fewer) > WORSE * noise_misfit(around.fitted)
-            if not wanted:
-                # with one key fixed, the others may seem identifiable: it is not freed again
-                places = [i for i in places if i in again or i not in chosen]
-                chosen, around = again, around_fit(question, fewer)
-        if wanted:
-            around = around.with_all_of(chosen)
-        progress("intervals")
-        around, known = settled(question, around, chosen, progress)
-        if wanted or set(around.seen.estimated(places)) == set(chosen):
-            break
+    chosen, best, search = _best_fit(question, fitted_runs, progress)
+    around = predictable(question, around_fit(question, best), progress)
+    around, chosen, known = _settled_choice(question, around, chosen, progress)
     fitted = around.fitted
     keys, combined = verdicts_of(question, around, chosen, known, search, progress)
     values = {key.key: key.estimate for key in keys if key.verdict in WRITTEN}  # the others keep their values
     parameters = question.of(values).keyed.parameters(list(values.values())) if values else question.base
     progress("what was held out")
     held, before = _scores(question, parameters, fitted_runs, held_runs, later)
-    count = len(chosen)
-    deviations = np.sqrt(np.diag(known.covariance)[:count])
-    sizes = np.outer(deviations, deviations)
-    correlation = known.covariance[:count, :count] / np.where(sizes > 0.0, sizes, np.inf)
     return Identification(
         question,
         parameters,
@@ -172,7 +175,7 @@ def identified(
         before,
         {u.name: float(fitted.x[i] * u.scale) for i, u in enumerate(fitted.problem.unknowns.all) if u.kind == BEGIN},
         tuple(question.keys[i] for i in chosen),
-        correlation,
+        known.correlation(len(chosen)),
         fitted.problem.model.rolled_out,
         time.monotonic() - began,
         fitted,
@@ -197,11 +200,45 @@ def _split(runs: Sequence[FitRun], share: float) -> tuple[list[FitRun], list[Fit
     return first, rest
 
 
-def _best_fit(question: IdentificationQuestion, runs: Sequence[FitRun], progress: Progress) -> tuple[Fitted, Search]:
-    """Return the best fit, and a summary of its search."""
-    problem = problem_of(question, runs)
-    fits = None if question.scheduler is None else partial(fits_spread, question, runs)
-    return searched(problem, problem.unknowns.start.copy(), question.seed, progress, fits)
+def _best_fit(
+    question: IdentificationQuestion, runs: Sequence[FitRun], progress: Progress
+) -> tuple[list[int], Fitted, Search]:
+    """Return the indices of the keys that the channels see, their best fit, and a summary of its search."""
+    everything, places = problem_of(question, runs), list(range(len(question.keys)))
+    progress("which keys the channels see")
+    chosen = sensitivity_at(everything, everything.unknowns.start).estimated(places)
+    some = problem_of(question.of([question.keys[i] for i in chosen]), runs)
+    found = searched(some, question.seed, progress, question.scheduler)
+    if len(chosen) < len(places) and refutation(found[0]) is not None:
+        # the effect of a key at the start of the search may differ from that elsewhere
+        with_all = searched(problem_of(question, runs), question.seed, progress, question.scheduler)
+        if noise_misfit(with_all[0]) < noise_misfit(found[0]):
+            return places, *with_all
+    return chosen, *found
+
+
+def _settled_choice(
+    question: IdentificationQuestion, around: AroundFit, chosen: list[int], progress: Progress
+) -> tuple[AroundFit, list[int], Uncertainty]:
+    """Return the converged fit of the keys that are distinguishable at its end, their indices, and its uncertainty."""
+    places = list(range(len(question.keys)))
+    for _ in range(CHOICES):
+        again, wanted = around.seen.estimated(places), False
+        if set(again) != set(chosen):
+            fewer = _fit_of_fewer(question, around, again, progress)
+            # a key is still needed if the fit without it is rejected
+            wanted = refutation(fewer) is not None and noise_misfit(fewer) > WORSE * noise_misfit(around.fitted)
+            if wanted:
+                around = replace(around, seen=around.seen.with_all_of(chosen))
+            else:
+                # with one key fixed, the others may seem identifiable: it is not freed again
+                places = [i for i in places if i in again or i not in chosen]
+                chosen, around = again, around_fit(question, fewer)
+        progress("intervals")
+        around, known = settled(question, around, chosen, progress)
+        if wanted or set(around.seen.estimated(places)) == set(chosen):
+            break
+    return around, chosen, known
 
 
 def _fit_of_fewer(
@@ -211,11 +248,202 @@ def _fit_of_fewer(
 
     The keys that are no longer estimated are fixed as configured.
     """
-    problem = problem_of(question.of([question.keys[i] for i in chosen]), around.whole.runs)
-    values = with_others_as_configured(question, around, chosen)
+    whole, problem = (
+        around.whole,
+        problem_of(question.of([question.keys[i] for i in chosen]), around.fitted.problem.runs),
+    )
+    fixed = [i for i in range(len(question.keys)) if i not in chosen]
+    before = question.keyed.values() / whole.problem.unknowns.scales[: len(question.keys)]
+    refits, follows = Refits(whole, around.line), ~np.isin(np.arange(len(whole.x)), fixed)
+    equal = refits.with_held(fixed, before[fixed], follows, [refits.fit]).x
     start = carried_over(around.fitted, problem.unknowns)
+    values = whole.problem.unknowns.keys(equal)[list(chosen)]
     start[problem.unknowns.places(KEY)] = values / problem.unknowns.scales[: len(chosen)]
     return refined(problem, start, progress)
+
+
+@dataclass(frozen=True)
+class AroundFit:
+    """A fit of some of the free keys, the same point with all of them free (``whole``), and derivatives there."""
+
+    fitted: Fitted
+    whole: Fitted
+    line: Linearised
+    seen: Sensitivity
+
+    @property
+    def bends(self) -> bool:
+        """Whether derivatives do not predict the effect of keys, since small errors of a key have grown large."""
+        problem = self.fitted.problem
+        return self.seen.contradicted or problem.curvature(self.fitted.x, self.fitted.comparison) > BENDING
+
+
+def sensitivity_at(problem: FitProblem, x: Array) -> Sensitivity:
+    """Return the sensitivity of the channels to the keys before anything is fitted."""
+    comparison = weighted(problem, x).comparison
+    weights = robust_weights(problem.residuals(x, comparison))
+    jacobian = problem.jacobian(x, comparison) * weights[:, None]
+    places = problem.unknowns.places(KEY)
+    return sensitivity(jacobian, jacobian, places, x[places])
+
+
+def around_fit(question: IdentificationQuestion, fitted: Fitted) -> AroundFit:
+    """Return derivatives by all free keys at the end of a fit of some of them."""
+    base = fitted.problem.model.keyed.parameters(fitted.key_values)
+    problem = problem_of(replace(question, base=base), fitted.problem.runs)
+    whole = Fitted(problem, carried_over(fitted, problem.unknowns), fitted.comparison)
+    line, places = linearised(whole), problem.unknowns.places(KEY)
+    return AroundFit(fitted, whole, line, sensitivity(line.jacobian, line.other, places, whole.x[places]))
+
+
+def predictable(question: IdentificationQuestion, around: AroundFit, progress: Progress = quiet) -> AroundFit:
+    """Return the fit of the longest initial share of the runs for which derivatives are reliable.
+
+    If the effect of the initial state does not decay, a small error of a key grows.  In the later part of a run, the
+    minimum is then narrower than any difference step, and derivatives there do not give a key's interval.  A share
+    in which a key has no effect yet says nothing of it.
+    """
+    problem, here = around.fitted.problem, around
+    for share in PREDICTABLE if around.bends else ():
+        progress(f"first {100.0 * share:.0f} % of the runs alone")
+        part = problem.over([run.first_share(share) for run in problem.runs])
+        here = around_fit(question, refined(part, around.fitted.x, progress))
+        if not here.bends:
+            return here if (here.seen.acting >= around.seen.acting).all() else around
+    return around
+
+
+def settled(
+    question: IdentificationQuestion, around: AroundFit, chosen: Sequence[int], progress: Progress = quiet
+) -> tuple[AroundFit, Uncertainty]:
+    """Return the converged fit, and the uncertainty of its unknowns.
+
+    Parameters
+    ----------
+    chosen : sequence of int
+        Indices of the free keys that it estimates; the others are fixed.
+    """
+    unknowns = around.whole.problem.unknowns
+    kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
+    for left in reversed(range(REFITS + 1)):
+        fitted = around.fitted
+        own = around.line.of(kept).over(fitted.problem.unknowns.scales / around.whole.problem.unknowns.scales[kept])
+        known, left_over = uncertainty(own), _left_over(fitted, own)
+        profiles = [] if refutation(fitted) is not None else key_profiles(fitted, own, progress, question.scheduler)
+        better = max(profiles, key=lambda each: each.won, default=None)
+        x = fitted.x if better is None or better.better is None else better.better
+        ended = x is fitted.x and np.all(np.abs(left_over) <= OFFSET * known.half_widths[0])
+        if ended or left == 0:
+            break
+        progress("the fit once more, from where it had not ended")
+        again = around_fit(question, refined(fitted.problem, x, progress))
+        around = again if not around.seen.distinguished else replace(again, seen=again.seen.with_all_of(chosen))
+    return around, _widened(known, own, around.seen, chosen, np.abs(left_over), profiles)
+
+
+def _left_over(fitted: Fitted, own: Linearised) -> Array:
+    """Return the next Gauss-Newton step of a fit; 0 for unknowns at a bound."""
+    low, high = fitted.problem.unknowns.bounds()
+    inside = np.flatnonzero((fitted.x > low) & (fitted.x < high))
+    found = np.zeros(len(fitted.x))
+    found[inside] = last_step(own.of(inside))
+    return found
+
+
+def _widened(
+    known: Uncertainty,
+    own: Linearised,
+    seen: Sensitivity,
+    chosen: Sequence[int],
+    left_over: Array,
+    profiles: Sequence[KeyProfile],
+) -> Uncertainty:
+    """Return intervals widened by the errors of fixed keys, remaining steps and profiles."""
+    ends = np.full(known.half_widths.shape, np.nan)
+    for each in profiles:
+        ends[:, each.place] = each.lower, each.upper
+
+    def with_fixed(fixed: Sequence[int]) -> Array:
+        moved = moved_by_fixed(own, seen.jacobian[:, list(fixed)])
+        return np.asarray(np.fmax(np.hypot(known.half_widths, moved) + left_over, ends))
+
+    fixed = [i for i in range(len(seen.effects)) if i not in chosen]
+    halves = with_fixed(fixed)
+    given = halves.copy()
+    for group in seen.groups():
+        places = [place for place, i in enumerate(chosen) if i in group]
+        given[:, places] = with_fixed([i for i in fixed if i not in group])[:, places]
+    return replace(known, half_widths=halves, given_tied=given)
+
+
+def combined(
+    question: IdentificationQuestion,
+    refits: Refits,
+    seen: Sensitivity,
+    chosen: Sequence[int],
+    half_widths: Array,
+    progress: Progress = quiet,
+) -> list[Combination]:
+    """Return the identifiable combinations of tied keys, from refits with the fixed ones moved.
+
+    Parameters
+    ----------
+    refits : Refits
+        Refits about the fit; the free keys are its first unknowns.
+    chosen : sequence of int
+        Indices of the fitted keys.
+    half_widths : ndarray
+        Shape (2, keys): half widths of the 95 % intervals, the fixed keys held.
+    """
+    names, families, count = question.keys, [], len(question.keys)
+    scales = refits.problem.unknowns.scales[:count]
+    bounds = question.keyed.bounds(question.bounds) / scales
+    follows = ~np.isin(np.arange(len(refits.x)), [i for i in range(count) if i not in chosen])
+    for group in seen.groups():
+        fixed, fitted = [i for i in group if i not in chosen], [i for i in group if i in chosen]
+        if fixed and fitted:
+            progress(f"what fits as well with other {', '.join(names[i] for i in fixed)}")
+            points = family(refits, fixed, follows, bounds)
+            if points is not None:
+                families.append(Family(tuple(fitted), tuple(fixed), points[:, :count] * scales))
+    units = [unit_at(type(question.base), key) for key in names]
+    return combinations(families, names, units, half_widths)
+
+
+def verdicts_of(
+    question: IdentificationQuestion,
+    around: AroundFit,
+    chosen: Sequence[int],
+    known: Uncertainty,
+    search: Search,
+    progress: Progress = quiet,
+) -> tuple[list[KeyVerdict], list[Combination]]:
+    """Return the verdict on each free key, and the identifiable combinations."""
+    count, seen = len(question.keys), around.seen
+    scales = around.whole.problem.unknowns.scales[:count]
+    keyed, fitted = question.keyed, around.fitted
+    before = keyed.values()
+    estimates, errors = before.copy(), np.full(count, np.nan)
+    halves, given = np.full((2, count), np.inf), np.full((2, count), np.inf)
+    own, places = slice(len(chosen)), list(chosen)
+    sizes = fitted.problem.unknowns.scales[own]
+    estimates[places], errors[places] = fitted.key_values, known.errors[own] * sizes
+    halves[:, places], given[:, places] = known.half_widths[:, own] * sizes, known.given_tied[:, own] * sizes
+    around_it = (question, fitted, around.whole, around.line)
+    lacking, found = refutation(fitted, agreed=search.agreed or search.starts == 1), list[Combination]()
+    if lacking is None:
+        found = combined(question, Refits(around.whole, around.line), seen, chosen, given, progress)
+    else:
+        lacking += likely_cause(*around_it, is_refuted=True)
+    fixed = frozenset(set(range(count)) - set(chosen))
+    evidence = KeyEvidence(
+        *(question.keys, before, estimates, errors, halves, keyed.bounds(question.bounds)),
+        *(scales, seen, fixed, refuted(lacking, search), found),
+    )
+    doubt = likely_cause(*around_it, is_refuted=False) if lacking is None else ""
+    return [
+        replace(key, reason=key.reason + doubt) if key.verdict == IDENTIFIED else key for key in evidence.verdicts()
+    ], found
 
 
 def _scores(
@@ -228,6 +456,6 @@ def _scores(
     if not held_runs and not later:
         return None, None
     known_from, held = (held_runs, held_runs) if held_runs else (fitted_runs, later)
-    fixed = [beside(question, each, known_from) for each in (parameters, question.base)]
-    after, before = (score(problem.over(held), x) for problem, x in fixed)
+    fixed = [fixed_fit(question, each, known_from) for each in (parameters, question.base)]
+    after, before = (score(fitted.over(held)) for fitted in fixed)
     return after, before

@@ -32,8 +32,9 @@ from scipy.signal import lfilter, lfiltic
 
 from mech_twin.measurements.blocks import Array
 from mech_twin.studies.burg import best_order
-from mech_twin.studies.identification.least_squares_fit import Fitted, robust_weights
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.fit_quality import Fitted
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
+from mech_twin.studies.identification.staged_fit import robust_weights
 
 BLOCKS = 30  # of all runs together
 FEWEST_BLOCKS = 8  # of a run
@@ -202,6 +203,13 @@ class Uncertainty:
     half_widths: Array
     covariance: Array
     given_tied: Array
+
+    def correlation(self, count: int) -> Array:
+        """Return the correlation of the estimates of the first unknowns, shape (count, count)."""
+        covariance = self.covariance[:count, :count]
+        deviations = np.sqrt(np.diag(covariance))
+        sizes = np.outer(deviations, deviations)
+        return np.asarray(covariance / np.where(sizes > 0.0, sizes, np.inf))
 
 
 def uncertainty(found: Linearised) -> Uncertainty:

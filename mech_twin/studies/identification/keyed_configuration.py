@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A configuration as a function of some keys: from values to parameters and machine, with scales and bounds.
+"""The question of a fit, and a configuration as a function of some keys: from values to parameters and machine.
 
 By default the keys that the configuration calls assumed are free.
 
@@ -8,14 +8,16 @@ those too that a machine fills in where they are absent: a load set fills the ca
 key of the set changes nothing while the filled-in numbers stand beside it.
 """
 
+from __future__ import annotations
+
 import pickle
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
@@ -45,98 +47,6 @@ _ORIGIN = re.compile(r"#.*?\b(assumed|published|derived|measured|catalogue|print
 NOT_OF_THE_MACHINE = ("coupling", "supply", "integrator", "start", "stall", "run")
 # the state a run begins in, which belongs to the run
 START_STATES = ("linkage.initial_crank_deg", "initial_position_m", "initial_velocity_m_per_s", "package_radius_m")
-
-
-def acting_tree(name: str, base: Parameters, keys: Sequence[str]) -> dict[str, Any]:
-    """Return the configuration as nested plain values, without those derived from one of the keys.
-
-    Raises
-    ------
-    ConfigurationError
-        The machine accepts no other value of a key, such as the inertia of a motor that is named from a catalogue.
-    """
-    whole = configuration_tree(base)
-    moved = {key: other_value(name, whole, key) for key in keys}
-    try:
-        _configured(name, whole, moved)
-        steps = [moved]
-    except ConfigurationError:  # together they are rejected, each alone is accepted
-        steps = [{key: value} for key, value in moved.items()]
-    return _acting(name, whole, tuple(_filled_in(name, base, whole)), steps)
-
-
-def keys_of_motion(name: str, base: Parameters, keys: Sequence[str]) -> tuple[str, ...]:
-    """Return those of the keys of which the machine accepts another value, and that its equations of motion contain.
-
-    The others change no constant of its kernels: keys of a tool in which no waves run, of an excitation of another
-    kind.
-    """
-    whole, build = configuration_tree(base), catalogue_entry(name).build
-    filled, own, found = tuple(_filled_in(name, base, whole)), _constants(build(base)), []
-    for key in keys:
-        try:
-            step = {key: other_value(name, whole, key)}
-        except ConfigurationError:
-            continue
-        tree = _acting(name, whole, filled, [step])
-        if own is None or _constants(build(_configured(name, tree, step))) != own:
-            found.append(key)
-    return tuple(found)
-
-
-def _constants(machine: Machine) -> bytes | None:
-    """Return the constants of the kernels of a machine, None where it has none."""
-    compiled = compiled_machine(machine)
-    return None if compiled is None else pickle.dumps(compiled.models)
-
-
-def _acting(
-    name: str, tree: Mapping[str, Any], filled: Sequence[str], steps: Sequence[Mapping[str, float]]
-) -> dict[str, Any]:
-    """Return a tree without the derived numbers that change with one of the steps of keys."""
-    left = dict(tree)
-    for leaf in filled:
-        if all(leaf not in step for step in steps) and any(_follows(name, tree, leaf, step) for step in steps):
-            left = _without(left, leaf)
-    return left
-
-
-def other_value(name: str, tree: Mapping[str, Any], key: str) -> float:
-    """Return a slightly different value of a key that the machine accepts."""
-    value = float(value_in(tree, key))
-    step, refused = MOVED * (abs(value) or 1.0), None
-    for other in (value + step, value - step):
-        try:
-            _configured(name, tree, {key: other})
-        except ConfigurationError as error:
-            refused = error
-        else:
-            return other
-    raise ConfigurationError(f"--free {key}: the machine accepts no other value: {refused}")
-
-
-def _filled_in(name: str, base: Parameters, tree: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the dotted keys of numbers that the machine derives if the configuration leaves them out."""
-    for leaf in numbers_of(tree):
-        try:
-            found = _configured(name, _without(tree, leaf), {})
-        except ConfigurationError:
-            continue
-        if found == base:
-            yield leaf
-
-
-def _follows(name: str, tree: Mapping[str, Any], leaf: str, moved: Mapping[str, float]) -> bool:
-    """Return whether a derived number changes when keys are changed."""
-    try:
-        found = _configured(name, _without(tree, leaf), moved)
-    except ConfigurationError:
-        return False
-    return bool(value_in(configuration_tree(found), leaf) != value_in(tree, leaf))
-
-
-def _configured(name: str, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
-    return validated(catalogue_entry(name), merged_tree(tree, tree_from_flat(changed)), name)
 
 
 def _without(tree: Mapping[str, Any], key: str) -> dict[str, Any]:
@@ -192,8 +102,27 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
 
 
 def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
-    """Return the numbers of the machine itself that its motion depends on and of which it accepts another value."""
-    return keys_of_motion(name, parameters, tuple(_numbers(parameters)))
+    """Return the numbers of the machine itself of which it accepts another value, and that its motion depends on.
+
+    The others change no constant of its kernels: keys of a tool in which no waves run, of an excitation of another
+    kind.
+    """
+    whole, build, found = KeyedConfiguration(name, parameters, ()), catalogue_entry(name).build, []
+    own = _constants(build(parameters))
+    for key in _numbers(parameters):
+        try:
+            step = {key: whole.other_value(key)}
+        except ConfigurationError:
+            continue
+        if own is None or _constants(build(whole.configured(whole.acting_in([step]), step))) != own:
+            found.append(key)
+    return tuple(found)
+
+
+def _constants(machine: Machine) -> bytes | None:
+    """Return the constants of the kernels of a machine, None where it has none."""
+    compiled = compiled_machine(machine)
+    return None if compiled is None else pickle.dumps(compiled.models)
 
 
 def _numbers(parameters: Parameters) -> Iterator[str]:
@@ -233,7 +162,57 @@ class KeyedConfiguration:
         ConfigurationError
             The machine accepts no other value of a key.
         """
-        return acting_tree(self.name, self.base, self.keys)
+        moved = {key: self.other_value(key) for key in self.keys}
+        try:
+            self.configured(self.tree, moved)
+        except ConfigurationError:  # together they are rejected, each alone is accepted
+            return self.acting_in([{key: value} for key, value in moved.items()])
+        return self.acting_in([moved])
+
+    def acting_in(self, steps: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+        """Return the tree without the derived numbers that change with one of the steps of keys."""
+        left = dict(self.tree)
+        for leaf in self._filled_in:
+            if all(leaf not in step for step in steps) and any(self._follows(leaf, step) for step in steps):
+                left = _without(left, leaf)
+        return left
+
+    @cached_property
+    def _filled_in(self) -> tuple[str, ...]:
+        """Dotted keys of the numbers that the machine derives if the configuration leaves them out."""
+
+        def is_derived(leaf: str) -> bool:
+            try:
+                return self.configured(_without(self.tree, leaf), {}) == self.base
+            except ConfigurationError:
+                return False
+
+        return tuple(filter(is_derived, numbers_of(self.tree)))
+
+    def _follows(self, leaf: str, moved: Mapping[str, float]) -> bool:
+        """Return whether a derived number changes when keys are changed."""
+        try:
+            found = self.configured(_without(self.tree, leaf), moved)
+        except ConfigurationError:
+            return False
+        return bool(value_in(configuration_tree(found), leaf) != value_in(self.tree, leaf))
+
+    def other_value(self, key: str) -> float:
+        """Return a slightly different value of a key that the machine accepts."""
+        value = float(value_in(self.tree, key))
+        step, refused = MOVED * (abs(value) or 1.0), None
+        for other in (value + step, value - step):
+            try:
+                self.configured(self.tree, {key: other})
+            except ConfigurationError as error:
+                refused = error
+            else:
+                return other
+        raise ConfigurationError(f"--free {key}: the machine accepts no other value: {refused}")
+
+    def configured(self, tree: Mapping[str, Any], changed: Mapping[str, float]) -> Parameters:
+        """Return the parameters of a tree with some keys changed."""
+        return validated(catalogue_entry(self.name), merged_tree(tree, tree_from_flat(changed)), self.name)
 
     def check(self) -> None:
         """Raise a ConfigurationError if a key is unknown, or cannot be changed."""
@@ -283,6 +262,50 @@ class KeyedConfiguration:
                 )
             found.append((low, high))
         return np.array(found).reshape(-1, 2).T
+
+
+@dataclass(frozen=True)
+class IdentificationQuestion:
+    """Specification of a fit: machine, free keys, and what is known of them.
+
+    Attributes
+    ----------
+    base : Parameters
+        Configuration to start from; keys that are not estimated keep its values.
+    keys : tuple of str
+        Keys that may change.
+    bounds : mapping
+        Lower and upper bounds of some keys.
+    priors : mapping
+        Mean and standard deviation of some keys.
+    longest_begin_s : float
+        Latest start of a run whose start is unknown, as time since the machine's start.
+    seed : int
+        Seed of the random further starts.
+    cores : int, optional
+        Threads; all cores if absent.
+    scheduler : str, optional
+        Address of a Dask scheduler that distributes starts and profiles.
+    """
+
+    machine: str
+    base: Parameters
+    keys: tuple[str, ...]
+    bounds: Mapping[str, tuple[Annotated[float, -np.inf], Annotated[float, np.inf]]] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    longest_begin_s: float = 0.0
+    seed: int = 0
+    cores: int | None = None
+    scheduler: str | None = None
+
+    @property
+    def keyed(self) -> KeyedConfiguration:
+        """The configuration as a function of the keys."""
+        return KeyedConfiguration(self.machine, self.base, self.keys)
+
+    def of(self, keys: Iterable[str]) -> IdentificationQuestion:
+        """Return the same question about some of the keys, the others fixed as configured."""
+        return replace(self, keys=tuple(keys))
 
 
 def number_at(tree: Mapping[str, Any], key: str, machine: str) -> float:

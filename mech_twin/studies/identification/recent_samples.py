@@ -1,23 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Identification from the last minutes of a live machine: buffer of its samples, and result of the fit."""
+"""The last minutes of a live machine, as a run that can be identified from."""
 
 from array import array
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.studies.identification.fit_runs import COMMANDS, FitChannel, FitRun, fit_channel, placed_run
-from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, Identification, identified
-from mech_twin.studies.identification.least_squares_fit import Progress, quiet
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
-from mech_twin.studies.identification.verdicts import KeyVerdict
-from mech_twin.studies.identification.written_identification import configuration_text
 from mech_twin.studies.observer.estimate import SeenSample
 
 FEWEST_SAMPLES = 20  # of a channel, to be fitted
@@ -110,43 +103,3 @@ class RecentSamples:
         changes = [(max(from_s, self._first_s), before[-1] if before else 1.0), *later]
         times, values = np.array(changes).T
         return times, values
-
-
-class RecentFit(NamedTuple):
-    """Result of a fit to the last minutes.
-
-    Attributes
-    ----------
-    lack : str
-        Why the result is no better than the previous configuration; empty if it is.
-    held_out : tuple of (str, float, float)
-        Channel, and its fit in percent with the resulting and with the previous configuration.
-    text : str
-        The configuration as text of a parameter file.
-    """
-
-    keys: tuple[KeyVerdict, ...]
-    lack: str
-    held_out: tuple[tuple[str, float, float], ...]
-    parameters: Parameters
-    text: str
-    seconds: float
-
-    @property
-    def better(self) -> bool:
-        """Whether a key is identified, and held-out data is predicted better than before and than by a constant."""
-        return not self.lack
-
-
-def fitted_recent(question: IdentificationQuestion, run: FitRun, progress: Progress = quiet) -> RecentFit:
-    """Return the result of a fit to a run; its last fifth is held out."""
-    found = identified(question, [run], (), HOLD_OUT_SHARE, progress)
-    text = configuration_text(found, [str(run.path)])
-    return RecentFit(found.keys, found.lack, _held_out(found), found.parameters, text, found.seconds)
-
-
-def _held_out(found: Identification) -> tuple[tuple[str, float, float], ...]:
-    if found.held_out is None or found.before is None:
-        return ()
-    pairs = zip(found.held_out.channels, found.before.channels, strict=True)
-    return tuple((one.channel, one.fit_percent, other.fit_percent) for one, other in pairs)

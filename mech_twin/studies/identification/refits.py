@@ -5,14 +5,13 @@ A profile moves one key until the cost has risen by ``t^2`` times the variance o
 doi:10.1093/bioinformatics/btp358).  It is computed for keys whose cost is not a parabola at the ends of the interval,
 so that derivatives do not give it.  A family moves fixed keys, whose effect others repeat, by up to half of their
 values; where the cost rises by more than derivatives predict, the runs reject the move.
-
-Another process rebuilds the fit problem from question and runs.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache, partial
 from itertools import product
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -20,21 +19,10 @@ import numpy.typing as npt
 from scipy import optimize, stats
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.fit_runs import FitRun
+from mech_twin.studies.identification.fit_problem import KEY
+from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.intervals import FIXED_OFF, Linearised, inverse_information
-from mech_twin.studies.identification.least_squares_fit import (
-    LOSS_SCALE,
-    Fitted,
-    Progress,
-    brought_on,
-    problem_of,
-    quiet,
-    robust_weights,
-    stage_fit,
-    stage_part,
-)
-from mech_twin.studies.identification.residuals import Weighting
-from mech_twin.studies.identification.unknowns import KEY, IdentificationQuestion
+from mech_twin.studies.identification.staged_fit import LOSS_SCALE, Progress, brought_on, quiet, robust_weights
 from mech_twin.studies.spreading import spread
 
 LEAST_RISE, MOST_RISE = 0.6, 1.6  # times the rise of a parabola: outside, a profile is computed
@@ -190,10 +178,15 @@ def key_profile(fitted: Fitted, found: Linearised, place: int) -> KeyProfile:
     return KeyProfile(place, lower, upper, refits.better, 0.0 if refits.better is None else -refits.lowest)
 
 
-def key_profiles(fitted: Fitted, found: Linearised, progress: Progress = quiet) -> list[KeyProfile]:
+def key_profiles(
+    fitted: Fitted, found: Linearised, progress: Progress = quiet, scheduler: str | None = None
+) -> list[KeyProfile]:
     """Return the profiles of the keys of a fit; ``found`` are the derivatives at its end."""
-    profiles = []
-    for place in map(int, fitted.problem.unknowns.places(KEY)):
+    places, profiles = list(map(int, fitted.problem.unknowns.places(KEY))), list[KeyProfile]()
+    if places and scheduler is not None:
+        progress("profiles, on the cluster")
+        return sorted(spread(partial(key_profile, fitted, found), places, 1, scheduler), key=attrgetter("place"))
+    for place in places:
         progress(f"profile of {fitted.problem.unknowns.all[place].name}")
         profiles.append(key_profile(fitted, found, place))
     return profiles
@@ -302,45 +295,3 @@ def _goes_to(target: Array, refits: Refits, fixed: Sequence[int], follows: Mask,
 
 def _cost(rows: Array) -> float:
     return float(np.sum(2.0 * LOSS_SCALE**2 * (np.sqrt(1.0 + (rows / LOSS_SCALE) ** 2) - 1.0)))
-
-
-def fits_spread(
-    question: IdentificationQuestion, runs: Sequence[FitRun], starts: Iterable[Array], share: float
-) -> list[Fitted]:
-    """Return the fits of a stage from several starts, each computed by a worker of the question's cluster."""
-    one = partial(_stage, _alone(question), runs, share)
-    found = sorted(spread(one, list(enumerate(starts)), 1, question.scheduler), key=lambda each: each[0])
-    problem = problem_of(question, runs)
-    return [Fitted(stage_part(problem, share, x), x, comparison, cost) for _, x, comparison, cost in found]
-
-
-def _stage(
-    question: IdentificationQuestion, runs: Sequence[FitRun], share: float, start: tuple[int, Array]
-) -> tuple[int, Array, Weighting, float]:
-    place, x = start
-    fitted = stage_fit(problem_of(question, runs), x, share)
-    return place, fitted.x, fitted.comparison, fitted.cost
-
-
-def profiles_spread(question: IdentificationQuestion, fitted: Fitted, found: Linearised) -> list[KeyProfile]:
-    """Return the profiles of the keys of a fit, each computed by a worker of the question's cluster."""
-    places = list(map(int, fitted.problem.unknowns.places(KEY)))
-    asked = _alone(question.of(fitted.problem.model.keyed.keys))
-    one = partial(_profile, asked, fitted.problem.runs, fitted.x, fitted.comparison, found)
-    return sorted(spread(one, places, 1, question.scheduler), key=lambda each: each.place) if places else []
-
-
-def _profile(
-    question: IdentificationQuestion,
-    runs: Sequence[FitRun],
-    x: Array,
-    comparison: Weighting,
-    found: Linearised,
-    place: int,
-) -> KeyProfile:
-    return key_profile(Fitted(problem_of(question, runs), x, comparison, 0.0), found, place)
-
-
-def _alone(question: IdentificationQuestion) -> IdentificationQuestion:
-    """Return a question for a worker: one thread, and no scheduler of its own."""
-    return replace(question, cores=1, scheduler=None)

@@ -12,15 +12,12 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, GREY, RED, house_style
 from mech_twin.files.report_page import page, section
-from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.units import UNITS, shown_unit
-from mech_twin.studies.identification.held_out import beside
+from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.intervals import NORMAL, intervals_before
-from mech_twin.studies.identification.least_squares_fit import Fitted
-from mech_twin.studies.identification.residuals import FitProblem
 from mech_twin.studies.identification.sensor_plan import Help
-from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.staged_fit import Search, fixed_fit
 from mech_twin.studies.identification.verdicts import IDENTIFIED
 
 if TYPE_CHECKING:
@@ -83,8 +80,8 @@ def _ends(low: float, high: float) -> str:
 def _scores(found: Identification) -> str:
     if found.held_out is None or found.before is None:
         return "<h2>Held out</h2><p>Nothing was held out.</p>"
-    pairs = zip(found.held_out.channels, found.before.channels, strict=True)
-    rows = [(one.channel, one.fit_percent, other.fit_percent, 0.0, one.white_p) for one, other in pairs]
+    pairs = zip(found.held_out_fits, found.held_out.channels, strict=True)
+    rows = [(*fits, 0.0, channel.white_p) for fits, channel in pairs]
     table = section("Held out", ("channel", "fit, %", "before", "constant", "white (p)"), rows)
     if found.held_out.event_time_rms_s is None:
         return table
@@ -107,26 +104,19 @@ def _pictures(found: Identification) -> list[str]:
         shown = ["<h2>Intervals, and correlation of the estimates</h2>", f'<div class="row">{"".join(pair)}</div>']
         if found.fitted is None:
             return [*shown, "<p>Read from a document: it holds no runs to draw.</p>"]
-        after, before = beside_whole_runs(found, found.fitted)
+        fitted, asked = found.fitted, found.question
+        runs = fitted.problem.runs
+        whole = [run.within(-np.inf, np.inf) for run in runs]  # held-out parts included
+        both = fixed_fit(asked, asked.base, runs).over(whole), fitted.over(whole)
         shown += ["<h2>Measured against fitted</h2>", CAPTION]
         worst = sorted(
             (found.channels[place].fit_percent, run, place)
-            for run, each in enumerate(after[0].runs)
+            for run, each in enumerate(runs)
             for place in range(len(each.channels))
             if not np.isnan(found.channels[place].fit_percent)
         )
-        shown += [_channel(found, (before, after), run, place) for _, run, place in worst[:MOST_PICTURES]]
+        shown += [_channel(found, both, run, place) for _, run, place in worst[:MOST_PICTURES]]
     return shown
-
-
-def beside_whole_runs(
-    found: Identification, fitted: Fitted
-) -> tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]]:
-    """Return the fit and the previous configuration as problems over the whole fitted runs, held-out parts included."""
-    problem, asked = fitted.problem, found.question
-    other, offsets = beside(asked, asked.base, problem.runs)
-    whole = [run.within(-np.inf, np.inf) for run in problem.runs]
-    return (problem.over(whole), fitted.x), (other.over(whole), offsets)
 
 
 def _figure(width: float, height: float, columns: Sequence[float] = (1.0,)) -> tuple[Figure, Any]:
@@ -170,11 +160,9 @@ def _correlation(found: Identification) -> str:
     return _svg(figure)
 
 
-def _channel(
-    found: Identification, both: tuple[tuple[FitProblem, Array], tuple[FitProblem, Array]], run: int, place: int
-) -> str:
+def _channel(found: Identification, both: tuple[Fitted, Fitted], run: int, place: int) -> str:
     """Return a figure of a run's end: measured and model with the 95 % band, residuals, and their autocorrelation."""
-    measured = both[1][0].runs[run]
+    measured = both[0].problem.runs[run]
     channel, fit = measured.channels[place], found.channels[place]
     last = channel.times_s[-1]
     shown = np.flatnonzero(channel.times_s >= last - SHOWN_SHARE * (last - channel.times_s[0]))
@@ -182,8 +170,8 @@ def _channel(
     figure, (left, middle, right) = _figure(9.0, 1.55, (2.2, 1.4, 1.0))
     times, values = channel.times_s[shown], channel.values[shown]
     left.plot(times, values, ".", color=GREY, markersize=3, label="measured")
-    for name, colour, (problem, x) in zip(("before", "fitted"), (RED, BLUE), both, strict=True):
-        off = problem.parts(x)[run][place][shown]
+    for name, colour, drawn in zip(("before", "fitted"), (RED, BLUE), both, strict=True):
+        off = drawn.parts[run][place][shown]
         left.plot(times, values - off, color=colour, linewidth=1.0, label=name)
         middle.plot(times, off, color=colour, linewidth=0.8)
         if name == "fitted":

@@ -18,34 +18,24 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.units import joint_column
 from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.studies.identification.fit_problem import BEGIN, GAIN, KEY, LAG, ZERO, FitProblem, Weighting, problem_of
+from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
+from mech_twin.studies.identification.identification import PREDICTABLE, combined
 from mech_twin.studies.identification.intervals import Linearised, inverse_information
-from mech_twin.studies.identification.key_knowledge import PREDICTABLE, combined
-from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.least_squares_fit import Fitted, problem_of
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.refits import Refits
-from mech_twin.studies.identification.residuals import FitProblem, Weighting
-from mech_twin.studies.identification.unknowns import (
-    BEGIN,
-    GAIN,
-    KEY,
-    LAG,
-    ZERO,
-    IdentificationQuestion,
-)
 from mech_twin.studies.identification.verdicts import (
     IDENTIFIED,
     Combination,
     KeyEvidence,
     KeyVerdict,
-    key_verdicts,
     sensitivity,
 )
 
 ADDED_NOISE = 1e-3  # noise of a further sensor, in standard deviations of its signal
 ADDED_RATE_HZ = 500.0
 ROLES = ("linkage", "motor", "body")  # whose motion and effort a sensor can tell
-Command = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -76,15 +66,6 @@ class SensorPlan:
     helps: tuple[Help, ...]
 
 
-@dataclass(frozen=True)
-class _PlannedRun:
-    """A run to be planned: its name, its question with the configuration, and its command."""
-
-    name: str
-    question: IdentificationQuestion
-    command: Command
-
-
 def sensor_plan(
     question: IdentificationQuestion,
     sensors: MeasurementMap,
@@ -111,14 +92,13 @@ def sensor_plan(
     """
     channels = (opened or sensors).channels
     noises = [_noise(channel, place) for place, channel in enumerate(sensors.channels)]
-    own = _PlannedRun("as it is", question, ())
-    samples = _samples(own, channels, sensors.channels, noises, duration_s)
-    keys, combined = _verdicts(_Derived(own, samples), together=True)
+    samples = _sampled(question, _planned("as it is"), channels, sensors.channels, noises, duration_s)
+    keys, combined = _verdicts(_Derived(question, samples), together=True)
     found = sensor_helps(question, samples, duration_s) if helps else []
     shown, noises = [each.channel for each in samples.channels], [each.noise for each in samples.channels]
-    for run in _manoeuvres(own, duration_s) if helps else ():
-        other, _ = _verdicts(_Derived(run, _samples(run, shown, shown, noises, duration_s)))
-        found.append(_help(run.name, keys, other))
+    for asked, run in _manoeuvres(question, duration_s) if helps else ():
+        other, _ = _verdicts(_Derived(asked, _sampled(asked, run, shown, shown, noises, duration_s)))
+        found.append(_help(str(run.path), keys, other))
     return SensorPlan(tuple(keys), tuple(combined), tuple(_best_first(found)))
 
 
@@ -130,9 +110,8 @@ def sensor_helps(question: IdentificationQuestion, samples: FitRun, duration_s: 
     samples : FitRun
         The run as sampled by the sensors, with their noise.
     """
-    own = _PlannedRun("as it is", question, samples.command)
-    added = _further_sensors(own, samples, duration_s)
-    derived = _Derived(own, replace(samples, channels=(*samples.channels, *added)))
+    added = _further_sensors(question, samples, duration_s)
+    derived = _Derived(question, replace(samples, channels=(*samples.channels, *added)))
     count = len(samples.channels)
     before, _ = _verdicts(derived, range(count))
     found = [
@@ -168,15 +147,16 @@ def _noise(channel: Channel, place: int) -> float:
     return shown * channel.si_factor * gain
 
 
-def _samples(
-    run: _PlannedRun,
+def _sampled(
+    question: IdentificationQuestion,
+    run: FitRun,
     channels: Sequence[Channel],
     sensors: Sequence[Channel],
     noises: Sequence[float],
     duration_s: float,
 ) -> FitRun:
     """Return the run as sampled by the sensors: their instants, and the model's values."""
-    machine = catalogue_entry(run.question.machine).build(run.question.base)
+    machine = catalogue_entry(question.machine).build(question.base)
     rolled = roll_out(machine, duration_s, command=run.command or 1.0)
     found = []
     for channel, sensor, noise in zip(channels, sensors, noises, strict=True):
@@ -191,7 +171,7 @@ def _samples(
             times = times[: len(times) - round(sensor.drop * len(times))] if sensor.drop else times
             values = np.interp(times, rolled["time_s"], rolled[channel.quantity])
         found.append(FitChannel(channel, times, values, noise))
-    return FitRun(Path(run.name), tuple(each for each in found if len(each.times_s)), run.command, 0.0)
+    return replace(run, channels=tuple(each for each in found if len(each.times_s)))
 
 
 def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
@@ -211,8 +191,8 @@ def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
 class _Derived:
     """Derivatives by the keys of a planned run, cached for each initial share of it."""
 
-    def __init__(self, run: _PlannedRun, samples: FitRun) -> None:
-        self.question, self._samples = run.question, samples
+    def __init__(self, question: IdentificationQuestion, samples: FitRun) -> None:
+        self.question, self._samples = question, samples
         self._known: dict[float, tuple[FitProblem, Weighting, Array, Array, Array]] = {}
 
     def over(self, share: float) -> tuple[FitProblem, Weighting, Array, Array, Array]:
@@ -262,18 +242,18 @@ def _verdicts(
     found: list[Combination] = []
     if together:
         line = Linearised(jacobian, other, np.zeros(len(jacobian)), *(np.zeros(len(jacobian), dtype=np.int64),) * 3)
-        refits = Refits(Fitted(_as_shown(problem, x), x, weighting, 0.0), line, 1.0)
+        refits = Refits(Fitted(_as_shown(problem, x), x, weighting), line, 1.0)
         found = combined(question, refits, seen, chosen, both)
     scales = unknowns.scales[:count]
-    evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None)
-    return key_verdicts(evidence, found), found
+    evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None, found)
+    return evidence.verdicts(), found
 
 
-def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> list[FitChannel]:
+def _further_sensors(question: IdentificationQuestion, samples: FitRun, duration_s: float) -> list[FitChannel]:
     """Return the sensors that could be added: of each joint's motion and effort."""
     measured = {channel.name for channel in samples.channels}
-    machine = catalogue_entry(own.question.machine).build(own.question.base)
-    rolled = roll_out(machine, duration_s, command=own.command or 1.0)
+    machine = catalogue_entry(question.machine).build(question.base)
+    rolled = roll_out(machine, duration_s, command=samples.command or 1.0)
     found = []
     for column in column_names(machine):
         parts = joint_column(column)
@@ -289,16 +269,21 @@ def _further_sensors(own: _PlannedRun, samples: FitRun, duration_s: float) -> li
     return found
 
 
-def _manoeuvres(own: _PlannedRun, duration_s: float) -> list[_PlannedRun]:
+def _planned(name: str, *command: tuple[float, float]) -> FitRun:
+    """Return a run that is to be sampled."""
+    return FitRun(Path(name), (), command, 0.0)
+
+
+def _manoeuvres(question: IdentificationQuestion, duration_s: float) -> list[tuple[IdentificationQuestion, FitRun]]:
     """Return other runs of the machine: a step of the speed, the supply off at half time, a start from rest."""
-    base, half = own.question.base, 0.5 * duration_s
+    half = 0.5 * duration_s
     found = [
-        _PlannedRun("speed step to 0.6 at half time", own.question, ((0.0, 1.0), (half, 0.6))),
-        _PlannedRun("supply off at half time", own.question, ((0.0, 1.0), (half, 0.0))),
+        (question, _planned("speed step to 0.6 at half time", (0.0, 1.0), (half, 0.6))),
+        (question, _planned("supply off at half time", (0.0, 1.0), (half, 0.0))),
     ]
-    tree = KeyedConfiguration(own.question.machine, base, ()).tree
+    tree = question.keyed.tree
     if tree.get("supply", {}).get("initial_fraction"):
         changed = merged_tree(tree, {"supply": {"initial_fraction": 0.0}})
-        started = validated(catalogue_entry(own.question.machine), changed, "a start from rest")
-        found.append(_PlannedRun("start from rest", replace(own.question, base=started), ()))
+        started = validated(catalogue_entry(question.machine), changed, "a start from rest")
+        found.append((replace(question, base=started), _planned("start from rest")))
     return found

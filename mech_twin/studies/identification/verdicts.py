@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from math import inf
 from typing import Annotated
 
@@ -20,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
-from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.staged_fit import Search
 
 LARGEST_ERROR = 0.5  # half width of the interval over the key's value, at most, for a combination to be reported
 LEAST_WEIGHT = 0.1  # a key with a smaller weight is left out
@@ -315,6 +316,73 @@ class KeyEvidence:
     sensitivity: Sensitivity
     fixed: frozenset[int]
     refuted: tuple[str, str] | None
+    combinations: Sequence[Combination] = ()
+
+    def verdicts(self) -> list[KeyVerdict]:
+        """Return the verdict on each key."""
+        return [self._verdict(i) for i in range(len(self.names))]
+
+    @cached_property
+    def _formulas(self) -> dict[str, str]:
+        """What is identifiable of each key in combination: of a fitted key its own, of others the most precise."""
+        whole = [(each.keys, f"{each.formula}, for {each.condition}") for each in self.combinations]
+        found = {key: formula for keys, formula in reversed(whole) for key in keys}
+        return found | {keys[0]: formula for keys, formula in whole}
+
+    def _verdict(self, i: int) -> KeyVerdict:
+        name, estimate = self.names[i], float(self.estimates[i])
+        down, up = self.half_widths[:, i].tolist()
+        verdict, reason = self._word(i)
+        if verdict in (NOT_EXCITED, COMBINATION) and i in self.fixed:
+            down = up = np.inf
+        low, high = max(estimate - down, float(self.bounds[0, i])), min(estimate + up, float(self.bounds[1, i]))
+        return KeyVerdict(name, float(self.before[i]), estimate, float(self.errors[i]), low, high, verdict, reason)
+
+    def _word(self, i: int) -> tuple[str, str]:
+        """Return the verdict on a key and its reason."""
+        unseen = self._not_seen_alone(i)
+        # beside a refuted fit, whose residuals count as noise, any effect may look small
+        if unseen is not None and (self.refuted is None or self.sensitivity.effects[i] < LEAST_OF_ZERO):
+            return unseen
+        if self.refuted is not None:
+            return self.refuted
+        estimate = float(self.estimates[i])
+        low, high = self.bounds[:, i].tolist()
+        near = NEAR_BOUND * max(abs(estimate), float(self.scales[i]))
+        if estimate - low < near or high - estimate < near:
+            return AT_BOUND, f"the fit stopped at the bound {low if estimate - low < near else high:.6g}"
+        down, up = self.half_widths[:, i].tolist()
+        if np.isfinite(down) != np.isfinite(up):
+            end = f"at least {estimate - down:.6g}" if np.isfinite(down) else f"at most {estimate + up:.6g}"
+            return ONE_SIDED, f"{end}; to the other side the likelihood profile is flat"
+        return self._by_width(i, estimate, max(down, up))
+
+    def _by_width(self, i: int, estimate: float, half: float) -> tuple[str, str]:
+        """Return the verdict by the width of the interval."""
+        if not np.isfinite(half):
+            return NOT_EXCITED, "the likelihood profile is flat on both sides"
+        if half > WIDEST * abs(estimate):
+            if self.before[i] == 0.0:
+                return NOT_EXCITED, f"not significantly different from 0: 95 % within {half:.3g}"
+            return NOT_EXCITED, f"95 % within {half:.3g} on either side, more than half its value"
+        return IDENTIFIED, "observable, with an interval within half its value"
+
+    def _not_seen_alone(self, i: int) -> tuple[str, str] | None:
+        """Return the verdict on a key without effect, or without an effect of its own; else None."""
+        sensitivity = self.sensitivity
+        if not sensitivity.acting[i]:
+            return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"
+        if sensitivity.left[i] < ALONE:
+            return COMBINATION, "its effect equals that of zeros, gains, lags or the start state of the run"
+        tied = next((group for group in sensitivity.groups() if i in group), None)
+        if tied is None:
+            return None
+        partners = ", ".join(self.names[j] for j in tied if j != i)
+        if not self.fixed & set(tied):
+            return COMBINATION, f"its effect differs from that of {partners} by less than the error of the derivatives"
+        formula = self._formulas.get(self.names[i])
+        seen = f": observable is {formula}" if formula else ""
+        return COMBINATION, f"its effect on the channels equals that of {partners}{seen}"
 
 
 def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
@@ -328,71 +396,3 @@ def refuted(off: str | None, search: Search) -> tuple[str, str] | None:
     if search.agreed:
         return MODEL_ERROR, f"{off}, and {seen}: the model lacks something"
     return NOT_CONVERGED, f"{off}, and {seen}: the fit has not found the keys"
-
-
-def key_verdicts(evidence: KeyEvidence, combinations: Sequence[Combination]) -> list[KeyVerdict]:
-    """Return the verdict on each key."""
-    tied = {i: group for group in evidence.sensitivity.groups() for i in group}
-    formulas = {key: f"{each.formula}, for {each.condition}" for each in reversed(combinations) for key in each.keys}
-    formulas |= {each.keys[0]: f"{each.formula}, for {each.condition}" for each in combinations}
-    return [_verdict(evidence, i, tied, formulas) for i in range(len(evidence.names))]
-
-
-def _verdict(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> KeyVerdict:
-    name, estimate = evidence.names[i], float(evidence.estimates[i])
-    down, up = evidence.half_widths[:, i].tolist()
-    verdict, reason = _word(evidence, i, tied, formulas)
-    if verdict in (NOT_EXCITED, COMBINATION) and i in evidence.fixed:
-        down = up = np.inf
-    low, high = max(estimate - down, float(evidence.bounds[0, i])), min(estimate + up, float(evidence.bounds[1, i]))
-    return KeyVerdict(name, float(evidence.before[i]), estimate, float(evidence.errors[i]), low, high, verdict, reason)
-
-
-def _word(evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]) -> tuple[str, str]:
-    """Return the verdict on a key and its reason."""
-    unseen = _not_seen_alone(evidence, i, tied, formulas)
-    # beside a refuted fit, whose residuals count as noise, any effect may look small
-    if unseen is not None and (evidence.refuted is None or evidence.sensitivity.effects[i] < LEAST_OF_ZERO):
-        return unseen
-    if evidence.refuted is not None:
-        return evidence.refuted
-    estimate = float(evidence.estimates[i])
-    low, high = evidence.bounds[:, i].tolist()
-    near = NEAR_BOUND * max(abs(estimate), float(evidence.scales[i]))
-    if estimate - low < near or high - estimate < near:
-        return AT_BOUND, f"the fit stopped at the bound {low if estimate - low < near else high:.6g}"
-    down, up = evidence.half_widths[:, i].tolist()
-    if np.isfinite(down) != np.isfinite(up):
-        end = f"at least {estimate - down:.6g}" if np.isfinite(down) else f"at most {estimate + up:.6g}"
-        return ONE_SIDED, f"{end}; to the other side the likelihood profile is flat"
-    return _by_width(evidence, i, estimate, max(down, up))
-
-
-def _by_width(evidence: KeyEvidence, i: int, estimate: float, half: float) -> tuple[str, str]:
-    """Return the verdict by the width of the interval."""
-    if not np.isfinite(half):
-        return NOT_EXCITED, "the likelihood profile is flat on both sides"
-    if half > WIDEST * abs(estimate):
-        if evidence.before[i] == 0.0:
-            return NOT_EXCITED, f"not significantly different from 0: 95 % within {half:.3g}"
-        return NOT_EXCITED, f"95 % within {half:.3g} on either side, more than half its value"
-    return IDENTIFIED, "observable, with an interval within half its value"
-
-
-def _not_seen_alone(
-    evidence: KeyEvidence, i: int, tied: Mapping[int, list[int]], formulas: Mapping[str, str]
-) -> tuple[str, str] | None:
-    """Return the verdict on a key without effect, or without an effect of its own; else None."""
-    sensitivity = evidence.sensitivity
-    if not sensitivity.acting[i]:
-        return NOT_EXCITED, "no channel changes by more than its noise if the key changes by all of itself"
-    if sensitivity.left[i] < ALONE:
-        return COMBINATION, "its effect equals that of zeros, gains, lags or the start state of the run"
-    if i not in tied:
-        return None
-    partners = ", ".join(evidence.names[j] for j in tied[i] if j != i)
-    if not evidence.fixed & set(tied[i]):
-        return COMBINATION, f"its effect differs from that of {partners} by less than the error of the derivatives"
-    formula = formulas.get(evidence.names[i])
-    seen = f": observable is {formula}" if formula else ""
-    return COMBINATION, f"its effect on the channels equals that of {partners}{seen}"

@@ -27,7 +27,7 @@ from mech_twin.files.output_file import YAML_SUFFIXES, check_output_directory, c
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import kind_of
 from mech_twin.process.dependencies import require_extra
-from mech_twin.studies.identification.held_out import ChannelFit, Score
+from mech_twin.studies.identification.fit_quality import ChannelFit, Score
 from mech_twin.studies.identification.identification import Identification
 from mech_twin.studies.identification.intervals import intervals_before
 from mech_twin.studies.identification.keyed_configuration import scalar_lines
@@ -59,42 +59,6 @@ def _note(key: KeyVerdict, runs: Sequence[str]) -> str:
     if key.verdict == COMBINATION and key.estimate != key.before:
         return f"in combination: {key.reason}"
     return f"kept: {key.verdict}, {key.reason}"
-
-
-def document(
-    found: Identification, runs: Sequence[Path], held_out: Sequence[Path], map_file: Path | None
-) -> dict[str, Any]:
-    """Return the complete result as plain values."""
-    files = [*runs, *held_out, *([] if map_file is None else [map_file])]
-    asked = found.question
-    return {
-        "machine": asked.machine,
-        "config": configuration_tree(found.parameters),
-        "before": configuration_tree(asked.base),
-        "asked": {name: getattr(asked, name) for name in ASKED},
-        "parameters": [asdict(key) for key in found.keys],
-        "intervals_before": {key: list(ends) for key, ends in intervals_before(asked).items()},
-        "combinations": [asdict(each) for each in found.combinations],
-        "channels": [_channel(each) for each in found.channels],
-        "search": asdict(found.search),
-        "held_out": None if found.held_out is None else held_out_record(found),
-        "begins_s": found.begins_s,
-        "correlation": {"keys": list(found.fitted_keys), "matrix": found.correlation.tolist()},
-        "better": found.better,
-        "runs": [str(run) for run in runs],
-        "held_out_runs": [str(run) for run in held_out],
-        "map": None if map_file is None else str(map_file),
-        "sha256": {str(file): digest(file) for file in files if file.exists()},
-        "versions": {
-            "mech_twin": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-        },
-        "seed": asked.seed,
-        "model_runs": found.model_runs,
-        "seconds": found.seconds,
-    }
 
 
 def _channel(each: ChannelFit) -> dict[str, Any]:
@@ -169,7 +133,36 @@ class SavedIdentification:
     @property
     def document(self) -> dict[str, Any]:
         """The complete result as plain values, as in ``identification.json``."""
-        return document(self.found, self.runs, self.held_out, self.map_file)
+        found, asked = self.found, self.found.question
+        files = [*self.runs, *self.held_out, *([] if self.map_file is None else [self.map_file])]
+        return {
+            "machine": asked.machine,
+            "config": configuration_tree(found.parameters),
+            "before": configuration_tree(asked.base),
+            "asked": {name: getattr(asked, name) for name in ASKED},
+            "parameters": self.table,
+            "intervals_before": {key: list(ends) for key, ends in intervals_before(asked).items()},
+            "combinations": [asdict(each) for each in found.combinations],
+            "channels": [_channel(each) for each in found.channels],
+            "search": asdict(found.search),
+            "held_out": None if found.held_out is None else held_out_record(found),
+            "begins_s": found.begins_s,
+            "correlation": {"keys": list(found.fitted_keys), "matrix": found.correlation.tolist()},
+            "better": found.better,
+            "runs": [str(run) for run in self.runs],
+            "held_out_runs": [str(run) for run in self.held_out],
+            "map": None if self.map_file is None else str(self.map_file),
+            "sha256": {str(file): digest(file) for file in files if file.exists()},
+            "versions": {
+                "mech_twin": __version__,
+                "python": platform.python_version(),
+                "numpy": np.__version__,
+                "scipy": scipy.__version__,
+            },
+            "seed": asked.seed,
+            "model_runs": found.model_runs,
+            "seconds": found.seconds,
+        }
 
     @cached_property
     def helps(self) -> list[Help]:
@@ -193,11 +186,6 @@ class SavedIdentification:
             for key in self.found.keys
         ]
         return "\n".join([f"{self.found.question.machine}: fitted in {self.found.seconds:.1f} s", *rows])
-
-    @property
-    def _with_helps(self) -> dict[str, Any]:
-        """The document with the benefit of further sensors, which takes more simulations."""
-        return {**self.document, "further_sensors": [asdict(each) for each in self.helps]}
 
     def plot(self) -> Figure:
         """Return a figure of the estimates with intervals, relative to the previous values; needs the extra 'plots'."""
@@ -223,7 +211,15 @@ class SavedIdentification:
         if not is_file(out):
             out.mkdir(parents=True, exist_ok=True)
             machine = Path(self.found.question.machine).stem  # of a page, its path
-            record = json.dumps(plain(self._with_helps), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+            record = (
+                json.dumps(
+                    plain({**self.document, "further_sensors": [asdict(each) for each in self.helps]}),
+                    indent=2,
+                    ensure_ascii=False,
+                    allow_nan=False,
+                )
+                + "\n"
+            )
             texts = {out / f"{machine}.yaml": configuration, out / "identification.json": record}
             if find_spec("matplotlib") is not None:
                 from mech_twin.studies.identification.report_page import report_page

@@ -171,6 +171,15 @@ class Baseline:
         """Standard deviation of the innovations, shape (d,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @cached_property
+    def steady(self) -> Array:
+        """Share of a lasting change of each feature that its innovations keep, shape (d,): 1 - sum of a_i."""
+        return np.asarray(1.0 - self.coefficients.sum(axis=0))
+
+    def impulse(self, cycles: int) -> Array:
+        """Return the response of each feature to an innovation of 1, shape (cycles, d)."""
+        return self.features(np.eye(cycles, 1) * np.ones(len(self.names))) - self.mean
+
     def innovations(self, rows: Array) -> Array:
         """Return the innovations of consecutive cycles, (n, d) to (n - p, d)."""
         return innovations_of(self.coefficients, rows - self.mean)

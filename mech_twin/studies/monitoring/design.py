@@ -336,8 +336,7 @@ def sensor_design(setup: MonitorSetup) -> SensorDesign:
 
 def steady_metric(baseline: Baseline) -> Array:
     """Return D S^-1 D (d, d): the metric by which a lasting change of the features counts in every cycle."""
-    steady = 1.0 - baseline.coefficients.sum(axis=0)
-    return np.asarray(steady[:, None] * np.linalg.inv(baseline.covariance) * steady)
+    return np.asarray(baseline.steady[:, None] * np.linalg.inv(baseline.covariance) * baseline.steady)
 
 
 def expected_delay(response: Array, baseline: Baseline, limits: ChartLimits) -> float:
@@ -345,9 +344,8 @@ def expected_delay(response: Array, baseline: Baseline, limits: ChartLimits) -> 
 
     The jump chart exceeds its threshold h after n cycles with n w^2 + d >= h, w the norm of the effect.
     """
-    steady = (1.0 - baseline.coefficients.sum(axis=0)) * response / baseline.sigma
     weight = float(response @ steady_metric(baseline) @ response)
-    shift = float(np.abs(steady).max())
+    shift = float(np.abs(baseline.steady * response / baseline.sigma).max())
     if weight < INVISIBLE**2:
         return float("inf")
     jump = max(1, ceil((limits.alarm[1] - len(response)) / weight))

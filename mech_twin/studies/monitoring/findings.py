@@ -175,6 +175,10 @@ class Findings(NamedTuple):
         """Name of the fault, of the group (`a or b`), or ``unknown``; otherwise empty."""
         return finding_name(self.verdict, self.candidates)
 
+    def best_of(self, name: str) -> Candidate | None:
+        """Return the best candidate for a fault or a group; None without one."""
+        return next((each for each in self.candidates if name in (self.finding, each.name)), None)
+
 
 def finding_name(verdict: Verdict, found: tuple[Candidate, ...]) -> str:
     """Return the name of a finding: the candidates joined by "or", ``unknown``, or empty."""
@@ -230,22 +234,11 @@ def alerts_of(
     """
     alerts = []
     for life in lives:
-        best = next((c for c in found.candidates if life.name in (found.finding, c.name)), None)
+        best = found.best_of(life.name)
         numbers = (nan, nan, nan) if best is None else best[1:4]
         size, low, high = (each if isfinite(each) else None for each in numbers)
-        alarm = life.is_announced(now_s) and not life.is_acknowledged
-        alerts.append(
-            Alert(
-                machine,
-                life.name,
-                life.state,
-                origin_s + life.since_s,
-                size,
-                low,
-                high,
-                "" if best is None else best.unit,
-                life.is_acknowledged,
-                alarm,
-            )
-        )
+        alarm, unit = life.is_announced(now_s) and not life.is_acknowledged, "" if best is None else best.unit
+        since_s = origin_s + life.since_s
+        sized = (size, low, high, unit)
+        alerts.append(Alert(machine, life.name, life.state, since_s, *sized, life.is_acknowledged, alarm))
     return tuple(alerts)

@@ -185,10 +185,10 @@ def estimated_change(baseline: Baseline, innovations: Array, settling: int) -> C
     if not len(later):
         return None
     later = _without_single_cycles(later, baseline.covariance)
-    steady = 1.0 - baseline.coefficients.sum(axis=0)
+    steady = baseline.steady
     stayed = later.mean(axis=0) / steady
     known = baseline.covariance / (len(later) * np.outer(steady, steady))
-    impulse = baseline.features(np.eye(settling + 1, 1) * np.ones_like(steady)) - baseline.mean
+    impulse = baseline.impulse(settling + 1)
     apart = (impulse * innovations[settling::-1]).sum(axis=0) - stayed
     both = known + baseline.covariance * (impulse.T @ impulse)
     if apart @ np.linalg.solve(both, apart) > chi2.isf(PASSING_CHANCE, len(apart)):

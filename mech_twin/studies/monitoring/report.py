@@ -357,7 +357,4 @@ def _draw_over_time(panel: Any, setup: MonitorSetup, vectors: Sequence[FeatureVe
 
 def _spread(setup: MonitorSetup, place: int) -> float:
     """Return the standard deviation of a healthy feature: that of its innovations times its autoregression's gain."""
-    impulse = np.zeros((400, len(setup.baseline.names)))
-    impulse[0] = 1.0
-    response = setup.baseline.features(impulse) - setup.baseline.mean
-    return float(setup.baseline.sigma[place] * np.sqrt((response[:, place] ** 2).sum()))
+    return float(setup.baseline.sigma[place] * np.sqrt((setup.baseline.impulse(400)[:, place] ** 2).sum()))

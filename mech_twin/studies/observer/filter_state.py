@@ -31,7 +31,7 @@ from mech_twin.errors import MotionError
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import AnchoredMotion
 from mech_twin.samples import Event
-from mech_twin.studies.observer.model_run import ModelRun, StepBank, without_turns
+from mech_twin.studies.observer.model_run import BankStep, ModelRun, StepBank, without_turns
 
 PROBES = 12  # rows of the settled run in which columns are perturbed
 CHANGE = 1e-6  # perturbation, in scales of the column
@@ -283,10 +283,7 @@ class SaltedFilter:
         bank = np.repeat(self._begun(state)[None, :], size + 1, axis=0)
         change = CHANGE * self._space.scales
         bank[1:] += change[:, None] * self._space.directions
-        later = self._bank.advanced(state.step, bank, target)
-        if later.failed[0] != DONE:
-            raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
-        rows = self._with_offsets(later.rows, state.offsets, CHANGE)
+        later, rows = self._stepped(state, target, bank, CHANGE)
         slopes = self._differences(rows) / CHANGE
         beside = np.flatnonzero((later.event_counts[1:] != later.event_counts[0]) | (later.failed[1:] != DONE))
         for i in beside.tolist():
@@ -295,11 +292,15 @@ class SaltedFilter:
 
     def again(self, state: FilterState, target: float, slopes: Array) -> Prediction:
         """Return the frame one step after a state, with given derivatives."""
-        later = self._bank.advanced(state.step, self._begun(state)[None, :], target)
+        later, rows = self._stepped(state, target, self._begun(state)[None, :], 0.0)
+        return Prediction(rows[0], slopes, self._bank.events(later.events))
+
+    def _stepped(self, state: FilterState, target: float, bank: Array, change: float) -> tuple[BankStep, Array]:
+        """Return frames advanced by a step, and their rows with the offsets of the drive."""
+        later = self._bank.advanced(state.step, bank, target)
         if later.failed[0] != DONE:
             raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
-        rows = self._with_offsets(later.rows, state.offsets, 0.0)
-        return Prediction(rows[0], slopes, self._bank.events(later.events))
+        return later, self._with_offsets(later.rows, state.offsets, change)
 
     def corrected(
         self, state: FilterState, prediction: Prediction, seen: Observation, effect: Array, rates: Array, target: float

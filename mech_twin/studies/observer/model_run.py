@@ -21,14 +21,13 @@ from mech_twin.engine.compiled_steps import Indices, Models, Widths, run_steps
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.sample_vectors import Array, Places
 from mech_twin.kernels.kernel import released_kernel
-from mech_twin.measurements.units import is_angle
+from mech_twin.measurements.units import TURN, is_angle
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 from mech_twin.samples import Event
 
 SETTLED_SHARE = 0.4  # of the run, at its end, from which scales are computed
 SMALLEST = 1e-9  # lower bound of a scale, against division by 0
-TURN = 2.0 * np.pi
 AROUND = 3  # frames on either side that must have the same regime
 
 
@@ -123,7 +122,7 @@ class ModelRun:
         rows = self.settled
         range_ = rows.max(axis=0) - rows.min(axis=0)
         spread: Array = np.maximum(range_, np.maximum(1e-3 * np.abs(rows).max(axis=0), SMALLEST))
-        spread[self.angles] = np.minimum(spread[self.angles], 2.0 * np.pi)
+        spread[self.angles] = np.minimum(spread[self.angles], TURN)
         return spread
 
     @cached_property
@@ -150,7 +149,7 @@ def model_run(machine: Machine, duration_s: float) -> ModelRun:
 
 def without_turns(difference: Array) -> Array:
     """Return differences of angles (rad) wrapped to the range -pi to pi."""
-    wrapped: Array = difference - 2.0 * np.pi * np.round(difference / (2.0 * np.pi))
+    wrapped: Array = difference - TURN * np.round(difference / TURN)
     return wrapped
 
 

@@ -12,11 +12,9 @@ from mech_twin.machines.catalog import CATALOGUE
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
-    acting_tree,
     assumed_keys,
     machine_keys,
     numbers_of,
-    other_value,
 )
 from mech_twin.studies.identification.verdicts import sensitivity
 
@@ -33,7 +31,7 @@ def test_a_load_set_fills_the_carts_anew_when_one_of_its_numbers_changes() -> No
 def test_a_number_of_a_catalogue_motor_is_refused_with_the_reason() -> None:
     base = machine_parameters("roller_former")
     with pytest.raises(ConfigurationError, match=r"motor\.rotor_inertia_kg_m2: the machine accepts no other value.*4A"):
-        acting_tree("roller_former", base, ("motor.rotor_inertia_kg_m2",))
+        KeyedConfiguration("roller_former", base, ("motor.rotor_inertia_kg_m2",)).check()
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -59,7 +57,7 @@ def test_the_motion_depends_on_no_key_that_all_keys_leave_out(name: str) -> None
     left = [key for key in numbers_of(configuration_tree(base)) if key.startswith(of_other_models)]
     assert not set(found) & set(left)
     for key in left:
-        changed = rollout(name, 0.3, {key: other_value(name, configuration_tree(base), key)})
+        changed = rollout(name, 0.3, {key: KeyedConfiguration(name, base, ()).other_value(key)})
         assert [column for column in run.columns if changed[column].tobytes() != run[column].tobytes()] == [], key
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mech_twin.studies.identification.fit_problem import KEY, Unknown, Unknowns
+from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.intervals import Linearised, uncertainty
-from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.refits import Refits, family
-from mech_twin.studies.identification.unknowns import KEY, Unknown, Unknowns
 from mech_twin.studies.identification.verdicts import Combination, Family, combinations
 
 FIXED = np.array([1.0, 0.5, 0.75, 1.25, 1.5])
@@ -125,7 +125,7 @@ def fit_of(problem: Tied, followed: Sequence[int] = (0, 2)) -> tuple[Refits, np.
     line = Linearised(columns, columns, rows, blocks, np.zeros_like(blocks), np.zeros_like(blocks))
     halves = np.full((2, 3), np.inf)
     halves[:, fitted] = uncertainty(line.of(fitted)).half_widths
-    return Refits(Fitted(problem, x, None, 0.0), line), halves  # type: ignore[arg-type]
+    return Refits(Fitted(problem, x, None), line), halves  # type: ignore[arg-type]
 
 
 BOUNDS = np.array([np.full(3, 0.05), np.full(3, 20.0)])

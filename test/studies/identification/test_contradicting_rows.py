@@ -15,12 +15,18 @@ import mech_twin as mt
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.identification.fit_problem import FitProblem, contradicting, problem_of
+from mech_twin.studies.identification.fit_quality import (
+    Fitted,
+    channel_fits,
+    noise_misfit,
+    refutation,
+    score,
+    unweighted,
+)
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
-from mech_twin.studies.identification.held_out import channel_fits, noise_misfit, refutation, score
-from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, problem_of
-from mech_twin.studies.identification.residuals import FitProblem, contradicting
-from mech_twin.studies.identification.staged_search import BENDING
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
+from mech_twin.studies.identification.staged_fit import BENDING
 
 ROWS = 400
 FIRST = np.column_stack([np.linspace(50.0, 80.0, ROWS), np.linspace(-20.0, 30.0, ROWS)])
@@ -85,13 +91,13 @@ def fit_of_a_run(still: dict[str, float]) -> Fitted:
     x = problem(zeros).unknowns.start
     own = -problem(zeros).parts(x)[0][0]  # measured is 0: minus the model
     found = problem([own, *(np.full(len(times), value) for value in still.values())])
-    return Fitted(found, x, found.comparison(x, noise_floors(found.runs)), 0.0)
+    return unweighted(found, x)
 
 
 @pytest.mark.parametrize("value", [0.0, 3.5])
 def test_a_channel_that_stands_still_in_run_and_model_has_no_say_in_score_and_refutation(value: float) -> None:
     fitted, alone = fit_of_a_run({"forces.guide.moment_nm": value}), fit_of_a_run({})
-    assert score(fitted.problem, fitted.x).misfit == score(alone.problem, alone.x).misfit
+    assert score(fitted).misfit == score(alone).misfit
     assert refutation(fitted) is None
     assert noise_misfit(fitted) == noise_misfit(alone)
 
@@ -131,8 +137,7 @@ def test_events_refute_a_model_that_misses_them_by_more_than_their_given_noise(s
     def fitted(off_ns: float) -> Fitted:
         channel = FitChannel(given.channels[0], times, impulses + off_ns, sigma)
         problem = problem_of(question, [FitRun(Path("run.csv"), (channel,), (), 0.0)])
-        x = problem.unknowns.start
-        return Fitted(problem, x, problem.comparison(x, noise_floors(problem.runs)), 0.0)
+        return unweighted(problem, problem.unknowns.start)
 
     assert refutation(fitted(0.0)) is None
     refuted = refutation(fitted(1.0))

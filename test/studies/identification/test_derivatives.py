@@ -17,10 +17,9 @@ from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.runs import read_run
 from mech_twin.measurements.tables import TableReader
 from mech_twin.parameters.load import machine_parameters
-from mech_twin.studies.identification.fit_runs import fit_run
+from mech_twin.studies.identification.fit_problem import FitProblem, unknowns_of
+from mech_twin.studies.identification.fit_runs import ModelRuns, fit_run
 from mech_twin.studies.identification.keyed_configuration import KeyedConfiguration
-from mech_twin.studies.identification.residuals import FitProblem
-from mech_twin.studies.identification.unknowns import ModelRuns, unknowns_of
 
 DIGITS, APART = 60, 25  # the reference moves a key by so small a part of itself: 10 to this power
 EXACT = 1e-8  # of the largest derivative by the key

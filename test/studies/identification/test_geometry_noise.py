@@ -16,10 +16,10 @@ from mech_twin.studies.identification.geometry_fit import (
     GeometryData,
     GeometryModel,
     GeometryProblem,
+    geometry_report,
     own_errors,
     weighted,
 )
-from mech_twin.studies.identification.geometry_report import geometry_report
 from mech_twin.studies.identification.keyed_configuration import declared_bounds
 
 MACHINE, PLATE, PENDULUM = "compaction_press", "linkage.plate.position", "linkage.pendulum.position"

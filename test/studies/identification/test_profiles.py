@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from mech_twin.studies.identification.fit_problem import KEY, Unknown, Unknowns
+from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.intervals import Linearised
-from mech_twin.studies.identification.least_squares_fit import Fitted
 from mech_twin.studies.identification.refits import key_profile
-from mech_twin.studies.identification.unknowns import KEY, Unknown, Unknowns
 
 TIMES = np.linspace(0.0, 3.0, 120)
 NOISE = 0.01 * np.random.default_rng(2).standard_normal(len(TIMES))
@@ -51,7 +51,7 @@ class Decay:
         x = optimize.least_squares(self.residuals, self.true, self.jacobian, (low, high), loss="soft_l1", f_scale=3.0).x
         rows, columns = self.residuals(x), self.jacobian(x)
         nothing = np.zeros(len(rows), dtype=np.int64)
-        return Fitted(self, x, None, 0.0), Linearised(columns, columns, rows, nothing, nothing, nothing)  # type: ignore[arg-type]
+        return Fitted(self, x, None), Linearised(columns, columns, rows, nothing, nothing, nothing)  # type: ignore[arg-type]
 
 
 def profile_by_search(problem: Decay, found: Any, line: Linearised, sign: float) -> float:
@@ -100,7 +100,7 @@ def test_a_fit_that_had_not_ended_is_told_of_a_better_place() -> None:
     x = found.x * np.array([1.0, 1.15])
     rows, columns = problem.residuals(x), problem.jacobian(x)
     nothing = np.zeros(len(rows), dtype=np.int64)
-    early = Fitted(problem, x, None, 0.0)  # type: ignore[arg-type]
+    early = Fitted(problem, x, None)  # type: ignore[arg-type]
     better = key_profile(early, Linearised(columns, columns, rows, nothing, nothing, nothing), 1).better
     assert better is not None
     assert np.sum(problem.residuals(better) ** 2) < np.sum(rows**2)

@@ -26,7 +26,7 @@ from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.results.opened_runs import given_map, opened_run
 from mech_twin.studies.identification.fit_runs import FitRun, fit_run
 from mech_twin.studies.identification.identification import identified
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.written_identification import SavedIdentification
 
 pytest.importorskip("matplotlib")

@@ -12,8 +12,10 @@ from mech_twin.engine.rollout import roll_out
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.identification.recent_samples import RecentSamples, fitted_recent
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.identification import HOLD_OUT_SHARE, identified
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
+from mech_twin.studies.identification.recent_samples import RecentSamples
+from mech_twin.studies.identification.written_identification import configuration_text
 from mech_twin.studies.observer.estimate import SeenSample
 
 NAME, KEY = "vibration_crank", "masses.extra_kg"
@@ -38,13 +40,14 @@ def test_a_hidden_mass_is_found_in_the_last_seconds_and_what_was_held_out_is_for
     assert recent.span_s == 10.0
     question = IdentificationQuestion(NAME, base, (KEY,), longest_begin_s=10.0, cores=1)
     lines: list[str] = []
-    found = fitted_recent(question, recent.run(4.0), lines.append)
+    run = recent.run(4.0)
+    found = identified(question, [run], (), HOLD_OUT_SHARE, lines.append)
     (key,) = found.keys
     assert key.verdict == "identified"
     assert key.low_95 < 9.0 < key.high_95
     assert found.better
     assert configuration_tree(found.parameters)["masses"]["extra_kg"] == key.estimate
-    assert "the last 4 s" in found.text
+    assert "the last 4 s" in configuration_text(found, [str(run.path)])
     assert lines
 
 
@@ -85,6 +88,6 @@ def test_a_fit_that_finds_nothing_says_so_and_not_that_what_was_held_out_is_pred
     for time_s, angle in zip(run["time_s"][::20], run["linkage.crank.position"][::20], strict=True):
         recent.add(SeenSample(float(time_s), (0,), (float(angle) + 1e-3 * random.standard_normal(),)))
     question = IdentificationQuestion(NAME, base, (KEY,), longest_begin_s=2.0, cores=1)
-    found = fitted_recent(question, recent.run(2.0))
+    found = identified(question, [recent.run(2.0)], (), HOLD_OUT_SHARE)
     assert found.lack == "no key is identified"
     assert not found.better

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel
 from mech_twin.measurements.sensors import event_values
 from mech_twin.parameters.load import machine_parameters
+from mech_twin.studies.identification.fit_quality import channel_noise
 from mech_twin.studies.identification.fit_runs import (
     ColumnCurves,
     FitRun,
@@ -22,9 +22,8 @@ from mech_twin.studies.identification.fit_runs import (
     needed_columns,
     placed_run,
 )
-from mech_twin.studies.identification.held_out import channel_noise
 from mech_twin.studies.identification.identification import Identification, identified
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.named_rollouts import rollout
 
 CRANK, SLIDER, TORQUE = "linkage.crank.position", "linkage.slider.position", "motor.motor.effort"
@@ -117,7 +116,7 @@ def test_what_a_channel_may_be_off_does_not_grow_with_the_length_of_its_run(name
     for duration_s in (2.0, 200.0):
         times = np.arange(0.04, duration_s, 0.04)
         run = placed_run(Path("run"), [channel(name, 1e-9, times, rate * times)], None, begin_known=True)
-        noises.append(channel_noise(SimpleNamespace(runs=(run,)), 0)[0])  # type: ignore[arg-type]
+        noises.append(channel_noise((run,), 0)[0])
     assert noises[0] == pytest.approx(noises[1], rel=1e-9)
 
 

@@ -14,7 +14,7 @@ from mech_twin.measurements.tables import TableReader
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.studies.identification.fit_runs import fit_run
 from mech_twin.studies.identification.identification import identified
-from mech_twin.studies.identification.unknowns import IdentificationQuestion
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion
 from mech_twin.studies.identification.verdicts import IDENTIFIED, NOT_CONVERGED
 
 MOST = 4.0  # standard errors

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mech_twin.studies.identification.staged_search import Search
+from mech_twin.studies.identification.staged_fit import Search
 from mech_twin.studies.identification.verdicts import (
     COMBINATION,
     IDENTIFIED,
@@ -18,7 +18,6 @@ from mech_twin.studies.identification.verdicts import (
     Combination,
     KeyEvidence,
     Sensitivity,
-    key_verdicts,
     refuted,
 )
 
@@ -48,7 +47,7 @@ def test_keys_that_repeat_each_other_carry_a_combination_only_where_the_model_fi
         frozenset({1}),
         lacking,
     )
-    found_verdicts = key_verdicts(evidence, [])
+    found_verdicts = evidence.verdicts()
     assert [key.verdict for key in found_verdicts] == [verdict, verdict]
     assert (lacking[1] if lacking else "equals that of") in found_verdicts[0].reason
 
@@ -67,9 +66,9 @@ def test_what_the_noise_refutes_is_the_models_fault_only_where_several_starts_en
     evidence = KeyEvidence(
         *(("mass",), one, one, 0.001 * one, np.full((2, 1), 0.002), bounds, one, alone, frozenset(), found)
     )
-    assert [key.verdict for key in key_verdicts(evidence, [])] == [verdict]
+    assert [key.verdict for key in evidence.verdicts()] == [verdict]
     seen = replace(evidence, refuted=refuted(None, Search(1, 1, 1, np.inf)))
-    assert [key.verdict for key in key_verdicts(seen, [])] == [IDENTIFIED]
+    assert [key.verdict for key in seen.verdicts()] == [IDENTIFIED]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +82,7 @@ def test_keys_are_called_tied_only_where_the_fit_fixes_one_of_them(fixed: frozen
     evidence = KeyEvidence(
         *(("mass", "force"), ones, 1.1 * ones, 0.01 * ones, np.full((2, 2), 0.02), bounds, ones, seen, fixed, None)
     )
-    found_verdicts = key_verdicts(evidence, [])
+    found_verdicts = evidence.verdicts()
     assert [key.verdict for key in found_verdicts] == [COMBINATION, COMBINATION]
     assert word in found_verdicts[0].reason
 
@@ -98,7 +97,7 @@ def test_the_reason_says_for_which_values_of_a_fixed_key_a_combination_holds() -
     ratio = Combination(
         "mass force^-1", "product", ("mass", "force"), (1.0, -1.0), 1.0, 0.9, 1.1, {"force": (0.5, 1.5)}
     )
-    for key in key_verdicts(evidence, [ratio]):
+    for key in replace(evidence, combinations=[ratio]).verdicts():
         assert key.reason.endswith("observable is mass force^-1, for force from 0.5 to 1.5")
 
 
@@ -109,5 +108,5 @@ def test_beside_a_refuted_fit_only_a_key_without_any_effect_is_called_not_excite
     one, bounds = np.ones(1), np.array([[0.05], [20.0]])
     lacking = (MODEL_ERROR, OFF)
     evidence = KeyEvidence(("mass",), one, one, one, np.ones((2, 1)), bounds, one, seen, frozenset(), lacking)
-    (found,) = key_verdicts(evidence, [])
+    (found,) = evidence.verdicts()
     assert found.verdict == verdict

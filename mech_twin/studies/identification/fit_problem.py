@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Residuals of measured channels against simulations, and their derivatives for a fixed order of events.
+"""The problem of a fit: its unknowns, and residuals with their derivatives for a fixed order of events.
+
+Unknowns are keys, start times of runs, and sensor parameters that the map leaves free.
 
 Samples close to an event of the model are left out.  A measured event is compared with the nearest model event of its
 kind, by its time and the velocities before and after.  Residuals are in standard deviations of their channel.
@@ -14,17 +16,20 @@ import numpy as np
 import numpy.typing as npt
 
 from mech_twin.measurements.blocks import Array
+from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.units import TURN
 from mech_twin.studies.identification.fit_runs import (
     SHARE,
     ColumnCurves,
+    Curves,
     FitChannel,
     FitRun,
+    ModelRuns,
     first_of_series,
     matched,
     usual_spacing,
 )
-from mech_twin.studies.identification.unknowns import BEGIN, GAIN, KEY, LAG, ZERO, Curves, ModelRuns, Unknowns
+from mech_twin.studies.identification.keyed_configuration import IdentificationQuestion, KeyedConfiguration
 
 REFUSED = 1e3  # residual, in standard deviations, if the values are rejected or the simulation fails
 GUARD_STEPS = 2.5  # coupling steps left out on either side of an event
@@ -43,6 +48,109 @@ BOTH = (1.0, -1.0)  # signs of the steps of central differences
 Mask = npt.NDArray[np.bool_]
 Members = tuple[Curves | None, Curves, Curves | None]  # simulations of a key stepped up, at the centre, and down
 Place = tuple[int, int]  # run and channel
+KEY, BEGIN, ZERO, GAIN, LAG = "key", "begin", "zero", "gain", "lag"
+TIME_SCALE_S = 1e-3
+LONGEST_LAG_S = 0.5
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One unknown number.
+
+    Attributes
+    ----------
+    kind : str
+        ``key``, ``begin`` (start), ``zero`` (SI units, added to column over gain), ``gain`` (its inverse) or ``lag``.
+    name : str
+        The key, the file of the run, or the column of the channel.
+    runs : tuple of int
+        Indices of the runs it applies to.
+    place : int
+        Index of the key among the keys, or of the channel among the channels.
+    scale, low, high : float
+        Scale of the unknown, and its bounds.
+    """
+
+    kind: str
+    name: str
+    runs: tuple[int, ...]
+    place: int
+    scale: float
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """All unknowns of a fit, in the order of its vector; a vector holds each divided by its scale."""
+
+    all: tuple[Unknown, ...]
+    start: Array
+
+    @property
+    def scales(self) -> Array:
+        """Scales, shape (unknowns,)."""
+        return np.array([each.scale for each in self.all])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lower and upper bounds as vectors."""
+        scales = self.scales
+        return np.array([u.low for u in self.all]) / scales, np.array([u.high for u in self.all]) / scales
+
+    def keys(self, x: Array) -> Array:
+        """Return the values of the keys."""
+        chosen = self.places(KEY)
+        return x[chosen] * self.scales[chosen]
+
+    def places(self, *kinds: str) -> npt.NDArray[np.intp]:
+        """Return the indices of the unknowns of these kinds in the vector."""
+        return np.array([i for i, each in enumerate(self.all) if each.kind in kinds], dtype=np.intp)
+
+    def of_channel(self, kind: str, run: int, place: int) -> int | None:
+        """Return the index of the unknown of a channel in a run; None if the map gives its value."""
+        found = (i for i, u in enumerate(self.all) if u.kind == kind and run in u.runs and u.place == place)
+        return next(found, None)
+
+    def value(self, x: Array, kind: str, run: int, place: int, known: float) -> float:
+        """Return the value of the unknown of a channel in a run; ``known`` if it is not an unknown."""
+        found = self.of_channel(kind, run, place)
+        return known if found is None else float(x[found] * self.all[found].scale)
+
+
+def unknowns_of(
+    keyed: KeyedConfiguration, bounds: Array, runs: Sequence[FitRun], longest_begin_s: float = 0.0
+) -> Unknowns:
+    """Return the unknowns of a fit of these keys to these runs."""
+    values, scales = keyed.values(), keyed.scales()
+    every = tuple(range(len(runs)))
+    found = [
+        (Unknown(KEY, key, every, i, float(scales[i]), float(bounds[0, i]), float(bounds[1, i])), float(values[i]))
+        for i, key in enumerate(keyed.keys)
+    ]
+    for i, run in enumerate(runs):
+        if run.begin_s is None:
+            found.append((Unknown(BEGIN, str(run.path), (i,), 0, TIME_SCALE_S, 0.0, longest_begin_s), 0.0))
+    for place in range(len(runs[0].channels)):
+        found += _of_channel(runs, place)
+    start = np.array([value / unknown.scale for unknown, value in found])
+    return Unknowns(tuple(unknown for unknown, _ in found), start)
+
+
+def _of_channel(runs: Sequence[FitRun], place: int) -> list[tuple[Unknown, float]]:
+    fitted = runs[0].channels[place]
+    size = float(np.mean([np.std(run.channels[place].values) for run in runs])) or 1.0
+    open_words = (
+        (ZERO, fitted.channel.zero, size, 0.0, np.inf),
+        (GAIN, fitted.channel.gain, 1.0, 1.0, np.inf),
+        (LAG, fitted.channel.lag_s, TIME_SCALE_S, 0.0, LONGEST_LAG_S),
+    )
+    every = tuple(range(len(runs)))
+    groups: dict[str | float, list[tuple[int, ...]]] = {FREE: [every], PER_RUN: [(i,) for i in every]}
+    return [
+        (Unknown(kind, fitted.name, group, place, scale, -reach, reach), start)
+        for kind, word, scale, start, reach in open_words
+        for group in groups.get(word, ())
+    ]
 
 
 @dataclass(frozen=True)
@@ -97,7 +205,7 @@ class FitProblem:
         self.model, self.unknowns = model, unknowns
         self._curvature: tuple[Array, float] | None = None  # where, and how large
         self.runs = model.runs
-        self.priors = {key: priors[key] for key in model.keyed.keys if key in priors} if priors else {}
+        self.priors = {key: priors[key] for key in model.keyed.keys if priors and key in priors}
         self._priors = [(model.keyed.keys.index(key), *prior) for key, prior in self.priors.items()]
 
     def over(self, runs: Sequence[FitRun], near: Mapping[str, tuple[float, float]] | None = None) -> FitProblem:
@@ -120,14 +228,16 @@ class FitProblem:
             return counts & first_of_series(channel.times_s, usual_spacing(channel.times_s))
         if curves is None:
             return counts
-        at = self._model_times(x, i, place, channel.times_s)
+        at = self._model_times(x, i, place)
         counts &= at >= 0.0
         guard = GUARD_STEPS if channel.jumps else BEND_GUARD_STEPS
         return counts & ~curves.beside_event(at, guard * curves.step_s)
 
-    def _model_times(self, x: Array, run: int, place: int, times_s: Array) -> Array:
-        """Return the times since the machine's start at which the samples were taken."""
-        return times_s + self.begin(x, run) - self.unknowns.value(x, LAG, run, place, 0.0)
+    def _model_times(self, x: Array, run: int, place: int) -> Array:
+        """Return the times since the machine's start at which the samples of a channel were taken."""
+        return (
+            self.runs[run].channels[place].times_s + self.begin(x, run) - self.unknowns.value(x, LAG, run, place, 0.0)
+        )
 
     def begin(self, x: Array, run: int) -> float:
         """Return the time since the machine's start at a measured run's time 0."""
@@ -158,7 +268,7 @@ class FitProblem:
     def _shown(self, x: Array, run: int, place: int, channel: FitChannel, curves: ColumnCurves) -> Array:
         zero = self.unknowns.value(x, ZERO, run, place, 0.0)
         inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
-        at = self._model_times(x, run, place, channel.times_s)
+        at = self._model_times(x, run, place)
         if channel.of_events:
             column, _ = self._event_values(x, run, channel, curves, at)
         else:
@@ -239,11 +349,9 @@ class FitProblem:
 
         It is that of the last derivatives if they were taken close by; else derivatives are computed here.
         """
-        at, found = self._curvature or (np.full(len(x), np.inf), 0.0)
-        if np.any(np.abs(x - at) > CLOSE):
+        if self._curvature is None or np.any(np.abs(x - self._curvature[0]) > CLOSE):
             self.jacobian(x, comparison)
-            _, found = self._curvature or (at, 0.0)
-        return found
+        return 0.0 if self._curvature is None else self._curvature[1]
 
     def _with_others(self, x: Array, comparison: Weighting, keys: Array) -> Array:
         """Return the derivatives by the keys, complemented by those by other unknowns and the rows of priors."""
@@ -265,23 +373,21 @@ class FitProblem:
         curves = self.model.at(self.unknowns.keys(x))
         if curves is None:
             return found
-        at = self._model_times(x, run, place, channel.times_s)[mask]
+        at = self._model_times(x, run, place)
         inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
         if channel.of_events:
-            every = self._model_times(x, run, place, channel.times_s)
-            column = self._event_values(x, run, channel, curves[run], every)[0][mask]
-            slope = np.full(len(at), -1.0 if channel.field == "time" else 0.0)
-            by_lag = np.zeros(len(at))
+            column = self._event_values(x, run, channel, curves[run], at)[0][mask]
+            by_begin = inverse_gain * np.full(len(column), -1.0 if channel.field == "time" else 0.0)
+            by_lag = np.zeros(len(column))
         else:
-            column, slope = curves[run].at(channel.name, at), curves[run].slope(channel.name, at)
-            by_lag = -slope
-        for kind, column_slope in ((ZERO, np.ones(len(at))), (GAIN, column), (LAG, inverse_gain * by_lag)):
-            unknown = self.unknowns.of_channel(kind, run, place)
+            column = curves[run].at(channel.name, at[mask])
+            by_begin = inverse_gain * curves[run].slope(channel.name, at[mask])
+            by_lag = -by_begin
+        slopes = ((ZERO, np.ones(len(column))), (GAIN, column), (LAG, by_lag), (BEGIN, by_begin))
+        for kind, slope in slopes:
+            unknown = self.unknowns.of_channel(kind, run, 0 if kind == BEGIN else place)
             if unknown is not None:
-                found[:, unknown] = -column_slope * self.unknowns.all[unknown].scale / comparison.sigmas[place]
-        begin = next((i for i, u in enumerate(self.unknowns.all) if u.kind == BEGIN and run in u.runs), None)
-        if begin is not None:
-            found[:, begin] = -inverse_gain * slope * self.unknowns.all[begin].scale / comparison.sigmas[place]
+                found[:, unknown] = -slope * self.unknowns.all[unknown].scale / comparison.sigmas[place]
         return found
 
     def _straightened(self, x: Array, comparison: Weighting, step: float) -> tuple[Array, Array]:
@@ -368,13 +474,11 @@ class FitProblem:
 
     def _moved(self, x: Array, run: int, place: int, curves: ColumnCurves, centre: ColumnCurves, mask: Mask) -> Array:
         """Return the prediction of a channel by a neighbouring simulation, events matched with those of the centre."""
-        channel = self.runs[run].channels[place]
-        if not channel.of_events:
-            at = self._model_times(x, run, place, channel.times_s)[mask]
-            return self.unknowns.value(x, GAIN, run, place, 1.0) * curves.at(channel.name, at)
-        at = self._model_times(x, run, place, channel.times_s)
-        shown, times = self._event_values(x, run, channel, centre, at)
+        channel, at = self.runs[run].channels[place], self._model_times(x, run, place)
         inverse_gain = self.unknowns.value(x, GAIN, run, place, 1.0)
+        if not channel.of_events:
+            return inverse_gain * curves.at(channel.name, at[mask])
+        shown, times = self._event_values(x, run, channel, centre, at)
         if curves is centre:
             return inverse_gain * shown[mask]
         own = curves.of_events(channel.kind, "time")
@@ -387,3 +491,10 @@ class FitProblem:
             return inverse_gain * shown[mask]
         values = values - self.begin(x, run) if channel.field == "time" else values
         return inverse_gain * np.where(next_to >= 0, values[next_to], shown)[mask]
+
+
+def problem_of(question: IdentificationQuestion, runs: Sequence[FitRun]) -> FitProblem:
+    """Return the fit problem of a question's keys on runs."""
+    keyed, longest_s = question.keyed, question.longest_begin_s
+    unknowns = unknowns_of(keyed, keyed.bounds(question.bounds), runs, longest_s)
+    return FitProblem(ModelRuns(keyed, runs, longest_s, question.cores), unknowns, question.priors)

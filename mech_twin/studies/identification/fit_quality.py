@@ -1,31 +1,97 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Quality of a fit for each channel, on data that was fitted and data that was not.
+"""A fit and its quality for each channel, on data that was fitted and data that was not.
 
 It has the residuals and their whiteness, fitted sensor parameters, match of events, and a test for errors of the model.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import stats
 
-from mech_twin.declarations.quantity import Parameters
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import fixed
 from mech_twin.measurements.units import TURN, unit_of
+from mech_twin.studies.identification.fit_problem import GAIN, LAG, ZERO, FitProblem, Weighting
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun, first_of_series, matched, usual_spacing
-from mech_twin.studies.identification.least_squares_fit import Fitted, noise_floors, problem_of, stage_fit, with_begins
-from mech_twin.studies.identification.residuals import FitProblem
-from mech_twin.studies.identification.unknowns import GAIN, LAG, ZERO, IdentificationQuestion
 
 LAGS = 20  # of the whiteness test
 KNOWN_NOISE, SEEN_NOISE = 2.0, 3.0  # times the sensor noise, given or estimated: a larger residual is a model error
 LEAST_NOISE = 2e-4  # of a channel's standard deviation: error of interpolation between coupling steps
+LEAST_SIGMA = 1e-6  # the same, for the weighting
 BURSTS = 1.5  # times the robust spread of the residuals, insensitive to bursts: more is a model error
 BY_CHANCE = 1e-3
 FARTHEST, TINY = 1e4, 1e-300
+NORMAL_MEDIAN = 0.6745
 ROUNDING = 1e-9  # of the largest number in a unit: a channel that moves less stands still
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Unknowns of a problem, in scales, shape (unknowns,), and the weighting of the samples there."""
+
+    problem: FitProblem
+    x: Array
+    comparison: Weighting
+
+    @property
+    def key_values(self) -> Array:
+        """Values of the free keys."""
+        return self.problem.unknowns.keys(self.x)
+
+    @cached_property
+    def cost(self) -> float:
+        """Mean of the squared residuals, in standard deviations of the weighting."""
+        rows = self.problem.residuals(self.x, self.comparison)
+        return float(rows @ rows) / max(len(rows), 1)
+
+    @cached_property
+    def parts(self) -> list[list[Array]]:
+        """Residuals of all samples of each channel in each run, in SI units."""
+        return self.problem.parts(self.x)
+
+    def off(self, place: int) -> list[Array]:
+        """Return the residuals of the samples of a channel that count, one array for each run."""
+        return [own[place][mask[place]] for own, mask in zip(self.parts, self.comparison.masks, strict=True)]
+
+    def over(self, runs: Sequence[FitRun]) -> Fitted:
+        """Return the same unknowns on other parts of the runs, or on others."""
+        return unweighted(self.problem.over(runs), self.x)
+
+
+def unweighted(problem: FitProblem, x: Array) -> Fitted:
+    """Return unknowns with the least standard deviation of each channel."""
+    return Fitted(problem, x, problem.comparison(x, noise_floors(problem.runs)))
+
+
+def weighted(problem: FitProblem, x: Array) -> Fitted:
+    """Return unknowns with the robust standard deviation of each channel's residuals, at least a third of their rms."""
+    found = unweighted(problem, x)
+    spreads = [_spread(np.concatenate(found.off(place))) for place in range(len(problem.runs[0].channels))]
+    return Fitted(problem, x, Weighting(np.maximum(found.comparison.sigmas, spreads), found.comparison.masks))
+
+
+def _spread(off: Array) -> float:
+    off = off[np.isfinite(off)]
+    if not len(off):
+        return 0.0
+    return max(float(np.median(np.abs(off))) / NORMAL_MEDIAN, float(np.sqrt(np.mean(off**2))) / 3.0)
+
+
+def noise_floors(runs: Sequence[FitRun]) -> Array:
+    """Return the least standard deviation of each channel over all runs: given noise, or a small share of its own."""
+    found = []
+    for place in range(len(runs[0].channels)):
+        channels = [run.channels[place] for run in runs]
+        size = max((float(np.std(each.values)) for each in channels), default=0.0) or 1.0
+        known = [each.channel.sigma is not None and each.channel.sigma > 0.0 for each in channels]
+        noise = min(each.noise for each in channels) if all(known) else 0.0
+        found.append(max(noise, LEAST_SIGMA * size))
+    return np.array(found)
 
 
 @dataclass(frozen=True)
@@ -74,55 +140,47 @@ class Score:
         return float(np.mean(shares)) if shares else np.inf
 
 
-def beside(
-    question: IdentificationQuestion, parameters: Parameters, runs: Sequence[FitRun]
-) -> tuple[FitProblem, Array]:
-    """Return the fit problem of a fixed configuration, and its best-fitting zeros, gains, lags and start times."""
-    problem = problem_of(replace(question, base=parameters, keys=()), runs)
-    return problem, stage_fit(problem, with_begins(problem, problem.unknowns.start), 1.0).x
+def score(fitted: Fitted) -> Score:
+    """Return the score of fitted unknowns on the runs of their problem."""
+    return Score(tuple(_sampled(fitted).values()), *_events(fitted))
 
 
-def score(problem: FitProblem, x: Array) -> Score:
-    """Return the score of fitted unknowns on the runs of a problem."""
-    comparison = problem.comparison(x, noise_floors(problem.runs))
-    parts = problem.parts(x)
-    found = []
-    for place, (channel, label) in enumerate(zip(problem.runs[0].channels, _labels(problem), strict=True)):
-        if channel.of_events:
-            continue
-        masks = [comparison.masks[run][place] for run in range(len(problem.runs))]
-        off = [part[place][mask] for part, mask in zip(parts, masks, strict=True)]
-        values = [run.channels[place].values[mask] for run, mask in zip(problem.runs, masks, strict=True)]
+def _sampled(fitted: Fitted) -> dict[int, ChannelScore]:
+    """Return the score of each sampled channel by its place."""
+    runs, found = fitted.problem.runs, dict[int, ChannelScore]()
+    for place, (channel, label) in enumerate(zip(runs[0].channels, _labels(runs), strict=True)):
+        off = fitted.off(place)
         whole = np.nan_to_num(np.concatenate(off), nan=np.inf)
-        if not len(whole):
+        if channel.of_events or not len(whole):
             continue
+        masks = (mask[place] for mask in fitted.comparison.masks)
+        values = [run.channels[place].values[mask] for run, mask in zip(runs, masks, strict=True)]
         centred = np.concatenate([each - each.mean() for each in values if len(each)])
         size, rms = float(np.sqrt(np.mean(centred**2))), float(np.sqrt(np.mean(whole**2)))
-        fit = 100.0 * (1.0 - rms / size) if size > rounding_of(problem.runs, channel) else np.nan
-        found.append(ChannelScore(label, fit, rms, min(map(ljung_box, off))))
-    return Score(tuple(found), *_events(problem, x))
+        fit = 100.0 * (1.0 - rms / size) if size > rounding_of(runs, channel) else np.nan
+        found[place] = ChannelScore(label, fit, rms, min(map(ljung_box, off)))
+    return found
 
 
-def _labels(problem: FitProblem) -> list[str]:
+def _labels(runs: Sequence[FitRun]) -> list[str]:
     """Return a name for each channel: its quantity, with its source where several sensors have the same."""
-    channels = problem.runs[0].channels
-    names = [channel.name for channel in channels]
-    pairs = zip(channels, names, strict=True)
+    names = [channel.name for channel in runs[0].channels]
+    pairs = zip(runs[0].channels, names, strict=True)
     return [name if names.count(name) == 1 else f"{name} ({each.channel.source.label})" for each, name in pairs]
 
 
-def _events(problem: FitProblem, x: Array) -> tuple[float | None, int, int]:
+def _events(fitted: Fitted) -> tuple[float | None, int, int]:
     """Return the rms time error of matched events (s), and the numbers of unmatched model and measured events."""
-    off: list[float] = []
+    problem, off = fitted.problem, list[float]()
     missed = false = 0
     any_times = False
-    curves = problem.model.at(problem.unknowns.keys(x))
+    curves = problem.model.at(fitted.key_values)
     for i, run in enumerate(problem.runs):
         for channel in run.channels:
             if not channel.of_instants or curves is None:
                 continue
             any_times = True
-            begin = problem.begin(x, i)
+            begin = problem.begin(fitted.x, i)
             first, last = max(run.from_s, run.first_s), run.end_s
             spacing = usual_spacing(channel.times_s)
             own = channel.values[first_of_series(channel.times_s, spacing)]
@@ -184,21 +242,20 @@ def rounding_of(runs: Sequence[FitRun], channel: FitChannel) -> float:
     return ROUNDING * max(float(np.abs(each.values).max()) for each in every if unit_of(each.name) == unit)
 
 
-def stands_still(problem: FitProblem, place: int) -> bool:
+def stands_still(runs: Sequence[FitRun], place: int) -> bool:
     """Return whether a sampled channel has a single value in each run: it has no size and no noise to judge it by."""
-    own = [run.channels[place] for run in problem.runs]
-    return not own[0].of_events and max(float(np.ptp(each.values)) for each in own) <= rounding_of(problem.runs, own[0])
+    own = [run.channels[place] for run in runs]
+    return not own[0].of_events and max(float(np.ptp(each.values)) for each in own) <= rounding_of(runs, own[0])
 
 
 def _stuck(fitted: Fitted) -> str | None:
     """Return which channel stands still although it moves in the model; None without one."""
-    problem, parts = fitted.problem, fitted.problem.parts(fitted.x)
-    for place, channel in enumerate(problem.runs[0].channels):
-        if not stands_still(problem, place):
+    runs = fitted.problem.runs
+    for place, channel in enumerate(runs[0].channels):
+        if not stands_still(runs, place):
             continue
-        off = [part[place][masks[place]] for part, masks in zip(parts, fitted.comparison.masks, strict=True)]
-        moves = max((float(np.std(each)) for each in off if len(each)), default=0.0)
-        least = max(KNOWN_NOISE * channel_noise(problem, place)[0], rounding_of(problem.runs, channel))
+        moves = max((float(np.std(each)) for each in fitted.off(place) if len(each)), default=0.0)
+        least = max(KNOWN_NOISE * channel_noise(runs, place)[0], rounding_of(runs, channel))
         if not moves <= least:
             return (
                 f"{channel.name} stands still at {channel.values[0]:.6g}, the model's moves by {moves:.3g} in the rms"
@@ -217,9 +274,8 @@ def refutation(fitted: Fitted, *, agreed: bool = True) -> str | None:
     stuck = _stuck(fitted)
     if stuck is not None:
         return stuck
-    problem = fitted.problem
-    for place, found in _scored(fitted):
-        noise, known = channel_noise(problem, place)
+    for place, found in _judged(fitted).items():
+        noise, known = channel_noise(fitted.problem.runs, place)
         most = noise * (KNOWN_NOISE if known else SEEN_NOISE if agreed else BURSTS)
         if not known:  # a filter in a sensor hides its noise from differences, but causes no bursts
             most = min(most, BURSTS * max(noise, float(fitted.comparison.sigmas[place])))
@@ -239,70 +295,56 @@ def _size(channel: FitChannel) -> float:
 
 def noise_misfit(fitted: Fitted) -> float:
     """Return the rms over channels of residual over sensor noise; about 1 if the model is right."""
-    shares = [found.rms / channel_noise(fitted.problem, place)[0] for place, found in _scored(fitted)]
+    runs = fitted.problem.runs
+    shares = [found.rms / channel_noise(runs, place)[0] for place, found in _judged(fitted).items()]
     return float(np.sqrt(np.mean(np.minimum(shares, FARTHEST) ** 2))) if shares else fitted.cost
 
 
-def channel_noise(problem: FitProblem, place: int) -> tuple[float, bool]:
+def channel_noise(runs: Sequence[FitRun], place: int) -> tuple[float, bool]:
     """Return the noise of a channel (SI), at least the model's interpolation error; and whether it was given."""
-    channels = [run.channels[place] for run in problem.runs]
-    size = max(map(_size, channels))
+    channels = [run.channels[place] for run in runs]
     noise = max(channel.noise for channel in channels)
-    return max(noise, LEAST_NOISE * size, TINY), bool(channels[0].channel.sigma)
+    return max(noise, LEAST_NOISE * max(map(_size, channels)), TINY), bool(channels[0].channel.sigma)
 
 
-def _scored(fitted: Fitted) -> list[tuple[int, ChannelScore]]:
-    """Return the place and the score of each channel that does not stand still, and of events with a given noise.
+def _judged(fitted: Fitted) -> dict[int, ChannelScore]:
+    """Return the score, by its place, of each channel that does not stand still, and of events with a given noise.
 
     Events are too few for a test of whiteness: in its place stands the chance of so large a residual by that noise.
     """
-    problem, parts = fitted.problem, fitted.problem.parts(fitted.x)
-    labels = _labels(problem)
-    found = [(labels.index(each.channel), each) for each in score(problem, fitted.x).channels]
-    found = [(place, each) for place, each in found if not stands_still(problem, place)]
-    for place, channel in enumerate(problem.runs[0].channels):
-        rms, count = _event_rms(fitted, parts, place)
+    runs, found = fitted.problem.runs, _sampled(fitted)
+    found = {place: each for place, each in found.items() if not stands_still(runs, place)}
+    for place, (channel, label) in enumerate(zip(runs[0].channels, _labels(runs), strict=True)):
+        rms, count = _event_rms(fitted, place)
         if channel.of_events and channel.channel.sigma and count:
-            chance = float(stats.chi2.sf(count * (rms / channel_noise(problem, place)[0]) ** 2, count))
-            found.append((place, ChannelScore(labels[place], np.nan, rms, chance)))
+            chance = float(stats.chi2.sf(count * (rms / channel_noise(runs, place)[0]) ** 2, count))
+            found[place] = ChannelScore(label, np.nan, rms, chance)
     return found
 
 
-def _event_rms(fitted: Fitted, parts: list[list[Array]], place: int) -> tuple[float, int]:
+def _event_rms(fitted: Fitted, place: int) -> tuple[float, int]:
     """Return the rms residual of a channel of events (SI units), infinite with a missed one, and their number."""
-    masks = fitted.comparison.masks
-    off = np.concatenate([part[place][mask[place]] for part, mask in zip(parts, masks, strict=True)])
+    off = np.concatenate(fitted.off(place))
     return float(np.sqrt(np.mean(np.nan_to_num(off, nan=np.inf) ** 2))) if len(off) else np.nan, len(off)
 
 
 def channel_fits(fitted: Fitted) -> list[ChannelFit]:
     """Return the result of each channel over the fitted runs."""
-    problem, found = fitted.problem, list[ChannelFit]()
-    parts = problem.parts(fitted.x)
-    scores = {each.channel: each for each in score(problem, fitted.x).channels}
-    for place, (channel, label) in enumerate(zip(problem.runs[0].channels, _labels(problem), strict=True)):
-        own = scores.get(label)
-        unit = channel.channel.si_factor
-        sigma = float(fitted.comparison.sigmas[place]) / unit / abs(fixed(channel.channel.gain, 1.0))
+    problem, scores, found = fitted.problem, _sampled(fitted), list[ChannelFit]()
+    for place, (channel, label) in enumerate(zip(problem.runs[0].channels, _labels(problem.runs), strict=True)):
+        own = scores.get(place) or ChannelScore(label, np.nan, _event_rms(fitted, place)[0], np.nan)
+        sigma = float(fitted.comparison.sigmas[place]) / channel.channel.si_factor
         open_numbers: dict[str, dict[str, float]] = {ZERO: {}, GAIN: {}, LAG: {}}
         for i, unknown in enumerate(problem.unknowns.all):
-            if unknown.place != place or unknown.kind not in open_numbers:
-                continue
-            value = in_map(unknown.kind, float(fitted.x[i]) * unknown.scale, channel)
-            run = "all" if len(unknown.runs) > 1 or len(problem.runs) == 1 else str(problem.runs[unknown.runs[0]].path)
-            open_numbers[unknown.kind][run] = value
-        found.append(
-            ChannelFit(
-                label,
-                np.nan if own is None else own.fit_percent,
-                _event_rms(fitted, parts, place)[0] if own is None else own.rms,
-                sigma,
-                open_numbers[ZERO],
-                open_numbers[GAIN],
-                open_numbers[LAG],
-                *_memory(fitted, place),
-            )
-        )
+            if unknown.place == place and unknown.kind in open_numbers:
+                together = len(unknown.runs) > 1 or len(problem.runs) == 1
+                run = "all" if together else str(problem.runs[unknown.runs[0]].path)
+                value = in_map(unknown.kind, float(fitted.x[i]) * unknown.scale, channel)
+                open_numbers[unknown.kind][run] = value
+        sigma /= abs(fixed(channel.channel.gain, 1.0))
+        zero, gain, lag = open_numbers.values()
+        memory = _memory(fitted.off(place))
+        found.append(ChannelFit(label, own.fit_percent, own.rms, sigma, zero, gain, lag, *memory))
     return found
 
 
@@ -313,11 +355,9 @@ def in_map(kind: str, value: float, channel: FitChannel) -> float:
     return 1.0 / value if kind == GAIN else value
 
 
-def _memory(fitted: Fitted, place: int) -> tuple[int, tuple[float, ...]]:
-    """Return the number of fitted samples of a channel, and the autocorrelation of their residuals."""
-    parts = [each[place] for each in fitted.problem.parts(fitted.x)]
-    masks = [each[place] for each in fitted.comparison.masks]
-    runs = [autocorrelations(off[mask & np.isfinite(off)]) for off, mask in zip(parts, masks, strict=True)]
-    lags = min((len(each) for each in runs if len(each)), default=0)
-    mean = np.mean([each[:lags] for each in runs if len(each)], axis=0).tolist() if lags else []
-    return int(sum(mask.sum() for mask in masks)), tuple(mean)
+def _memory(off: Sequence[Array]) -> tuple[int, tuple[float, ...]]:
+    """Return the number of fitted samples of a channel, and the autocorrelation of their residuals in each run."""
+    runs = [each for own in off if len(each := autocorrelations(own[np.isfinite(own)]))]
+    lags = min(map(len, runs), default=0)
+    mean = np.mean([each[:lags] for each in runs], axis=0).tolist() if lags else []
+    return sum(map(len, off)), tuple(mean)
