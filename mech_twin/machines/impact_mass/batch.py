@@ -15,6 +15,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     ImpactSystem,
     MassMotion,
     initial_motion,
+    mean_acceleration,
     next_event,
     rests_for_good,
 )
@@ -67,8 +68,7 @@ def leaves_for_good(before: MassMotion, after: MassMotion, impacts: float, syste
     With <A> <= 0, a period without contact that ends no nearer and no faster than it began is followed by periods
     that lie wholly below it.  With <A> > 0 the mass always comes back.
     """
-    total = system.acceleration1 * system.phase1_s + system.acceleration2 * (system.period_s - system.phase1_s)
-    if total > 0.0 or impacts > 0.0 or before.mode != FLIGHT or after.mode != FLIGHT:
+    if mean_acceleration(system) > 0.0 or impacts > 0.0 or before.mode != FLIGHT or after.mode != FLIGHT:
         return False
     return after.gap_m >= before.gap_m > 0.0 and after.velocity_m_per_s <= before.velocity_m_per_s
 

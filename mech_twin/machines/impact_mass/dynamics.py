@@ -106,6 +106,13 @@ def impact_system(
 
 
 @kernel
+def mean_acceleration(system: ImpactSystem) -> float:
+    """Return <A> = (A1 t1 + A2 (T - t1))/T, m/s2."""
+    first, rest = system.phase1_s, system.period_s - system.phase1_s
+    return (system.acceleration1 * first + system.acceleration2 * rest) / system.period_s
+
+
+@kernel
 def acceleration(motion: MassMotion, system: ImpactSystem) -> float:
     """Return the acceleration of the phase the motion is in, m/s2."""
     return system.acceleration1 if motion.phase == PHASE_1 else system.acceleration2

@@ -47,7 +47,6 @@ from mech_twin.machines.impact_mass.dynamics import (
     MassMotion,
     MotionEvent,
     acceleration,
-    initial_motion,
     next_event,
     phase_end,
     rests_for_good,
@@ -280,9 +279,7 @@ def _without_period(motion: MassMotion, system: ImpactSystem, window: PeriodTabl
 
 def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRegime:
     """Return the long-run regime from the configured start."""
-    system = parameters.system
-    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
-    return regime(system, start, settling_periods)
+    return regime(parameters.system, parameters.start, settling_periods)
 
 
 def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequence[LongRunRegime], path: Path) -> None:
