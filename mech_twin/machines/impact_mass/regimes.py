@@ -284,8 +284,7 @@ def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRe
 
 def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequence[LongRunRegime], path: Path) -> None:
     """Write the bifurcation picture: hardest blow of each period against the swept key, coloured by regime."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from mech_twin.capabilities.plots import sheet  # draws with matplotlib, which is slow to import
 
     colours = {
         "periodic": "#3c5ab4",
@@ -301,9 +300,7 @@ def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequen
         x, y = marks[name]
         x.extend([value] * len(blows))
         y.extend(blows)
-    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    figure, (axes,) = sheet(width=9.0, height=5.0)
     for name, (x, y) in marks.items():
         if x:
             sign = {"rest": "s", "escape": "^"}.get(name, ".")

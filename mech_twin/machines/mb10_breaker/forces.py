@@ -223,37 +223,6 @@ class LoadedBreaker(NamedTuple):
     breaker: Breaker
 
 
-class Impulses(NamedTuple):
-    """Of the events of a step: moments on the body (N m s), largest at both bearings (N s), largest miss (N m s)."""
-
-    moment: float
-    crank_bearing: float
-    rocker_bearing: float
-    miss: float
-
-
-@kernel
-def across(b: Breaker, event: Array) -> PinForces:
-    """Return the impulsive pin reactions of an event."""
-    before, after = event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH], event[EVENT_WIDTH + SIDE_WIDTH :]
-    return pin_impulses(
-        b,
-        before[CRANK_SIDE],
-        before[BODY_SIDE],
-        after[CRANK_SIDE + 1] - before[CRANK_SIDE + 1],
-        after[BODY_SIDE + 1] - before[BODY_SIDE + 1],
-        event[IMPULSE] if int(event[KIND]) in STRIKES else 0.0,
-    )
-
-
-@kernel
-def collar_impulse(b: Breaker, event: Array, moment: float) -> float:
-    """Return the collar's angular impulse (N m s) on a body that stays at rest on it during a blow."""
-    before, after = event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH], event[EVENT_WIDTH + SIDE_WIDTH :]
-    rests = before[BODY_SIDE] == 0.0 and before[BODY_SIDE + 1] == 0.0 and after[BODY_SIDE + 1] == 0.0
-    return -moment if rests and int(event[KIND]) in STRIKES and not b.held else 0.0
-
-
 @kernel
 def side_moment(b: Breaker, side: Array) -> float:
     """Return the moment on the body (N m) on one side of an event."""
@@ -279,30 +248,36 @@ def write_load(load: Array, event: Array, before_nm: float, after_nm: float, imp
 
 
 @kernel
-def fill_loads(b: Breaker, log: Array, events: int, moment_nm: float, loads: Array) -> tuple[int, Impulses, float]:
-    """Fill the loads on the body at each event; return their number, the sums, and the collar's impulse (N m s).
+def fill_loads(
+    b: Breaker, log: Array, events: int, moment_nm: float, loads: Array
+) -> tuple[int, float, float, float, float, float]:
+    """Fill the loads on the body at each event, and return their number.
 
+    Then the sum of the moments on the body (N m s), the largest impulses at crank and rocker bearing (N s), the largest
+    miss of the two routes (N m s), and the collar's angular impulse (N m s) on a body that stays at rest on it.
     ``moment_nm`` is the moment on the body at the end of the step, used for an event without coordinates.
     """
-    count, collar, moment, crank, rocker, miss = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    count, moment, crank, rocker, miss, collar = 0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(events):
-        event = log[i]
+        event, kind = log[i], int(log[i, KIND])
         if event[SIDES] == 0.0:
             write_load(loads[count], event, moment_nm, moment_nm, 0.0)
             count += 1
-        elif int(event[KIND]) not in UNLOADING:
-            jump = across(b, event)
-            pressed = collar_impulse(b, event, jump.moment)
-            before = side_moment(b, event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH])
-            after = side_moment(b, event[EVENT_WIDTH + SIDE_WIDTH :])
-            write_load(loads[count], event, before, after, jump.moment + pressed)
+        elif kind not in UNLOADING:
+            before, after = event[EVENT_WIDTH : EVENT_WIDTH + SIDE_WIDTH], event[EVENT_WIDTH + SIDE_WIDTH :]
+            du, dp = after[CRANK_SIDE + 1] - before[CRANK_SIDE + 1], after[BODY_SIDE + 1] - before[BODY_SIDE + 1]
+            struck = event[IMPULSE] if kind in STRIKES else 0.0
+            jump = pin_impulses(b, before[CRANK_SIDE], before[BODY_SIDE], du, dp, struck)
+            rests = before[BODY_SIDE] == 0.0 and before[BODY_SIDE + 1] == 0.0 and after[BODY_SIDE + 1] == 0.0
+            pressed = -jump.moment if rests and kind in STRIKES and not b.held else 0.0
+            write_load(loads[count], event, side_moment(b, before), side_moment(b, after), jump.moment + pressed)
             count += 1
             collar += pressed
             moment += jump.moment
             crank = max(crank, math.hypot(jump.o_x, jump.o_y))
             rocker = max(rocker, math.hypot(jump.c_x, jump.c_y))
             miss = max(miss, abs(jump.drive))
-    return count, Impulses(moment, crank, rocker, miss), collar
+    return count, moment, crank, rocker, miss, collar
 
 
 @kernel
@@ -343,7 +318,7 @@ def breaker_forces(
     found = pin_forces(
         b, q, u, phi, p, torque, regime, memory.tool_force_n, memory.crank_friction_nm, memory.body_friction_nm
     )
-    load_count, sums, collar = fill_loads(b, log, count, found.moment, loads)
+    load_count, moment, crank, rocker, miss, collar = fill_loads(b, log, count, found.moment, loads)
     opening, closing = gap(b, q, u, phi, p)
     out[BODY_MOMENT] = found.moment
     numbers = (
@@ -362,9 +337,9 @@ def breaker_forces(
         -found.o_y - found.c_y,
         opening,
         closing,
-        sums.moment,
-        sums.crank_bearing,
-        sums.rocker_bearing,
+        moment,
+        crank,
+        rocker,
         found.tool_force,
         collar,
     )  # fmt: skip
@@ -372,7 +347,7 @@ def breaker_forces(
         out[PINS + i] = numbers[i]
     scale = max(abs(found.drive), b.crank.inertia_kg_m2 * u * u, 1.0, largest_moment(b, found))
     out[FORCE_RESIDUALS_AT], out[FORCE_RESIDUALS_AT + 1] = abs(found.drive_error) / scale, abs(found.body_error) / scale
-    out[FORCE_RESIDUALS_AT + 2] = sums.miss / scale
+    out[FORCE_RESIDUALS_AT + 2] = miss / scale
     return load_count
 
 

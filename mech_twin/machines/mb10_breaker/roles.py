@@ -20,7 +20,7 @@ from mech_twin.machines.drives import KlossMotor, fill_motor, kloss_motor_role
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, TURN, Breaker
 from mech_twin.machines.mb10_breaker.forces import IN_CONTACT, QUANTITIES, LoadedBreaker, fill_body, pin_forces
 from mech_twin.machines.mb10_breaker.joint_laws import CONTACTS
-from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide, named
+from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide
 from mech_twin.machines.mb10_breaker.step import (
     BODY_AT,
     CRANK_AT,
@@ -30,7 +30,6 @@ from mech_twin.machines.mb10_breaker.step import (
     RESIDUALS_AT,
     LedBreaker,
     fill_row,
-    start_row,
     total_of,
 )
 from mech_twin.parts.induction_motor import MotorConstants
@@ -40,6 +39,7 @@ from mech_twin.samples import BodySample, ForceSample, LinkageSample
 DEFECT, USUAL_STEP_S = 1e-5, 1e-3  # of the energy held, by the angle of a body that somebody else moves; at that step
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
+AT_REST = BreakerState(*(0.0 for _ in BreakerState._fields))
 EVENTS = EventLayout(KINDS, CONTACTS, len(EventSide._fields))
 
 
@@ -70,9 +70,9 @@ class BreakerLinkage(CompiledLinkage):
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""
-        out = np.empty(self.layout.size)
-        start_row(self.model.breaker, self.initial_crank_rad % TURN, self.initial_command, out)
-        return self.layout.sample(step, step * self.step_s, out.tolist(), ())
+        b, state = self.model.breaker, AT_REST._replace(crank_rad=self.initial_crank_rad % TURN)
+        memory = BreakerMemory(energy_j=total_of(b, state).energy_j)
+        return self._at(step, step * self.step_s, state, HELD if b.held else REST, memory, 0.0)
 
     def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
         """Return the breaker in a measured motion between blows; a body that is not measured rests on its collar.
@@ -84,13 +84,17 @@ class BreakerLinkage(CompiledLinkage):
         regime = HELD if b.held else FLIGHT if off else REST
         body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
         idle, loaded = (pin_forces(b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
-        at_rest = BreakerState(*(0.0 for _ in BreakerState._fields))
-        angle = q % TURN
-        state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
-        y, out = np.array(state), np.empty(self.layout.size)
-        out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory()
-        total, torque = total_of(b, named(y)), float((acceleration - idle) / (loaded - idle))
-        fill_row(b, y, regime, total, torque, self.initial_command, 0.0, 0.0, out)
+        state = AT_REST._replace(crank_rad=q % TURN, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
+        torque = float((acceleration - idle) / (loaded - idle))
+        return self._at(step, time_s, state, regime, BreakerMemory(), torque)
+
+    def _at(
+        self, step: int, time_s: float, state: BreakerState, regime: int, memory: BreakerMemory, torque_nm: float
+    ) -> LinkageSample:
+        b, out = self.model.breaker, np.empty(self.layout.size)
+        out[MEMORY_AT:RESIDUALS_AT] = memory
+        total = total_of(b, state)
+        fill_row(b, np.array(state), regime, total, torque_nm, self.initial_command, 0.0, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 
 

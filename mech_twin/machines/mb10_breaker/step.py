@@ -142,18 +142,6 @@ def fill_row(
 
 
 @kernel
-def start_row(b: Breaker, crank_rad: float, command: float, out: Array) -> None:
-    """Fill the row of the machine at rest, the body on its collar."""
-    y = np.zeros(STATES)
-    named(y).crank_rad = crank_rad
-    total = total_of(b, named(y))
-    out[MEMORY_AT:RESIDUALS_AT] = 0.0
-    memory = memory_of(out)
-    memory.energy_j = total.energy_j
-    fill_row(b, y, HELD if b.held else REST, total, 0.0, command, 0.0, 0.0, out)
-
-
-@kernel
 def take_body(
     b: Breaker, y: Array, memory: Any, regime: int, before: Total, phi: float, p: float, rests: bool, regimes: Indices
 ) -> tuple[int, Total]:
