@@ -5,8 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, fates
-from mech_twin.machines.impact_mass.dynamics import FLIGHT, ImpactSystem, MassMotion, rests_for_good
+from mech_twin.machines.impact_mass.dynamics import (
+    AT_REST,
+    FLIGHT,
+    LEFT,
+    ImpactSystem,
+    MassMotion,
+    fates,
+    rests_for_good,
+)
 from mech_twin.machines.impact_mass.metrics import admissible
 from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass

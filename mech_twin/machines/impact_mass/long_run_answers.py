@@ -112,18 +112,12 @@ def _answer(key: str, values: tuple[float, ...], found: list[LongRunRegime]) -> 
 
 def cycle_record(design: CycleDesign) -> dict[str, Any]:
     """Return all that is known of a cycle as plain values."""
-    judged = asdict(design.verdict)
+    known = asdict(design)
+    del known["name"], known["parameters"]
+    known["endurance"], judged = [*known["endurance"]], known["verdict"]
     pairs = ("multipliers", "other_side_multipliers")
     judged.update({name: judged[name] and [[m.real, m.imag] for m in judged[name]] for name in pairs})
-    return {
-        "config": configuration_tree(design.parameters),
-        "impact_speed_m_per_s": design.impact_speed_m_per_s,
-        "impact_tau_s": design.impact_tau_s,
-        "stroke_m": design.stroke_m,
-        "verdict": judged,
-        "endurance": [asdict(lasting) for lasting in design.endurance],
-        "certificate": design.certificate and asdict(design.certificate),
-    }
+    return {"config": configuration_tree(design.parameters), **known}
 
 
 def certificate_lines(certificate: Mapping[str, Any]) -> dict[str, Any]:

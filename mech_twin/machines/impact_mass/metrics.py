@@ -22,7 +22,6 @@ from mech_twin.capabilities.cycle import (
     upper,
 )
 from mech_twin.capabilities.faults import LESS, MachineFault, added_to_key, share_of_key
-from mech_twin.machines.impact_mass.batch import next_period, strikes_once_a_period
 from mech_twin.machines.impact_mass.dynamics import (
     FLIGHT,
     IMPACT,
@@ -35,6 +34,8 @@ from mech_twin.machines.impact_mass.dynamics import (
     gap_after,
     mean_acceleration,
     next_event,
+    next_period,
+    strikes_once_a_period,
 )
 from mech_twin.machines.impact_mass.forces import contact_estimate, merging_speed
 from mech_twin.machines.impact_mass.one_impact_cycle import (

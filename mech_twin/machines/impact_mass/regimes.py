@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 
 from mech_twin.files.output_file import written_file
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.impact_mass.batch import leaves_for_good, next_period
 from mech_twin.machines.impact_mass.dynamics import (
     CHATTER_END,
     FLIGHT,
@@ -47,7 +46,9 @@ from mech_twin.machines.impact_mass.dynamics import (
     MassMotion,
     MotionEvent,
     acceleration,
+    leaves_for_good,
     next_event,
+    next_period,
     phase_end,
     rests_for_good,
 )

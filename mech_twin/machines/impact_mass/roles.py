@@ -26,7 +26,7 @@ from mech_twin.machines.impact_mass.dynamics import (
 )
 from mech_twin.machines.impact_mass.step import CONTACTS, BalanceResiduals, MassMemory, StoppedMass, memory_of
 from mech_twin.parts.induction_motor import limited_command
-from mech_twin.samples import LinkageSample, Named
+from mech_twin.samples import LinkageSample
 
 RESIDUAL_LIMITS = dict.fromkeys(BalanceResiduals._fields, 1e-9)
 
@@ -90,15 +90,7 @@ class MassOnStop(CompiledLinkage):
             origin_step_1=float(step),
             mass_kg=mass_kg,
         )
-        return LinkageSample(
-            step,
-            step * self.step_s,
-            self.joints,
-            (self.start_position_m,),
-            (self.start_velocity_m_per_s,),
-            (levels[0],),
-            STUCK_REGIME if motion.mode == STUCK else FREE_REGIME,
-            self.start_fraction,
-            Named(MassMemory._fields, tuple(memory)),
-            Named(BalanceResiduals._fields, tuple(BalanceResiduals(0.0, 0.0))),
-        )
+        regime = STUCK_REGIME if motion.mode == STUCK else FREE_REGIME
+        joint = self.start_position_m, self.start_velocity_m_per_s, levels[0]
+        row = (regime, self.start_fraction, *joint, *memory, *BalanceResiduals(0.0, 0.0))
+        return self.layout.sample(step, step * self.step_s, row, ())
