@@ -251,10 +251,10 @@ def write_load(load: Array, event: Array, before_nm: float, after_nm: float, imp
 def fill_loads(
     b: Breaker, log: Array, events: int, moment_nm: float, loads: Array
 ) -> tuple[int, float, float, float, float, float]:
-    """Fill the loads on the body at each event, and return their number.
+    """Fill the loads on the body at each event; return their number, sums and extremes.
 
-    Then the sum of the moments on the body (N m s), the largest impulses at crank and rocker bearing (N s), the largest
-    miss of the two routes (N m s), and the collar's angular impulse (N m s) on a body that stays at rest on it.
+    After the number: the sum of the moments on the body (N m s), the largest impulses at crank and rocker bearing
+    (N s).  Then the largest miss of the two routes, and the collar's impulse on a body that stays at rest (N m s).
     ``moment_nm`` is the moment on the body at the end of the step, used for an event without coordinates.
     """
     count, moment, crank, rocker, miss, collar = 0, 0.0, 0.0, 0.0, 0.0, 0.0
