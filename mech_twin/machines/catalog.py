@@ -57,7 +57,7 @@ CATALOGUE = {
         ),
         Entry("compaction_press", "four-bar shock-vibration compaction press", kernels=190),
         Entry("vibration_crank", "crank vibration mechanism with counterweight", kernels=160),
-        Entry("impact_mass", "mass under a two-level periodic force, with a stop", kernels=80),
+        Entry("impact_mass", "mass under a two-level periodic force, with a stop", kernels=70),
         Entry("roller_former", "roller forming installation, 1 to 4 carts on one crank shaft", kernels=180),
         Entry("winding_drum", "winding drum with an ideal or eccentric package", kernels=140),
     )

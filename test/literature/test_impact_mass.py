@@ -18,7 +18,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     initial_motion,
     next_event,
 )
-from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
+from mech_twin.machines.impact_mass.one_impact_cycle import CycleSpec, synthesised_cycle
 from mech_twin.parameters.load import machine, machine_parameters
 
 FIG2 = {"period_s": 0.05, "phase1_force_n": 1000.0, "phase2_force_n": -500.0, "restitution": 0.3, "mass_kg": 1.0}
@@ -111,7 +111,7 @@ def test_the_cut_off_keeps_i_min_impacts_and_rests_at_the_next(cutoff):
 
 
 def test_figure_4_synthesis_gives_the_printed_cycle():
-    cycle = synthesised_cycle(1.0, 0.0, -0.5, 0.0, 20.0, 0.3)
+    cycle = synthesised_cycle(CycleSpec(1.0, 0.0, -0.5, 0.0, 20.0, 0.3))
     assert cycle.rebound_velocity_m_per_s == pytest.approx(-6.0, rel=1e-12)
     assert cycle.phase1_duration_s == pytest.approx(0.05, rel=1e-12)
     assert cycle.period_s == pytest.approx(0.05 + 1 / 6, rel=1e-12)

@@ -6,12 +6,12 @@ from functools import partial
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.machines.impact_mass.drawing import mass_drawing, mechanism
-from mech_twin.machines.impact_mass.dynamics import impact_system
 from mech_twin.machines.impact_mass.forces import Stop, force_layout
 from mech_twin.machines.impact_mass.metrics import cycle_metrics, position_metrics
 from mech_twin.machines.impact_mass.observer import MassObserver
 from mech_twin.machines.impact_mass.parameters import ImpactMass
-from mech_twin.machines.impact_mass.roles import Generator, MassOnStop, StoppedMass, force_generator
+from mech_twin.machines.impact_mass.roles import Generator, MassOnStop, force_generator
+from mech_twin.machines.impact_mass.step import StoppedMass
 from mech_twin.machines.impact_mass.wave_stop import blow_numbers, stop_gauge, unit_blow
 from mech_twin.parts.rod_waves.parameters import rounded_lengths
 from mech_twin.roles import Capabilities, Machine, no_remarks
@@ -23,7 +23,7 @@ def build(p: ImpactMass) -> Machine:
     """Return the impact mass of these parameters."""
     step_s, stiffness = p.coupling.step_s, p.contact_stiffness_n_per_m
     forces_n = p.phase1_force_n, p.phase2_force_n
-    resting = impact_system(p.times_s, (0.0, 0.0), p.rebound, p.chatter_cutoff)
+    resting = p.system._replace(acceleration1=0.0, acceleration2=0.0)
     linkage = MassOnStop(
         StoppedMass(resting, p.mass_kg, p.stop_position_m, step_s),
         step_s,
@@ -35,7 +35,7 @@ def build(p: ImpactMass) -> Machine:
     waves, stiff = p.stop.model == "wave", stiffness is not None
     unit = unit_blow(p.stop.wave, p.mass_kg) if waves else None
     contact = (0.0, 0.0) if unit is None else (unit.peak_force_n, unit.contact_time_s)
-    stop = Stop(*p.times_s, step_s, stiff, stiffness or 0.0, waves, *contact)
+    stop = Stop(p.period_s, p.phase1_duration_s, step_s, stiff, stiffness or 0.0, waves, *contact)
     return Machine(
         "impact_mass",
         p,

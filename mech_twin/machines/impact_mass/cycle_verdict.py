@@ -5,8 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mech_twin.machines.impact_mass.batch import AT_REST, LEFT, fates
-from mech_twin.machines.impact_mass.dynamics import FLIGHT, ImpactSystem, MassMotion, initial_motion, rests_for_good
+from mech_twin.machines.impact_mass.dynamics import (
+    AT_REST,
+    FLIGHT,
+    LEFT,
+    ImpactSystem,
+    MassMotion,
+    fates,
+    rests_for_good,
+)
 from mech_twin.machines.impact_mass.metrics import admissible
 from mech_twin.machines.impact_mass.one_impact_cycle import OneImpactCycle, one_impact_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
@@ -82,8 +89,7 @@ def phase2_cycle(parameters: ImpactMass) -> OneImpactCycle:
     ValueError
         If there is none, naming the inequality and its numbers.
     """
-    p = parameters
-    cycle = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.rebound, 1)
+    p, cycle = parameters, one_impact_cycle(parameters.system, 1)
     if cycle is None:
         mean = p.phase1_force_n * p.phase1_duration_s + p.phase2_force_n * (p.period_s - p.phase1_duration_s)
         raise ValueError(
@@ -124,20 +130,13 @@ def verdict(parameters: ImpactMass, box: StartBox | None) -> CycleVerdict:
     border = min(abs(share), abs(1.0 - share)) <= BORDER
     exists = border or 0.0 < share < 1.0
     clear = exists and admissible(cycle, system)
-    other = _other_side(parameters) if border else None
+    early = one_impact_cycle(system, 0) if border else None
+    other = early and early.multipliers
     worst = max(abs(m) for pair in (cycle.multipliers, other or ()) for m in pair)
     stable = clear and not border and worst < 1.0
     found = basin(system, cycle, box) if box is not None and exists else None
     reason = _reason(exists, clear, border, worst, share)
     return CycleVerdict(exists, clear, border, stable, 1.0 - worst, cycle.multipliers, other, found, reason)
-
-
-def _other_side(parameters: ImpactMass) -> tuple[complex, complex]:
-    p = parameters
-    early = one_impact_cycle(p.period_s, p.phase1_duration_s, p.accelerations_m_per_s2, p.rebound, 0)
-    if early is None:  # the late side exists, so does this: both need the same <A> > 0 and A1 != A2
-        raise AssertionError("one-impact motion exists on one side of the change of phase alone")
-    return early.multipliers
 
 
 def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float) -> str:
@@ -154,8 +153,7 @@ def _reason(exists: bool, clear: bool, border: bool, worst: float, share: float)
 
 def endurance(parameters: ImpactMass, periods: int) -> Endurance:
     """Return the number of one-impact periods from the configured start, and the period in which the mass rests."""
-    p, system = parameters, parameters.system
-    motion = initial_motion(p.initial_gap_m, p.initial_velocity_m_per_s, system)
+    system, motion = parameters.system, parameters.start
     walked, ended, ends, single, blows, held = 0, GOING, False, True, [0.0, 0.0], 0
     while walked < periods and ended == GOING:
         motion, ended, count, table = recorded(motion, system, min(periods - walked, BATCH_PERIODS))
@@ -167,4 +165,4 @@ def endurance(parameters: ImpactMass, periods: int) -> Endurance:
         ends = bool(table.chatter_ends[count - 1] > 0.0) if count else ends
     since = walked - 1 if ends else walked  # a series that ended within a period, or a rest from its start
     rests = since < periods and rests_for_good(motion, system)
-    return Endurance(p.period_s, periods, held, since + 1 if rests else 0, float(blows[0]), float(blows[1]))
+    return Endurance(parameters.period_s, periods, held, since + 1 if rests else 0, float(blows[0]), float(blows[1]))

@@ -18,7 +18,7 @@ from mech_twin.capabilities.figure import (
 )
 from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, fixed, sliding
 from mech_twin.machines.impact_mass.dynamics import PHASE_1
-from mech_twin.machines.impact_mass.roles import MassMemory
+from mech_twin.machines.impact_mass.step import MassMemory
 from mech_twin.samples import LinkageSample, Shape
 
 PUSH_COLOUR, PULL_COLOUR = CRANK, TOOL

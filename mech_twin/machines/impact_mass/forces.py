@@ -37,8 +37,7 @@ from mech_twin.engine.sample_vectors import (
 )
 from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.impact_mass.dynamics import IMPACT, KIND_NAMES, STUCK
-from mech_twin.machines.impact_mass.roles import memory_of
-from mech_twin.machines.impact_mass.step import CONTACTS
+from mech_twin.machines.impact_mass.step import CONTACTS, memory_of
 
 
 class ContactEstimate(NamedTuple):

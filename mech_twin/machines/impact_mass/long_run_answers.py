@@ -14,7 +14,7 @@ from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.errors import StudyError
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import LongRunRegime, regime_of, write_bifurcation_picture
-from mech_twin.machines.impact_mass.synthesis import CycleDesign, CycleSpec, RobustnessSpec, synthesise
+from mech_twin.machines.impact_mass.synthesis import CycleDesign, RobustnessSpec, cycle_spec, synthesise
 
 USUAL_ROBUSTNESS = asdict(RobustnessSpec())
 USUAL_KEY = "phase1_duration_s"
@@ -42,15 +42,7 @@ def synthesis_answer(
     StudyError
         If one of the cycles has no solution, naming the inequality that fails.
     """
-    p = parameters
-    spec = CycleSpec(
-        p.mass_kg,
-        p.stop_position_m,
-        p.initial_position_m,
-        p.initial_velocity_m_per_s,
-        impact_speed_m_per_s,
-        p.rebound,
-    )
+    spec = cycle_spec(parameters, impact_speed_m_per_s)
     try:
         found = synthesise(spec, RobustnessSpec(**{**USUAL_ROBUSTNESS, **options}), periods)
     except ValidationError:
@@ -120,18 +112,12 @@ def _answer(key: str, values: tuple[float, ...], found: list[LongRunRegime]) -> 
 
 def cycle_record(design: CycleDesign) -> dict[str, Any]:
     """Return all that is known of a cycle as plain values."""
-    judged = asdict(design.verdict)
+    known = asdict(design)
+    del known["name"], known["parameters"]
+    known["endurance"], judged = [*known["endurance"]], known["verdict"]
     pairs = ("multipliers", "other_side_multipliers")
     judged.update({name: judged[name] and [[m.real, m.imag] for m in judged[name]] for name in pairs})
-    return {
-        "config": configuration_tree(design.parameters),
-        "impact_speed_m_per_s": design.impact_speed_m_per_s,
-        "impact_tau_s": design.impact_tau_s,
-        "stroke_m": design.stroke_m,
-        "verdict": judged,
-        "endurance": [asdict(lasting) for lasting in design.endurance],
-        "certificate": design.certificate and asdict(design.certificate),
-    }
+    return {"config": configuration_tree(design.parameters), **known}
 
 
 def certificate_lines(certificate: Mapping[str, Any]) -> dict[str, Any]:

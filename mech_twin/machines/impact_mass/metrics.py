@@ -6,6 +6,7 @@ faults, a shadow for the anchor of the motion.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from mech_twin.capabilities.cycle import (
@@ -21,7 +22,6 @@ from mech_twin.capabilities.cycle import (
     upper,
 )
 from mech_twin.capabilities.faults import LESS, MachineFault, added_to_key, share_of_key
-from mech_twin.machines.impact_mass.batch import next_period, strikes_once_a_period
 from mech_twin.machines.impact_mass.dynamics import (
     FLIGHT,
     IMPACT,
@@ -32,8 +32,10 @@ from mech_twin.machines.impact_mass.dynamics import (
     acceleration,
     after_impact,
     gap_after,
-    initial_motion,
+    mean_acceleration,
     next_event,
+    next_period,
+    strikes_once_a_period,
 )
 from mech_twin.machines.impact_mass.forces import contact_estimate, merging_speed
 from mech_twin.machines.impact_mass.one_impact_cycle import (
@@ -42,8 +44,8 @@ from mech_twin.machines.impact_mass.one_impact_cycle import (
     one_impact_cycle,
     phase1_chatter_share,
 )
-from mech_twin.machines.impact_mass.parameters import ImpactMass, mean_level
-from mech_twin.machines.impact_mass.roles import anchor_at
+from mech_twin.machines.impact_mass.parameters import ImpactMass
+from mech_twin.machines.impact_mass.step import anchor_at
 from mech_twin.machines.impact_mass.wave_stop import StopRod, blow_numbers
 from mech_twin.roles import AnchoredMotion
 
@@ -131,17 +133,15 @@ def admissible(cycle: OneImpactCycle, system: ImpactSystem) -> bool:
 
 def one_impact_cycles(system: ImpactSystem) -> list[OneImpactCycle]:
     """Return the admissible one-impact motions (at most two): the blow within its phase, no further impact."""
-    accelerations = (system.acceleration1, system.acceleration2)
-    times_s = system.period_s, system.phase1_s
-    found = (one_impact_cycle(*times_s, accelerations, system.restitution, phase) for phase in (0, 1))
+    found = (one_impact_cycle(system, phase) for phase in (0, 1))
     return [cycle for cycle in found if cycle and 0.0 <= cycle.position_share <= 1.0 and admissible(cycle, system)]
 
 
 def cycle_metrics(parameters: ImpactMass) -> dict[str, float]:
     """Return the closed-form metrics: means, stability limits, one-impact motions, the first blow, and the contact."""
     system, mass_kg = parameters.system, parameters.mass_kg
-    mean = mean_level(system.period_s, system.phase1_s, system.acceleration1, system.acceleration2)
-    share = phase1_chatter_share((system.acceleration1, system.acceleration2), system.restitution)
+    mean, share = mean_acceleration(system), phase1_chatter_share(system)
+    cycles = {f"one_impact_phase{cycle.phase + 1}": cycle for cycle in one_impact_cycles(system)}
     metrics = {
         "period_s": system.period_s,
         "phase1_acceleration_m_per_s2": system.acceleration1,
@@ -153,13 +153,12 @@ def cycle_metrics(parameters: ImpactMass) -> dict[str, float]:
     }
     if math.isfinite(share):
         metrics["chatter_completes_from_phase1_duration_s"] = share * system.period_s / (1.0 + share)
-    for cycle in one_impact_cycles(system):
-        name = f"one_impact_phase{cycle.phase + 1}"
+    for name, cycle in cycles.items():
         metrics[f"{name}_speed_m_per_s"] = cycle.impact_speed_m_per_s
         metrics[f"{name}_impact_tau_s"] = cycle.impact_tau_s
         metrics[f"{name}_largest_multiplier_1"] = abs(cycle.multipliers[0])
         metrics[f"{name}_blow_energy_j"] = 0.5 * mass_kg * cycle.impact_speed_m_per_s**2
-    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
+    motion = parameters.start
     for _ in range(FIRST_EVENTS):
         event, motion = next_event(motion, system)
         if event.kind == IMPACT:
@@ -167,19 +166,24 @@ def cycle_metrics(parameters: ImpactMass) -> dict[str, float]:
             metrics["first_impact_speed_m_per_s"] = event.pre_m_per_s
             break
     if parameters.stop.model == "wave":
-        return metrics | wave_metrics(system, mass_kg, parameters.stop.wave)
+        metrics["stop_restitution"] = system.restitution
+        for name, cycle in cycles.items():
+            numbers = blow_numbers(parameters.stop.wave, mass_kg, cycle.impact_speed_m_per_s)
+            metrics.update({f"{name}_{each}": value for each, value in numbers.items()})
     if parameters.contact_stiffness_n_per_m is None:
         return metrics
-    return metrics | contact_metrics(system, mass_kg, parameters.contact_stiffness_n_per_m)
+    return metrics | contact_metrics(system, mass_kg, parameters.contact_stiffness_n_per_m, cycles)
 
 
-def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float) -> dict[str, float]:
+def contact_metrics(
+    system: ImpactSystem, mass_kg: float, stiffness_n_per_m: float, cycles: Mapping[str, OneImpactCycle]
+) -> dict[str, float]:
     """Return peak force, contact time and loss of the one-impact motions, and the speed below which contacts merge."""
     forces_n = (system.acceleration1 * mass_kg, system.acceleration2 * mass_kg)
     metrics = {}
-    for cycle in one_impact_cycles(system):
-        name, speed = f"one_impact_phase{cycle.phase + 1}", cycle.impact_speed_m_per_s
-        found = contact_estimate(mass_kg, speed, system.restitution, stiffness_n_per_m, forces_n[cycle.phase])
+    for name, cycle in cycles.items():
+        force_n, speed = forces_n[cycle.phase], cycle.impact_speed_m_per_s
+        found = contact_estimate(mass_kg, speed, system.restitution, stiffness_n_per_m, force_n)
         metrics[f"{name}_peak_force_n"] = found.peak_force_n
         metrics[f"{name}_contact_time_s"] = found.contact_time_s
         metrics[f"{name}_penetration_m"] = found.penetration_m
@@ -190,19 +194,10 @@ def contact_metrics(system: ImpactSystem, mass_kg: float, stiffness_n_per_m: flo
     return metrics
 
 
-def wave_metrics(system: ImpactSystem, mass_kg: float, rod: StopRod) -> dict[str, float]:
-    """Return the restitution of a stop that is a rod, and the results of the one-impact motions' blows."""
-    found = {"stop_restitution": system.restitution}
-    for cycle in one_impact_cycles(system):
-        numbers = blow_numbers(rod, mass_kg, cycle.impact_speed_m_per_s)
-        found.update({f"one_impact_phase{cycle.phase + 1}_{name}": value for name, value in numbers.items()})
-    return found
-
-
 def position_metrics(parameters: ImpactMass, angle_rad: float) -> dict[str, Any]:
     """Return the state at phase angle 2 pi tau/T after a thousand periods from the configured start."""
     system, mass_kg, angle_rad = parameters.system, parameters.mass_kg, angle_rad % (2.0 * math.pi)
-    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
+    motion = parameters.start
     for _ in range(SETTLING_PERIODS):
         motion = next_period(motion, system).motion
     tau = angle_rad / (2.0 * math.pi) * system.period_s

@@ -12,7 +12,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     RELEASE,
     STUCK_REGIME,
 )
-from mech_twin.machines.impact_mass.roles import MassMemory
+from mech_twin.machines.impact_mass.step import MassMemory
 from mech_twin.samples import Event, Frame
 
 RESET = "reset"

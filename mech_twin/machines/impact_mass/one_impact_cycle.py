@@ -18,7 +18,27 @@ Source: manzhosov_novikov, section 3 (synthesis); the closed form, its multiplie
 
 import cmath
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
+
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, mean_acceleration
+
+
+@dataclass(frozen=True)
+class CycleSpec:
+    """Specification of a cycle: mass, stop, start of the stroke, impact speed, restitution."""
+
+    mass_kg: float
+    stop_position_m: float
+    initial_position_m: float
+    initial_velocity_m_per_s: float
+    impact_speed_m_per_s: float
+    restitution: float
+
+    @property
+    def stroke_m(self) -> float:
+        """Distance d = xc - x0, m."""
+        return self.stop_position_m - self.initial_position_m
 
 
 class SynthesisedCycle(NamedTuple):
@@ -47,14 +67,7 @@ class OneImpactCycle(NamedTuple):
     multipliers: tuple[complex, complex]
 
 
-def synthesised_cycle(
-    mass_kg: float,
-    stop_position_m: float,
-    initial_position_m: float,
-    initial_velocity_m_per_s: float,
-    impact_speed_m_per_s: float,
-    restitution: float,
-) -> SynthesisedCycle:
+def synthesised_cycle(spec: CycleSpec) -> SynthesisedCycle:
     """Return forces and times of the cycle that starts at x0, v0 and strikes with v- at the change of phase.
 
     v+ = -R v-; t1 = 2 d/(v- + v0); T = t1 - 2 d/(v+ + v0); P1 = m (v-^2 - v0^2)/(2 d); P2 = m (v0 - v+)/(T - t1).
@@ -68,11 +81,11 @@ def synthesised_cycle(
     -----
     manzhosov_novikov, section 3.
     """
-    d = stop_position_m - initial_position_m
-    v0, v1, r = initial_velocity_m_per_s, impact_speed_m_per_s, restitution
+    d, mass_kg, x0 = spec.stroke_m, spec.mass_kg, spec.initial_position_m
+    v0, v1, r = spec.initial_velocity_m_per_s, spec.impact_speed_m_per_s, spec.restitution
     _require(0.0 < r < 1.0, "0 < restitution < 1", f"restitution = {r!r}")
     _require(mass_kg > 0.0, "mass_kg > 0", f"mass_kg = {mass_kg!r}")
-    _require(d > 0.0, "initial_position_m < stop_position_m", f"{initial_position_m!r}, {stop_position_m!r}")
+    _require(d > 0.0, "initial_position_m < stop_position_m", f"{x0!r}, {spec.stop_position_m!r}")
     _require(v1 > 0.0, "impact_speed_m_per_s > 0", f"impact_speed_m_per_s = {v1!r}")
     _require(v0 < r * v1, "initial_velocity_m_per_s < restitution * impact_speed_m_per_s", f"{v0!r}, {r * v1!r}")
     _require(v0 > -v1, "initial_velocity_m_per_s > -impact_speed_m_per_s", f"{v0!r}, {-v1!r}")
@@ -110,33 +123,22 @@ def least_stability_number(restitution: float) -> float:
     return -(((1.0 - restitution) / (1.0 + restitution)) ** 2)
 
 
-def impact_speed(period_s: float, mean_acceleration_m_per_s2: float, restitution: float) -> float:
-    """Return v- = <A> T/(1 + R), m/s: the speed of every one-impact motion of period T."""
-    return mean_acceleration_m_per_s2 * period_s / (1.0 + restitution)
-
-
-def one_impact_cycle(
-    period_s: float,
-    phase1_duration_s: float,
-    accelerations_m_per_s2: tuple[float, float],
-    restitution: float,
-    phase: int,
-) -> OneImpactCycle | None:
+def one_impact_cycle(system: ImpactSystem, phase: int) -> OneImpactCycle | None:
     """Return the period-T motion whose blow falls in the given phase (0 or 1), or None if <A> <= 0 or A1 = A2.
 
+    Every such motion strikes with v- = <A> T/(1 + R).
     The blow falls at w after the start of its phase (length l, acceleration A; the other phase: k, B).
     The displacement over a period is zero, which is linear in w: w = (R v- T - A l^2/2 - A l k - B k^2/2)/(k (B - A)).
     The motion exists if 0 <= w <= l and there is no earlier impact; the caller checks the second condition.
     """
-    mean = (
-        accelerations_m_per_s2[0] * phase1_duration_s + accelerations_m_per_s2[1] * (period_s - phase1_duration_s)
-    ) / period_s
-    a, b = accelerations_m_per_s2[phase], accelerations_m_per_s2[1 - phase]
+    mean, restitution, period_s = mean_acceleration(system), system.restitution, system.period_s
+    accelerations = system.acceleration1, system.acceleration2
+    a, b = accelerations[phase], accelerations[1 - phase]
     if mean <= 0.0 or a == b:
         return None
-    own_s = (phase1_duration_s, period_s - phase1_duration_s)[phase]
+    own_s = (system.phase1_s, period_s - system.phase1_s)[phase]
     other_s = period_s - own_s
-    v = impact_speed(period_s, mean, restitution)
+    v = mean * period_s / (1.0 + restitution)
     travel = restitution * v * period_s - 0.5 * a * own_s**2 - a * own_s * other_s - 0.5 * b * other_s**2
     steepness = other_s * (b - a)
     if steepness == 0.0:  # levels so close that their difference is lost
@@ -147,16 +149,16 @@ def one_impact_cycle(
     else:
         left = own_s - w
         gap, velocity = restitution * v * left - 0.5 * a * left * left, a * left - restitution * v
-    tau = w if phase == 0 else phase1_duration_s + w
+    tau = w if phase == 0 else system.phase1_s + w
     return OneImpactCycle(phase, tau, v, gap, velocity, w / own_s, multipliers(a / mean, restitution))
 
 
-def phase1_chatter_share(accelerations_m_per_s2: tuple[float, float], restitution: float) -> float:
+def phase1_chatter_share(system: ImpactSystem) -> float:
     """Return f: phase-1 chatter completes every period if t1 >= f (T - t1); inf unless A1 > 0 > A2.
 
     f = b/A1 + sqrt(b^2 + A1 b)/A1 (1 + 2R/(1-R)) with b = -A2 > 0.
     """
-    a, b = accelerations_m_per_s2[0], -accelerations_m_per_s2[1]
+    a, b, restitution = system.acceleration1, -system.acceleration2, system.restitution
     if a <= 0.0 or b <= 0.0:
         return math.inf
     return b / a + math.sqrt(b * b + a * b) / a * (1.0 + 2.0 * restitution / (1.0 - restitution))

@@ -23,9 +23,8 @@ from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, quantity
 from mech_twin.engine.coupling import Coupling
-from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.impact_mass.dynamics import ImpactSystem, impact_system
-from mech_twin.machines.impact_mass.impact_stop import LARGEST_RESTITUTION, LEAST_RESTITUTION, StopParameters
+from mech_twin.machines.impact_mass.dynamics import ImpactSystem, MassMotion, impact_system, initial_motion
+from mech_twin.machines.impact_mass.impact_stop import StopParameters
 from mech_twin.machines.impact_mass.wave_stop import StopModel, rod_restitution
 from mech_twin.parts.induction_motor import SupplyParameters
 
@@ -57,12 +56,6 @@ class GeneratorParameters(Parameters):
         return self
 
 
-@kernel
-def mean_level(period_s: float, phase1_duration_s: float, level1: float, level2: float) -> float:
-    """Return <P> = (P1 t1 + P2 (T - t1))/T, in the unit of the levels."""
-    return (level1 * phase1_duration_s + level2 * (period_s - phase1_duration_s)) / period_s
-
-
 class ImpactMass(StopParameters, GeneratorParameters):
     """Parameters of the impact mass."""
 
@@ -91,7 +84,7 @@ class ImpactMass(StopParameters, GeneratorParameters):
                 "contact_stiffness_n_per_m must be left out with stop.model wave: stop.wave.face is the contact; "
                 f"got {self.contact_stiffness_n_per_m:g}"
             )
-        rod_restitution(self.stop.wave, self.mass_kg, LEAST_RESTITUTION, LARGEST_RESTITUTION)
+        rod_restitution(self.stop.wave, self.mass_kg)
         return self
 
     @property
@@ -99,24 +92,17 @@ class ImpactMass(StopParameters, GeneratorParameters):
         """Speed after a blow over that before it: that of the rods, or the given one."""
         if self.stop.model == "rigid":
             return self.restitution
-        return rod_restitution(self.stop.wave, self.mass_kg, LEAST_RESTITUTION, LARGEST_RESTITUTION)
-
-    @property
-    def times_s(self) -> tuple[float, float]:
-        """Period T and duration t1 of the first phase, s."""
-        return self.period_s, self.phase1_duration_s
-
-    @property
-    def accelerations_m_per_s2(self) -> tuple[float, float]:
-        """Accelerations A1, A2 at nominal supply, m/s2."""
-        return self.phase1_force_n / self.mass_kg, self.phase2_force_n / self.mass_kg
+        return rod_restitution(self.stop.wave, self.mass_kg)
 
     @property
     def system(self) -> ImpactSystem:
         """What acts on the mass at nominal supply."""
-        return impact_system(self.times_s, self.accelerations_m_per_s2, self.rebound, self.chatter_cutoff)
+        times_s = self.period_s, self.phase1_duration_s
+        accelerations = self.phase1_force_n / self.mass_kg, self.phase2_force_n / self.mass_kg
+        return impact_system(times_s, accelerations, self.rebound, self.chatter_cutoff)
 
     @property
-    def initial_gap_m(self) -> float:
-        """Gap between mass and stop at the start, m."""
-        return self.stop_position_m - self.initial_position_m
+    def start(self) -> MassMotion:
+        """The motion at the start, at nominal supply."""
+        gap_m = self.stop_position_m - self.initial_position_m
+        return initial_motion(gap_m, self.initial_velocity_m_per_s, self.system)

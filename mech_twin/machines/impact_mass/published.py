@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import astuple
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,16 +14,16 @@ from mech_twin.capabilities.plots import BLUE, GREY, INK, PURPLE, RED, Picture, 
 from mech_twin.capabilities.published import CONTRADICTS, Literature, PublishedRow
 from mech_twin.capabilities.variation import varied
 from mech_twin.machines.impact_mass.cycle_verdict import endurance, verdict
-from mech_twin.machines.impact_mass.dynamics import (
-    gap_after,
-    initial_motion,
-    next_event,
-    phase_end,
-)
-from mech_twin.machines.impact_mass.one_impact_cycle import synthesised_cycle
+from mech_twin.machines.impact_mass.dynamics import gap_after, next_event, phase_end
+from mech_twin.machines.impact_mass.one_impact_cycle import CycleSpec, synthesised_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.regimes import PeriodTable, recorded
-from mech_twin.machines.impact_mass.synthesis import CycleSpec, printed_periods, published_parameters, with_phase2_force
+from mech_twin.machines.impact_mass.synthesis import (
+    cycle_spec,
+    printed_periods,
+    published_parameters,
+    with_phase2_force,
+)
 
 PAPER = "Manzhosov, Novikov"
 WORKED = "exact computation"
@@ -34,14 +34,12 @@ ARC = 24  # points of a parabola between two events
 
 def first_periods(parameters: ImpactMass, periods: int) -> PeriodTable:
     """Return the table of the first periods from the configured start."""
-    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, parameters.system)
-    return recorded(start, parameters.system, periods)[-1]
+    return recorded(parameters.start, parameters.system, periods)[-1]
 
 
-def cycle_spec(parameters: ImpactMass) -> CycleSpec:
-    """Return the cycle of fig. 4, from rest, for the configured mass, stop, start and restitution."""
-    p = parameters
-    return CycleSpec(p.mass_kg, p.stop_position_m, p.initial_position_m, 0.0, BLOW_M_PER_S, p.rebound)
+def cycle_of_figure_4(parameters: ImpactMass) -> CycleSpec:
+    """Return the cycle of fig. 4, from rest."""
+    return replace(cycle_spec(parameters, BLOW_M_PER_S), initial_velocity_m_per_s=0.0)
 
 
 def rows(parameters: ImpactMass) -> Iterator[PublishedRow]:
@@ -53,7 +51,7 @@ def rows(parameters: ImpactMass) -> Iterator[PublishedRow]:
 
 
 def _collapse(parameters: ImpactMass) -> Iterator[PublishedRow]:
-    synthesised = published_parameters(cycle_spec(parameters))
+    synthesised = published_parameters(cycle_of_figure_4(parameters))
     paper = Literature(PAPER, "Fig. 4", "synthesis with v0 = 0, v- 20 m/s")
     yield paper.reported(
         "largest multiplier of the cycle (print: a steady cycle, so at most 1)",
@@ -76,8 +74,8 @@ def _collapse(parameters: ImpactMass) -> Iterator[PublishedRow]:
 
 
 def _synthesis(parameters: ImpactMass) -> Iterator[PublishedRow]:
-    spec = cycle_spec(parameters)
-    found = synthesised_cycle(*astuple(spec))
+    spec = cycle_of_figure_4(parameters)
+    found = synthesised_cycle(spec)
     paper = Literature(
         PAPER, "Fig. 4", f"m {spec.mass_kg:g}, x0 {spec.initial_position_m:g}, v0 0, v- 20, R {spec.restitution:g}"
     )
@@ -145,9 +143,7 @@ class MotionCurves(NamedTuple):
 
 def path(parameters: ImpactMass, periods: int) -> MotionCurves:
     """Return the curves of the motion from the configured start, arc by arc between events."""
-    system = parameters.system
-    motion = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
-    rows = []
+    system, motion, rows = parameters.system, parameters.start, []
     while motion.period < periods:
         event, after = next_event(motion, system)
         end = phase_end(motion, system) if after.period > motion.period else after.tau_s
@@ -216,7 +212,7 @@ def _figure_3(parameters: ImpactMass, name: str, t1: float, periods: int) -> Pic
 
 
 def _figure_4(parameters: ImpactMass) -> Picture:
-    made = published_parameters(cycle_spec(parameters))
+    made = published_parameters(cycle_of_figure_4(parameters))
     rounded = made.model_copy(update={"period_s": 0.216})
     figure, panels = sheet(3, 1, 7.2, 6.4, sharex=True)
     robust = with_phase2_force(made, BLOW_M_PER_S, -20.0).model_copy(update={"period_s": 0.216})

@@ -34,7 +34,6 @@ from numpy.typing import NDArray
 
 from mech_twin.files.output_file import written_file
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.impact_mass.batch import leaves_for_good, next_period
 from mech_twin.machines.impact_mass.dynamics import (
     CHATTER_END,
     FLIGHT,
@@ -47,8 +46,9 @@ from mech_twin.machines.impact_mass.dynamics import (
     MassMotion,
     MotionEvent,
     acceleration,
-    initial_motion,
+    leaves_for_good,
     next_event,
+    next_period,
     phase_end,
     rests_for_good,
 )
@@ -280,15 +280,12 @@ def _without_period(motion: MassMotion, system: ImpactSystem, window: PeriodTabl
 
 def regime_of(parameters: ImpactMass, settling_periods: int = 1000) -> LongRunRegime:
     """Return the long-run regime from the configured start."""
-    system = parameters.system
-    start = initial_motion(parameters.initial_gap_m, parameters.initial_velocity_m_per_s, system)
-    return regime(system, start, settling_periods)
+    return regime(parameters.system, parameters.start, settling_periods)
 
 
 def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequence[LongRunRegime], path: Path) -> None:
     """Write the bifurcation picture: hardest blow of each period against the swept key, coloured by regime."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    from mech_twin.capabilities.plots import sheet  # draws with matplotlib, which is slow to import
 
     colours = {
         "periodic": "#3c5ab4",
@@ -304,9 +301,7 @@ def write_bifurcation_picture(key: str, values: Sequence[float], regimes: Sequen
         x, y = marks[name]
         x.extend([value] * len(blows))
         y.extend(blows)
-    figure = Figure(figsize=(9.0, 5.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    figure, (axes,) = sheet(width=9.0, height=5.0)
     for name, (x, y) in marks.items():
         if x:
             sign = {"rest": "s", "escape": "^"}.get(name, ".")

@@ -9,11 +9,12 @@ impulses of the stop.  Energy: work of the force less the losses at the stop. Bo
 the velocities of the samples at both ends of the step.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from mech_twin.engine.compiled_steps import fill_event
-from mech_twin.engine.sample_vectors import Array
-from mech_twin.kernels.kernel import kernel
+from mech_twin.engine.addresses import record_at, record_of
+from mech_twin.engine.compiled_steps import LOG_FULL, Work, copy_numbers, fill_event, linkage_step, step_of, work_room
+from mech_twin.engine.sample_vectors import COMMAND, LINKAGE_JOINTS, MOTOR_COMMAND, MOTOR_JOINTS, REGIME, Array
+from mech_twin.kernels.kernel import borrowing_kernel, kernel
 from mech_twin.machines.impact_mass.dynamics import (
     CHATTER_END,
     CHATTER_REGIME,
@@ -23,6 +24,7 @@ from mech_twin.machines.impact_mass.dynamics import (
     IMPACTS_SUMMED,
     KIND_CONTACTS,
     LISTED_MOST,
+    PHASE_1,
     PHASE_CHANGE,
     SERIES,
     STUCK,
@@ -44,6 +46,73 @@ CONTACTS = tuple(dict.fromkeys(KIND_CONTACTS))
 CONTACT_OF_KIND = tuple(CONTACTS.index(contact) for contact in KIND_CONTACTS)
 
 
+class MassMemory(NamedTuple):
+    """State of the mass besides its joint: last event, running counts, constants of the motion, energies of the step.
+
+    The first nine fields are `MassMotion`; phase and mode are named in `dynamics`, impulses are per unit of mass.
+    """
+
+    anchor_period_1: float
+    anchor_tau_s: float
+    phase_1: float
+    anchor_gap_m: float
+    anchor_velocity_m_per_s: float
+    mode_1: float
+    series_number_1: float
+    series_speed_m_per_s: float
+    series_tau_s: float
+    impacts_1: float = 0.0
+    chatter_ends_1: float = 0.0
+    period_impacts_1: float = 0.0
+    last_period_impacts_1: float = 0.0
+    period_impulse_m_per_s: float = 0.0
+    last_period_impulse_m_per_s: float = 0.0
+    step_impulse_m_per_s: float = 0.0
+    phase1_acceleration_m_per_s2: float = 0.0
+    phase2_acceleration_m_per_s2: float = 0.0
+    restitution_1: float = 0.0
+    origin_step_1: float = 0.0
+    mass_kg: float = 0.0
+    step_drive_work_j: float = 0.0
+    step_stop_loss_j: float = 0.0
+    step_change_work_j: float = 0.0
+    step_change_momentum_ns: float = 0.0
+
+
+MEMORY = record_of(MassMemory)
+MEMORY_AT = LINKAGE_JOINTS + 3
+RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
+
+
+@borrowing_kernel
+def memory_of(row: Array) -> Any:
+    """Return the memory of a linkage row as a record that shares its numbers."""
+    return record_at(row, MEMORY_AT, MEMORY)
+
+
+@kernel
+def motion_of(row: Array) -> MassMotion:
+    """Return the motion from its last event on: the first numbers of the memory."""
+    m = row[MEMORY_AT:]
+    return MassMotion(m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8])
+
+
+@borrowing_kernel
+def keep_motion(motion: MassMotion, row: Array) -> None:
+    """Write the motion into the memory of a linkage row."""
+    for i in range(len(motion)):
+        row[MEMORY_AT + i] = motion[i]
+
+
+class StoppedMass(NamedTuple):
+    """Constants of the linkage role; ``system`` under no force."""
+
+    system: ImpactSystem
+    mass_kg: float
+    stop_m: float
+    step_s: float
+
+
 class StepBalance(NamedTuple):
     """Sums of a step per unit of mass: impulses in m/s, work and loss in m2/s2, and the sums of magnitudes."""
 
@@ -55,6 +124,9 @@ class StepBalance(NamedTuple):
     energy_size_m2_per_s2: float
 
 
+BALANCE, SUMS = record_of(StepBalance), len(StepBalance._fields)
+
+
 class BalanceResiduals(NamedTuple):
     """Errors of the balances of a step, relative to the sums of magnitudes."""
 
@@ -62,43 +134,27 @@ class BalanceResiduals(NamedTuple):
     energy_balance: float
 
 
-@kernel
-def empty_balance() -> StepBalance:
-    """Return the balance at the start of a step."""
-    return StepBalance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+@borrowing_kernel
+def add_piece(balance: Any, a_m_per_s2: float, duration_s: float, begin_gap_m: float, end_gap_m: float) -> None:
+    """Add a piece of flight or rest under one acceleration to the balance."""
+    impulse = a_m_per_s2 * duration_s
+    balance.drive_impulse_m_per_s += impulse
+    balance.drive_work_m2_per_s2 += a_m_per_s2 * (begin_gap_m - end_gap_m)
+    balance.momentum_size_m_per_s += abs(impulse)
+    balance.energy_size_m2_per_s2 += abs(a_m_per_s2) * (begin_gap_m + end_gap_m)
 
 
-@kernel
-def balance_after_piece(
-    balance: StepBalance, a_m_per_s2: float, duration_s: float, begin_gap_m: float, end_gap_m: float
-) -> StepBalance:
-    """Return the balance after a piece of flight or rest under one acceleration."""
-    impulse, work = a_m_per_s2 * duration_s, a_m_per_s2 * (begin_gap_m - end_gap_m)
-    return StepBalance(
-        balance.drive_impulse_m_per_s + impulse,
-        balance.drive_work_m2_per_s2 + work,
-        balance.stop_impulse_m_per_s,
-        balance.stop_loss_m2_per_s2,
-        balance.momentum_size_m_per_s + abs(impulse),
-        balance.energy_size_m2_per_s2 + abs(a_m_per_s2) * (begin_gap_m + end_gap_m),
-    )
+@borrowing_kernel
+def add_stop(balance: Any, impulse_m_per_s: float, loss_m2_per_s2: float) -> None:
+    """Add an impact at the stop or a rest against it to the balance."""
+    balance.stop_impulse_m_per_s += impulse_m_per_s
+    balance.stop_loss_m2_per_s2 += loss_m2_per_s2
+    balance.momentum_size_m_per_s += impulse_m_per_s
+    balance.energy_size_m2_per_s2 += loss_m2_per_s2
 
 
-@kernel
-def balance_after_stop(balance: StepBalance, impulse_m_per_s: float, loss_m2_per_s2: float) -> StepBalance:
-    """Return the balance after an impact at the stop or a rest against it."""
-    return StepBalance(
-        balance.drive_impulse_m_per_s,
-        balance.drive_work_m2_per_s2,
-        balance.stop_impulse_m_per_s + impulse_m_per_s,
-        balance.stop_loss_m2_per_s2 + loss_m2_per_s2,
-        balance.momentum_size_m_per_s + impulse_m_per_s,
-        balance.energy_size_m2_per_s2 + loss_m2_per_s2,
-    )
-
-
-@kernel
-def residuals(balance: StepBalance, begin_m_per_s: float, end_m_per_s: float) -> BalanceResiduals:
+@borrowing_kernel
+def residuals(balance: Any, begin_m_per_s: float, end_m_per_s: float) -> BalanceResiduals:
     """Return the relative errors of v_E - v_S = impulse - stop and of (v_E^2 - v_S^2)/2 = work - loss."""
     momentum = (end_m_per_s - begin_m_per_s) - (balance.drive_impulse_m_per_s - balance.stop_impulse_m_per_s)
     energy = 0.5 * (end_m_per_s - begin_m_per_s) * (end_m_per_s + begin_m_per_s) - (
@@ -113,93 +169,17 @@ def residuals(balance: StepBalance, begin_m_per_s: float, end_m_per_s: float) ->
     )
 
 
-class RunningCounts(NamedTuple):
-    """Running counts since the start; impulses of the stop per unit of mass (m/s)."""
-
-    impacts: float
-    chatter_ends: float
-    period_impacts: float
-    last_period_impacts: float
-    period_impulse_m_per_s: float
-    last_period_impulse_m_per_s: float
-    step_impulse_m_per_s: float
-
-
-@kernel
-def rescaled(counts: RunningCounts, ratio: float) -> RunningCounts:
-    """Return the counts with impulses per mass rescaled by old over new mass, so that impulses in N s are unchanged."""
-    if ratio == 1.0:
-        return counts
-    return RunningCounts(
-        counts.impacts,
-        counts.chatter_ends,
-        counts.period_impacts,
-        counts.last_period_impacts,
-        counts.period_impulse_m_per_s * ratio,
-        counts.last_period_impulse_m_per_s * ratio,
-        counts.step_impulse_m_per_s,
-    )
-
-
-class MassStep(NamedTuple):
-    """The mass one coupling step later.
-
-    Motion, counts, balance and its errors; gap (m) and velocity (m/s) at the end; regime; number of events.
-    """
-
-    motion: MassMotion
-    counts: RunningCounts
-    balance: StepBalance
-    residuals: BalanceResiduals
-    gap_m: float
-    velocity_m_per_s: float
-    regime: int
-    found: int
-
-
-class Span(NamedTuple):
-    """A coupling step: origin of time (s), number of steps from there to its end, length (s); the mass (kg)."""
-
-    origin_s: float
-    steps: float
-    step_s: float
-    latest_s: float  # the end of the step, as samples tell it
-    mass_kg: float
-
-
-@kernel
-def counts_after_event(counts: RunningCounts, event: MotionEvent, rest_impulse: float) -> RunningCounts:
-    """Return the counts after an event; ``rest_impulse`` (m/s) is the stop's impulse on the mass resting before it."""
-    impulse = counts.period_impulse_m_per_s + event.impulse_per_mass + rest_impulse
-    hits = counts.period_impacts + event.impacts
-    last_impulse, last_hits = counts.last_period_impulse_m_per_s, counts.last_period_impacts
+@borrowing_kernel
+def count_event(memory: Any, event: MotionEvent, rest_impulse: float) -> None:
+    """Count an event; ``rest_impulse`` (m/s) is the stop's impulse on the mass resting before it."""
+    memory.impacts_1 += event.impacts
+    memory.period_impacts_1 += event.impacts
+    memory.period_impulse_m_per_s = memory.period_impulse_m_per_s + event.impulse_per_mass + rest_impulse
     if event.kind == PHASE_CHANGE and event.tau_s == 0.0:
-        last_impulse, last_hits, impulse, hits = impulse, hits, 0.0, 0.0
-    ends = counts.chatter_ends + (1.0 if event.kind == CHATTER_END else 0.0)
-    return RunningCounts(counts.impacts + event.impacts, ends, hits, last_hits, impulse, last_impulse, 0.0)
-
-
-@kernel
-def counts_after_step(counts: RunningCounts, rest_impulse: float, step_impulse: float) -> RunningCounts:
-    """Return the counts at the end of a step, with the impulses of an ongoing rest and of the whole step (m/s)."""
-    return RunningCounts(
-        counts.impacts,
-        counts.chatter_ends,
-        counts.period_impacts,
-        counts.last_period_impacts,
-        counts.period_impulse_m_per_s + rest_impulse,
-        counts.last_period_impulse_m_per_s,
-        step_impulse,
-    )
-
-
-@kernel
-def log_event(log: Array, count: int, event: MotionEvent, system: ImpactSystem, span: Span) -> None:
-    """Write an event into row ``count``, its time not after the step's end."""
-    time_s = min(span.origin_s + (event.period * system.period_s + event.tau_s), span.latest_s)
-    kind, impulse_ns = int(event.kind), event.impulse_per_mass * span.mass_kg
-    contact = CONTACT_OF_KIND[kind]
-    fill_event(log, count, time_s, kind, contact, event.pre_m_per_s, event.post_m_per_s, impulse_ns, event.period)
+        memory.last_period_impulse_m_per_s, memory.period_impulse_m_per_s = memory.period_impulse_m_per_s, 0.0
+        memory.last_period_impacts_1, memory.period_impacts_1 = memory.period_impacts_1, 0.0
+    if event.kind == CHATTER_END:
+        memory.chatter_ends_1 += 1.0
 
 
 @kernel
@@ -212,27 +192,23 @@ def regime_at(motion: MassMotion, coming: MotionEvent, struck: bool) -> int:
     return IMPACT_REGIME if struck else FREE_REGIME
 
 
-@kernel
-def balance_after_event(
-    balance: StepBalance,
-    motion: MassMotion,
-    system: ImpactSystem,
-    event: MotionEvent,
-    begin_gap: float,
-    passed_s: float,
-) -> tuple[StepBalance, float]:
-    """Return the balance after the piece that ends with this event and its impact, and the impulse of a rest (m/s)."""
+@borrowing_kernel
+def balance_event(
+    balance: Any, motion: MassMotion, system: ImpactSystem, event: MotionEvent, begin_gap: float, passed_s: float
+) -> float:
+    """Add the piece that ends with this event, and its impact, to the balance; return the impulse of a rest (m/s)."""
     a = acceleration(motion, system)
     until = phase_end(motion, system) if event.kind == PHASE_CHANGE else event.tau_s
     duration = max(until - motion.tau_s - passed_s, 0.0)
     end_gap = gap_after(motion, system, until - motion.tau_s)[0] if event.kind == PHASE_CHANGE else 0.0
-    balance = balance_after_piece(balance, a, duration, begin_gap, end_gap)
+    add_piece(balance, a, duration, begin_gap, end_gap)
     loss = 0.5 * (event.pre_m_per_s * event.pre_m_per_s - event.post_m_per_s * event.post_m_per_s)
     if event.kind == CHATTER_END:
         left = motion.velocity_m_per_s  # by the last listed impact, booked with the end
         loss = 0.5 * (left * left)
     rest = a * duration if motion.mode == STUCK else 0.0
-    return balance_after_stop(balance, event.impulse_per_mass + rest, loss), rest
+    add_stop(balance, event.impulse_per_mass + rest, loss)
+    return rest
 
 
 @kernel
@@ -251,52 +227,6 @@ def lies_in_step(
 
 
 @kernel
-def mass_step(motion: MassMotion, system: ImpactSystem, counts: RunningCounts, span: Span, log: Array) -> MassStep:
-    """Return the mass one coupling step later.
-
-    Parameters
-    ----------
-    motion : MassMotion
-        State at the last event (or the last change of a parameter).
-    system : ImpactSystem
-        Forces per unit of mass and restitution during the step.
-    counts : RunningCounts
-        Running counts.
-    span : Span
-        The step.
-    log : ndarray
-        Table of events; those beyond its end are counted.
-    """
-    steps, step_s, found, struck = span.steps, span.step_s, 0, False
-    balance = empty_balance()
-    passed = elapsed(motion, system, steps - 1.0, step_s)
-    gap, first = gap_after(motion, system, passed)
-    most = LISTED_MOST
-    coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s), most)
-    while lies_in_step(coming, motion, system, steps * step_s, most):
-        balance, rest = balance_after_event(balance, motion, system, coming, gap, passed)
-        counts = counts_after_event(counts, coming, rest)
-        struck = struck or coming.impacts > 0.0
-        log_event(log, found, coming, system, span)
-        found += 1
-        motion, passed, gap = after, 0.0, after.gap_m
-        most = LISTED_MOST if found < LISTED_MOST else 1.0  # a step full of events sums each series from its second on
-        coming, after = next_event_until(motion, system, tau_at(motion.period, system, steps, step_s), most)
-    now = elapsed(motion, system, steps, step_s)
-    end_gap, end_velocity = gap_after(motion, system, now)
-    a, duration = acceleration(motion, system), max(now - passed, 0.0)
-    balance = balance_after_piece(balance, a, duration, gap, end_gap)
-    rest = 0.0
-    if motion.mode == STUCK:
-        rest = a * duration
-        balance = balance_after_stop(balance, rest, 0.0)
-    counts = counts_after_step(counts, rest, balance.stop_impulse_m_per_s)
-    regime = regime_at(motion, coming, struck)
-    left = residuals(balance, first, end_velocity)
-    return MassStep(motion, counts, balance, left, end_gap, end_velocity, regime, found)
-
-
-@kernel
 def reanchored(
     motion: MassMotion, before: ImpactSystem, after: ImpactSystem, steps: float, step_s: float
 ) -> MassMotion:
@@ -309,3 +239,97 @@ def reanchored(
     if motion.mode == STUCK:
         return MassMotion(motion.period, tau, motion.phase, 0.0, 0.0, STUCK, 0.0, 0.0, 0.0)
     return anchored(motion.period, tau, motion.phase, gap, velocity, acceleration(motion, after))
+
+
+@kernel
+def acting(model: StoppedMass, first_m_per_s2: float, second_m_per_s2: float, restitution: float) -> ImpactSystem:
+    """Return the constants of the motion under these accelerations of both phases."""
+    s = model.system
+    return ImpactSystem(s.period_s, s.phase1_s, first_m_per_s2, second_m_per_s2, restitution, s.listed, s.exact)
+
+
+@borrowing_kernel
+def acted_before(model: StoppedMass, memory: Any) -> ImpactSystem:
+    """Return the constants of the motion in the step before."""
+    return acting(model, memory.phase1_acceleration_m_per_s2, memory.phase2_acceleration_m_per_s2, memory.restitution_1)
+
+
+@borrowing_kernel
+def anchor_at(model: StoppedMass, linkage: Array, step: int) -> None:
+    """Rewrite the motion in a linkage row as starting at this step instead of at its last event; it stays the same."""
+    memory = memory_of(linkage)
+    before, steps = acted_before(model, memory), step - memory.origin_step_1
+    keep_motion(reanchored(motion_of(linkage), before, before, steps, model.step_s), linkage)
+
+
+@step_of(work_room, StoppedMass, borrowing_kernel)
+def room_of_step(model: StoppedMass) -> tuple[int, int]:
+    """Return the lengths of the work arrays of `mass_on_stop`."""
+    return SUMS, 0
+
+
+@step_of(linkage_step, StoppedMass, borrowing_kernel)
+def mass_on_stop(
+    model: StoppedMass, step: int, linkage: Array, motor: Array, body: Array, out: Array, log: Array, work: Work
+) -> int:
+    """Fill ``out`` with the mass one coupling step later, and log every event in between at its own time.
+
+    Impulses per mass are scaled by old over new mass, so that a live change of the mass leaves them in N s.
+    """
+    copy_numbers(linkage, out)
+    memory, balance, step_s, mass_kg = memory_of(out), record_at(work.numbers, 0, BALANCE), model.step_s, model.mass_kg
+    levels = motor[MOTOR_JOINTS + 5], motor[MOTOR_JOINTS + 8]
+    system = acting(model, levels[0] / mass_kg, levels[1] / mass_kg, model.system.restitution)
+    steps, before, motion = step - memory.origin_step_1, acted_before(model, memory), motion_of(linkage)
+    if before != system:
+        motion = reanchored(motion, before, system, steps, step_s)
+    memory.period_impulse_m_per_s *= memory.mass_kg / mass_kg
+    memory.last_period_impulse_m_per_s *= memory.mass_kg / mass_kg
+    end, most, found, struck = steps + 1.0, LISTED_MOST, 0, False
+    passed = elapsed(motion, system, steps, step_s)
+    gap, begin_m_per_s = gap_after(motion, system, passed)
+    coming, after = next_event_until(motion, system, tau_at(motion.period, system, end, step_s), most)
+    while lies_in_step(coming, motion, system, end * step_s, most):
+        count_event(memory, coming, balance_event(balance, motion, system, coming, gap, passed))
+        struck = struck or coming.impacts > 0.0
+        kind, time_s = int(coming.kind), coming.period * system.period_s + coming.tau_s
+        fill_event(
+            log,
+            found,
+            min(memory.origin_step_1 * step_s + time_s, (step + 1) * step_s),
+            kind,
+            CONTACT_OF_KIND[kind],
+            coming.pre_m_per_s,
+            coming.post_m_per_s,
+            coming.impulse_per_mass * mass_kg,
+            coming.period,
+        )
+        found += 1
+        motion, passed, gap = after, 0.0, after.gap_m
+        most = LISTED_MOST if found < LISTED_MOST else 1.0  # a step full of events sums each series from its second on
+        coming, after = next_event_until(motion, system, tau_at(motion.period, system, end, step_s), most)
+    now = elapsed(motion, system, end, step_s)
+    end_gap, end_m_per_s = gap_after(motion, system, now)
+    a, duration = acceleration(motion, system), max(now - passed, 0.0)
+    add_piece(balance, a, duration, gap, end_gap)
+    if motion.mode == STUCK:
+        add_stop(balance, a * duration, 0.0)
+        memory.period_impulse_m_per_s += a * duration
+    memory.step_impulse_m_per_s = balance.stop_impulse_m_per_s
+    keep_motion(motion, out)
+    memory.phase1_acceleration_m_per_s2, memory.phase2_acceleration_m_per_s2 = (
+        system.acceleration1,
+        system.acceleration2,
+    )
+    velocity, added_kg = linkage[LINKAGE_JOINTS + 1], mass_kg - memory.mass_kg
+    memory.restitution_1, memory.mass_kg = system.restitution, mass_kg
+    memory.step_drive_work_j = balance.drive_work_m2_per_s2 * mass_kg
+    memory.step_stop_loss_j = balance.stop_loss_m2_per_s2 * mass_kg
+    memory.step_change_work_j = 0.5 * added_kg * (velocity * velocity)
+    memory.step_change_momentum_ns = added_kg * velocity if added_kg != 0.0 else 0.0
+    out[REGIME], out[COMMAND] = regime_at(motion, coming, struck), motor[MOTOR_COMMAND]
+    out[LINKAGE_JOINTS], out[LINKAGE_JOINTS + 1] = model.stop_m - end_gap, end_m_per_s
+    out[LINKAGE_JOINTS + 2] = levels[0] if motion.phase == PHASE_1 else levels[1]
+    left = residuals(balance, begin_m_per_s, end_m_per_s)
+    out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = left.momentum_balance, left.energy_balance
+    return found if found <= len(log) else LOG_FULL

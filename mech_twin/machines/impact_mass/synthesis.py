@@ -9,7 +9,7 @@ and R.  Of those the one that holds over the widest box is chosen, and certified
 """
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 from mech_twin.capabilities.progress import tell
 from mech_twin.engine.coupling import Coupling
@@ -24,7 +24,7 @@ from mech_twin.machines.impact_mass.cycle_verdict import (
 )
 from mech_twin.machines.impact_mass.dynamics import acceleration, gap_after, next_event, phase_end
 from mech_twin.machines.impact_mass.metrics import after_blow
-from mech_twin.machines.impact_mass.one_impact_cycle import least_stability_number, synthesised_cycle
+from mech_twin.machines.impact_mass.one_impact_cycle import CycleSpec, least_stability_number, synthesised_cycle
 from mech_twin.machines.impact_mass.parameters import ImpactMass
 from mech_twin.machines.impact_mass.tolerance_box import (
     NOMINAL,
@@ -42,23 +42,6 @@ STEPS_PER_PERIOD = 50.0
 SCREEN_STARTS, SCREEN_INSIDE = 40, 24  # random starts and random points of the box in a first look
 TOLERANCE_MULTIPLES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)  # of the asked tolerance, over which a candidate may hold too
 CERTIFIED_MOST = 8  # candidates tried in full before the search gives up
-
-
-@dataclass(frozen=True)
-class CycleSpec:
-    """Specification of a cycle: mass, stop, start of the stroke, impact speed, restitution."""
-
-    mass_kg: float
-    stop_position_m: float
-    initial_position_m: float
-    initial_velocity_m_per_s: float
-    impact_speed_m_per_s: float
-    restitution: float
-
-    @property
-    def stroke_m(self) -> float:
-        """Distance d = xc - x0, m."""
-        return self.stop_position_m - self.initial_position_m
 
 
 @dataclass(frozen=True)
@@ -108,9 +91,16 @@ class Synthesis:
     robust: CycleDesign
 
 
+def cycle_spec(parameters: ImpactMass, impact_speed_m_per_s: float) -> CycleSpec:
+    """Return the specification of a cycle of this impact speed for the configured mass, stop, start and restitution."""
+    p = parameters
+    start = p.initial_position_m, p.initial_velocity_m_per_s
+    return CycleSpec(p.mass_kg, p.stop_position_m, *start, impact_speed_m_per_s, p.rebound)
+
+
 def published_parameters(spec: CycleSpec) -> ImpactMass:
     """Return the configuration of the published synthesis; see `synthesised_cycle` for its errors."""
-    found = synthesised_cycle(*astuple(spec))
+    found = synthesised_cycle(spec)
     return ImpactMass(
         mass_kg=spec.mass_kg,
         stop_position_m=spec.stop_position_m,

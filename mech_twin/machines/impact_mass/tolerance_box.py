@@ -70,20 +70,18 @@ class Certificate:
 
 def deviated(parameters: ImpactMass, deviation: Deviation) -> ImpactSystem | None:
     """Return the constants of the motion at a point of the box, or None if t1 >= T or R leaves its range."""
-    p, d = parameters, deviation
-    times_s = (p.period_s * (1.0 + d.period), p.phase1_duration_s * (1.0 + d.phase1_duration))
-    restitution = p.rebound * (1.0 + d.restitution)
+    now, d = parameters.system, deviation
+    times_s = (now.period_s * (1.0 + d.period), now.phase1_s * (1.0 + d.phase1_duration))
+    restitution = now.restitution * (1.0 + d.restitution)
     if times_s[1] >= times_s[0] or restitution > LARGEST_RESTITUTION:
         return None
-    a1, a2 = p.accelerations_m_per_s2
-    accelerations = (a1 * (1.0 + d.phase1_force), a2 * (1.0 + d.phase2_force))
-    return impact_system(times_s, accelerations, restitution, p.chatter_cutoff)
+    accelerations = (now.acceleration1 * (1.0 + d.phase1_force), now.acceleration2 * (1.0 + d.phase2_force))
+    return impact_system(times_s, accelerations, restitution, parameters.chatter_cutoff)
 
 
 def stable_cycle(system: ImpactSystem) -> OneImpactCycle | None:
     """Return the cycle with its impact in phase 2 if it exists, off the border, is admissible and stable."""
-    accelerations = (system.acceleration1, system.acceleration2)
-    cycle = one_impact_cycle(system.period_s, system.phase1_s, accelerations, system.restitution, int(PHASE_2))
+    cycle = one_impact_cycle(system, int(PHASE_2))
     if cycle is None or not BORDER < cycle.position_share < 1.0 - BORDER:
         return None
     largest, _ = cycle.multipliers

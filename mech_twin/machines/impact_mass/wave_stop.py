@@ -16,8 +16,9 @@ from pydantic import model_validator
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
 from mech_twin.declarations.quantity import Parameters, choice, upper
 from mech_twin.machines.impact_mass.dynamics import IMPACT, KIND_CONTACTS, KIND_NAMES
+from mech_twin.machines.impact_mass.impact_stop import LARGEST_RESTITUTION, LEAST_RESTITUTION
 from mech_twin.parts.rod_waves.blow import RodBlow
-from mech_twin.parts.rod_waves.parameters import Wall, WaveTool, wave_grid
+from mech_twin.parts.rod_waves.parameters import Wall, WaveGrid, WaveTool, wave_grid
 from mech_twin.parts.rod_waves.struck_tool import (
     LARGEST_HEAD,
     NO_CURVE,
@@ -45,6 +46,11 @@ class StopRod(WaveTool):
 
     wall: StopWall = choice("the wall behind the stop", default=StopWall())
 
+    @property
+    def grid(self) -> WaveGrid:
+        """The constants of a blow."""
+        return wave_grid(self, 0.0)
+
 
 class StopModel(Parameters):
     """The stop: rigid with a given restitution, or a rod."""
@@ -68,18 +74,17 @@ class StopModel(Parameters):
                 raise ValueError(
                     f"wave.{key} must be {expected}, so that the restitution is the same at every speed; got {value}"
                 )
-        wave_grid(rod, 0.0)
+        rod.grid  # noqa: B018 # refuses what cannot be led
         return self
 
 
 @lru_cache(maxsize=64)
 def unit_blow(rod: StopRod, mass_kg: float) -> RodBlow:
     """Return the blow of a mass on a stop at unit speed (1 m/s)."""
-    grid = wave_grid(rod, 0.0)
-    return rod_blow(grid, float(mass_kg), 1.0, 0.0, True, NO_CURVE, NO_FORCES)
+    return rod_blow(rod.grid, float(mass_kg), 1.0, 0.0, True, NO_CURVE, NO_FORCES)
 
 
-def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) -> float:
+def rod_restitution(rod: StopRod, mass_kg: float) -> float:
     """Return the coefficient of restitution of a mass on a stop.
 
     Raises
@@ -87,7 +92,7 @@ def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) 
     ValueError
         If the head is most of the mass, the blow does not end, or the restitution is out of bounds.
     """
-    head = wave_grid(rod, 0.0).head_mass_kg
+    head = rod.grid.head_mass_kg
     if head > LARGEST_HEAD * mass_kg:
         raise ValueError(
             f"stop.wave.head must have at most {LARGEST_HEAD:g} of mass_kg, {upper(LARGEST_HEAD * mass_kg)} kg; "
@@ -100,17 +105,17 @@ def rod_restitution(rod: StopRod, mass_kg: float, least: float, largest: float) 
             "or a stiffer wall"
         )
     restitution = found.impulse_ns / mass_kg - 1.0
-    if not least <= restitution <= largest:
+    if not LEAST_RESTITUTION <= restitution <= LARGEST_RESTITUTION:
         raise ValueError(
-            f"stop.wave gives a restitution of {restitution:.6g}; expected {least:g} to {largest:g}: "
-            "a mass that rebounds"
+            f"stop.wave gives a restitution of {restitution:.6g}; expected {LEAST_RESTITUTION:g} to "
+            f"{LARGEST_RESTITUTION:g}: a mass that rebounds"
         )
     return restitution
 
 
 def blow_numbers(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str, float]:
     """Return the results of a blow at a speed (m/s)."""
-    unit, grid, v = unit_blow(rod, mass_kg), wave_grid(rod, 0.0), speed_m_per_s
+    unit, grid, v = unit_blow(rod, mass_kg), rod.grid, speed_m_per_s
     return {
         "incident_energy_j": unit.incident_energy_j * v * v,
         "forward_energy_j": unit.forward_energy_j * v * v,
@@ -131,7 +136,7 @@ def blow_numbers(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str
 
 
 def _life(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str, float]:
-    line, grid = rod.life.line, wave_grid(rod, 0.0)
+    line, grid = rod.life.line, rod.grid
     if line is None or speed_m_per_s <= 0.0:
         return {}
     forces = force_room(grid)
@@ -141,7 +146,7 @@ def _life(rod: StopRod, mass_kg: float, speed_m_per_s: float) -> dict[str, float
 
 def stop_gauge(rod: StopRod, mass_kg: float) -> BlowGauge:
     """Return the strain gauge on the stop."""
-    grid = wave_grid(rod, 0.0)
+    grid = rod.grid
     of_unit = gauge_numbers(grid, unit_blow(rod, mass_kg))
 
     def numbers(event: Event) -> tuple[float, ...]:

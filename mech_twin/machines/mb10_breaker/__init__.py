@@ -6,13 +6,14 @@ from functools import partial
 
 from mech_twin.capabilities.blow_gauge import blow_remarks
 from mech_twin.machines.mb10_breaker.drawing import drawing, mechanism
+from mech_twin.machines.mb10_breaker.forces import LoadedBreaker
 from mech_twin.machines.mb10_breaker.half_sine_body import half_sine_body
 from mech_twin.machines.mb10_breaker.metrics import position_metrics, static_metrics, tool_gauge
 from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
-from mech_twin.machines.mb10_breaker.roles import Body, BreakerLinkage, DrivenBody, breaker_forces_role, breaker_motor
-from mech_twin.machines.mb10_breaker.rows import LedBreaker
+from mech_twin.machines.mb10_breaker.roles import BreakerLinkage, DrivenBody, breaker_forces_role, breaker_motor
 from mech_twin.machines.mb10_breaker.run_metrics import BreakerObserver, blow_energy
 from mech_twin.machines.mb10_breaker.state import breaker
+from mech_twin.machines.mb10_breaker.step import LedBreaker
 from mech_twin.parts.induction_motor import motor_constants
 from mech_twin.parts.rod_waves.parameters import rounded_lengths
 from mech_twin.roles import BodyRole, Capabilities, Machine, no_remarks
@@ -23,7 +24,7 @@ PARAMETERS = BreakerParameters
 def build(p: BreakerParameters) -> Machine:
     """Return the breaker of these parameters."""
     constants, curve, step_s = breaker(p), motor_constants(p.motor), p.coupling.step_s
-    body: BodyRole = DrivenBody(Body(constants), step_s)
+    body: BodyRole = DrivenBody(LoadedBreaker(constants), step_s)
     if constants.held:
         body = half_sine_body(p.body, p.excitation, step_s)
     start_rad, start_command = math.radians(p.linkage.initial_crank_deg), p.supply.initial_fraction

@@ -124,12 +124,6 @@ def fill_body(
     out[RESIDUALS_AT], out[RESIDUALS_AT + 1] = residuals_at(body, piece, local, model.step_s)
 
 
-@kernel
-def start_row(model: HalfSine, step: int, out: Array) -> None:
-    """Fill the row of the body at rest on the tool, its cycle beginning at this step."""
-    fill_body(model, step * model.step_s, step * model.step_s, resting_piece(model.body, 0), 0.0, out)
-
-
 @step_of(body_step, HalfSine)
 def follow_half_sine(
     model: HalfSine, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
@@ -173,9 +167,9 @@ class HalfSineBody(CompiledBody):
 
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on the tool, its cycle beginning at the step of these forces."""
-        out = np.empty(self.layout.size)
-        start_row(self.model, forces.step, out)
-        return self.layout.sample(forces.step, forces.step * self.step_s, out.tolist(), ())
+        out, time_s = np.empty(self.layout.size), forces.step * self.step_s
+        fill_body(self.model, time_s, time_s, resting_piece(self.model.body, 0), 0.0, out)
+        return self.layout.sample(forces.step, time_s, out.tolist(), ())
 
 
 def half_sine_body(body: BodyParameters, excitation: ExcitationParameters, step_s: float) -> HalfSineBody:

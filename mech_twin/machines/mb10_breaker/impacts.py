@@ -28,7 +28,7 @@ from mech_twin.kernels.dispatcher import on_processor, overload
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.mb10_breaker.dynamics import Breaker, accelerations, masses_at, striker
 from mech_twin.machines.mb10_breaker.state import BODY, BODY_RATE, CRANK, CRANK_RATE, TOOL_RATE
-from mech_twin.parts.contact import ContactPulse, contact_pulse, damping_ratio, damping_ratio_without_pull
+from mech_twin.parts.contact import contact_pulse, damping_ratio, damping_ratio_without_pull
 from mech_twin.parts.rod_waves.struck_tool import rod_blow
 
 
@@ -192,23 +192,19 @@ def strike_as_wave(
     return Blow(u, p, impulse, gained, loss - gained, collar, after, travel, left, plastic)
 
 
-def wave_blow(
-    b: Breaker, q: float, u: float, phi: float, p: float, tool_speed: float, rests: bool, seated: bool
-) -> Blow:
-    """Return `strike_as_wave`; on a graphics processor, which makes no cells of rods, nan."""
-    return strike_as_wave(b, q, u, phi, p, tool_speed, rests, seated)
+def wave_blow(b: Breaker, y: Array, rests: bool) -> Blow:
+    """Return `strike_as_wave` in a state of the motion; on a graphics processor, which makes no cells of rods, nan."""
+    w = y[TOOL_RATE]
+    return strike_as_wave(b, y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], w, rests, rests or w > 0.0)
 
 
 @overload(wave_blow)
-def _wave_blow(b: Any, q: Any, u: Any, phi: Any, p: Any, tool_speed: Any, rests: Any, seated: Any) -> Any:
-    def computed(b: Any, q: Any, u: Any, phi: Any, p: Any, tool_speed: Any, rests: Any, seated: Any) -> Any:
-        return strike_as_wave(b, q, u, phi, p, tool_speed, rests, seated)
-
-    def unknown(b: Any, q: Any, u: Any, phi: Any, p: Any, tool_speed: Any, rests: Any, seated: Any) -> Any:
+def _wave_blow(b: Breaker, y: Array, rests: bool) -> Any:
+    def unknown(b: Breaker, y: Array, rests: bool) -> Blow:
         nan = math.nan
         return Blow(nan, nan, nan, nan, nan, nan, nan, nan, nan, False)
 
-    return computed if on_processor() else unknown
+    return wave_blow if on_processor() else unknown
 
 
 @kernel
@@ -217,35 +213,9 @@ def struck_tool(b: Breaker, y: Array, rests: bool, wave: bool) -> Blow:
 
     A plastic impact would lift that body so slowly that collar and tool would be struck in turns, ever slower.
     """
-    q, u, phi, p, w = y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], y[TOOL_RATE]
     if wave:
-        return wave_blow(b, q, u, phi, p, w, rests, rests or w > 0.0)
-    return strike(b, q, u, phi, p, w, True, 0.0, True)
-
-
-class BlowContact(NamedTuple):
-    """One blow through a contact stiffness.
-
-    The energy changes are relative to the rigid blow, negative for a loss: with the textbook damping of e_t (which
-    parts somewhat faster than e_t v), and with the damping that keeps e_t exactly.
-    """
-
-    peak_force_n: float
-    duration_s: float
-    energy_change: float
-    energy_change_restitution_kept: float
-
-    @property
-    def metrics(self) -> dict[str, float]:
-        """The numbers by name; of a blow whose contact does not end by itself the peak force alone."""
-        if not math.isfinite(self.duration_s + self.energy_change + self.energy_change_restitution_kept):
-            return {"contact_peak_force_n": self.peak_force_n}
-        return {
-            "contact_peak_force_n": self.peak_force_n,
-            "contact_time_s": self.duration_s,
-            "contact_blow_energy_change": self.energy_change,
-            "contact_blow_energy_change_restitution_kept": self.energy_change_restitution_kept,
-        }
+        return wave_blow(b, y, rests)
+    return strike(b, y[CRANK], y[CRANK_RATE], y[BODY], y[BODY_RATE], y[TOOL_RATE], True, 0.0, True)
 
 
 @kernel
@@ -260,8 +230,11 @@ def fading(b: Breaker, q: float, u: float, phi: float, p: float, drive: float, r
 
 def blow_contact(
     b: Breaker, stiffness_n_per_m: float, closing: float, impulse: float, fading_m_per_s2: float
-) -> BlowContact:
-    """Return the blow through a contact stiffness.
+) -> dict[str, float]:
+    """Return the numbers of a blow through a contact stiffness; if its contact does not end, the peak force alone.
+
+    The energy changes are relative to the rigid blow, negative for a loss: with the textbook damping of e_t (which
+    parts somewhat faster than e_t v), and with the damping that keeps e_t exactly.
 
     Parameters
     ----------
@@ -276,14 +249,13 @@ def blow_contact(
     """
     e = b.tool_restitution
     mass = impulse / ((1.0 + e) * closing)
-
-    def pulse(damping: float) -> ContactPulse:
-        return contact_pulse(mass, stiffness_n_per_m, damping, closing, fading_m_per_s2)
-
-    usual, kept = pulse(damping_ratio(e)), pulse(damping_ratio_without_pull(e))
-    return BlowContact(
-        usual.peak_force_n,
-        usual.duration_s,
-        (usual.impulse_ns / impulse) ** 2 - 1.0,
-        (kept.impulse_ns / impulse) ** 2 - 1.0,
-    )
+    ratios = damping_ratio(e), damping_ratio_without_pull(e)
+    usual, kept = (contact_pulse(mass, stiffness_n_per_m, ratio, closing, fading_m_per_s2) for ratio in ratios)
+    found = {
+        "contact_peak_force_n": usual.peak_force_n,
+        "contact_time_s": usual.duration_s,
+        "contact_blow_energy_change": (usual.impulse_ns / impulse) ** 2 - 1.0,
+        "contact_blow_energy_change_restitution_kept": (kept.impulse_ns / impulse) ** 2 - 1.0,
+    }
+    ends = all(map(math.isfinite, found.values()))
+    return found if ends else {"contact_peak_force_n": usual.peak_force_n}

@@ -16,7 +16,7 @@ The rows of its events hold state and torques before and after each.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations, Indices
@@ -26,36 +26,14 @@ from mech_twin.machines.mb10_breaker.dynamics import TURN, Breaker, spring_momen
 from mech_twin.machines.mb10_breaker.state import (
     BODY,
     BODY_RATE,
-    BODY_SENSE,
-    BODY_STOPPED,
-    COLLAR_LAW,
     CRANK,
-    CRANK_LAW,
     CRANK_RATE,
-    CRANK_SENSE,
-    CRANK_STOPPED,
-    CYCLE,
-    FEED,
+    EVENT,
     FREEDOMS,
-    GEAR_LAW,
-    GEAR_REVERSED,
-    GEAR_STARTED,
-    GEAR_STOPPED,
+    LAW,
     LAWS,
-    LIFT_OFF,
-    PASS_DONE,
-    PIVOT_LAW,
-    PUSHING,
-    RELEASED,
-    RESEATING_LOSS,
-    SETTLED,
-    STALL_TOLD,
-    STALLED,
     TOOL,
-    TOOL_LAW,
     TOOL_RATE,
-    TOUCHDOWN,
-    WALL_LAW,
     EventSide,
 )
 
@@ -85,13 +63,13 @@ class Torques(NamedTuple):
 @inline_kernel
 def on_collar(b: Breaker, regimes: Indices) -> bool:
     """Return whether the body is at rest on its collar, or held."""
-    return bool(b.held or regimes[COLLAR_LAW] == HOLD)
+    return bool(b.held or regimes[LAW.collar] == HOLD)
 
 
 @inline_kernel
 def on_wall(regimes: Indices) -> bool:
     """Return whether the striker is in contact with a tool that the wall holds."""
-    return bool(regimes[TOOL_LAW] == HOLD and regimes[WALL_LAW] == HOLD)
+    return bool(regimes[LAW.tool] == HOLD and regimes[LAW.wall] == HOLD)
 
 
 @inline_kernel
@@ -122,19 +100,19 @@ def join_laws(b: Breaker, y: Array, regimes: Indices, crank_sense: float, body_s
 
     The wall's law is active only under the striker: nothing else moves a tool at rest.
     """
-    if regimes[WALL_LAW] != LOW:
-        regimes[WALL_LAW] = HOLD if regimes[TOOL_LAW] == HOLD else OPEN
+    if regimes[LAW.wall] != LOW:
+        regimes[LAW.wall] = HOLD if regimes[LAW.tool] == HOLD else OPEN
     rests, pressed, loses = on_collar(b, regimes), on_wall(regimes), b.efficiency < 1.0
     if rests and pressed:
         y[CRANK_RATE] = y[BODY_RATE] = 0.0
-        regimes[CRANK_LAW] = regimes[PIVOT_LAW] = regimes[GEAR_LAW] = OPEN
+        regimes[LAW.crank] = regimes[LAW.pivot] = regimes[LAW.gear] = OPEN
         return
     u, p, rubs = y[CRANK_RATE], y[BODY_RATE], b.body_coulomb_nm > 0.0
     joined = rests or pressed or b.frame_drive == 0.0
     crank = b.crank_coulomb_nm > 0.0 or (loses and joined) or (pressed and rubs)
-    regimes[CRANK_LAW] = law_at(crank, regimes[CRANK_LAW], u, crank_sense)
-    regimes[PIVOT_LAW] = law_at(rubs and not rests and not pressed, regimes[PIVOT_LAW], p, body_sense)
-    regimes[GEAR_LAW] = law_at(loses and not joined, regimes[GEAR_LAW], u - b.frame_drive * p, 0.0)
+    regimes[LAW.crank] = law_at(crank, regimes[LAW.crank], u, crank_sense)
+    regimes[LAW.pivot] = law_at(rubs and not rests and not pressed, regimes[LAW.pivot], p, body_sense)
+    regimes[LAW.gear] = law_at(loses and not joined, regimes[LAW.gear], u - b.frame_drive * p, 0.0)
 
 
 @inline_kernel
@@ -150,12 +128,12 @@ def senses(b: Breaker, y: Array, regimes: Indices) -> tuple[float, float]:
     """Return the sliding directions of crank and body: 1 for a joint without friction, 0 for a body on its collar."""
     if b.crank_coulomb_nm == 0.0 and b.body_coulomb_nm == 0.0:
         return 1.0, 1.0
-    crank = sense_of(regimes[CRANK_LAW], y[CRANK_RATE]) if b.crank_coulomb_nm > 0.0 else 1.0
+    crank = sense_of(regimes[LAW.crank], y[CRANK_RATE]) if b.crank_coulomb_nm > 0.0 else 1.0
     if on_collar(b, regimes):
         return crank, 0.0
-    body = sense_of(regimes[PIVOT_LAW], y[BODY_RATE])
+    body = sense_of(regimes[LAW.pivot], y[BODY_RATE])
     if on_wall(regimes):
-        body = sense_of(regimes[CRANK_LAW], y[CRANK_RATE]) * math.copysign(1.0, striker(b, y[CRANK])[1])
+        body = sense_of(regimes[LAW.crank], y[CRANK_RATE]) * math.copysign(1.0, striker(b, y[CRANK])[1])
     return crank, body if b.body_coulomb_nm > 0.0 else 1.0
 
 
@@ -173,7 +151,7 @@ def project_contact(b: Breaker, y: Array, regimes: Indices) -> None:
     """Project tool position and speeds onto the contact of striker and tool, removing drift."""
     travel, slope, _ = striker(b, y[CRANK])
     y[TOOL] = travel - b.tool_radius_m * y[BODY]
-    if regimes[WALL_LAW] != HOLD:
+    if regimes[LAW.wall] != HOLD:
         y[TOOL_RATE] = slope * y[CRANK_RATE] - b.tool_radius_m * y[BODY_RATE]
     elif not on_collar(b, regimes):
         y[BODY_RATE] = slope * y[CRANK_RATE] / b.tool_radius_m
@@ -196,18 +174,18 @@ def effect_of_impact(at: Equations, before: Array, y: Array) -> tuple[float, flo
             approach += at.directions[law, k] * before[FREEDOMS + k]
             parting += at.directions[law, k] * y[FREEDOMS + k]
         loss, turned = loss - 0.5 * impulse * (approach + parting), turned + impulse * at.directions[law, 1]
-        if law == TOOL_LAW:
+        if law == LAW.tool:
             closing, closes = -approach, -parting
     return loss, turned, closing, closes
 
 
 @borrowing_kernel
-def reseat_tool(b: Breaker, y: Array, regimes: Indices, memory: Array) -> None:
+def reseat_tool(b: Breaker, y: Array, regimes: Indices, memory: Any) -> None:
     """Return the tool to its seat for the next pass; its travel is the feed (m)."""
-    memory[RESEATING_LOSS] += 0.5 * b.tool_mass_kg * y[TOOL_RATE] * y[TOOL_RATE]
-    memory[FEED], memory[PASS_DONE], y[TOOL], y[TOOL_RATE] = y[TOOL], 0.0, 0.0, 0.0
-    regimes[WALL_LAW] = regimes[TOOL_LAW] = OPEN
-    join_laws(b, y, regimes, memory[CRANK_SENSE], memory[BODY_SENSE])
+    memory.reseating_loss_j += 0.5 * b.tool_mass_kg * y[TOOL_RATE] * y[TOOL_RATE]
+    memory.feed_per_blow_m, memory.pass_done, y[TOOL], y[TOOL_RATE] = y[TOOL], 0.0, 0.0, 0.0
+    regimes[LAW.wall] = regimes[LAW.tool] = OPEN
+    join_laws(b, y, regimes, memory.crank_sense, memory.body_sense)
 
 
 @inline_kernel
@@ -221,28 +199,28 @@ def reported_torques(
     b: Breaker, drive_nm: float, loss_nm: float, slope: float, regimes: Indices, forces: Array, low: Array
 ) -> Torques:
     """Return the torques of drive and friction and the tool force; ``drive_nm`` is without the gear's loss (N m)."""
-    rests, thrust = on_collar(b, regimes), forces[TOOL_LAW]
+    rests, thrust = on_collar(b, regimes), forces[LAW.tool]
     if rests and on_wall(regimes):  # the bearing takes what it can, the tool the rest
         steep = math.copysign(max(abs(slope), 1e-12), slope)
         crank = -within(steep * thrust, b.crank_coulomb_nm)
         return Torques(drive_nm, thrust + crank / steep, crank, 0.0)
     shares = crank_shares(b, loss_nm, slope, regimes)
-    share = within(forces[CRANK_LAW] / shares.whole, 1.0) if shares.whole > 0.0 else 0.0
-    gear = share * shares.gear + within(forces[GEAR_LAW], loss_nm)
-    body = share * shares.pivot + within(forces[PIVOT_LAW], b.body_coulomb_nm)
+    share = within(forces[LAW.crank] / shares.whole, 1.0) if shares.whole > 0.0 else 0.0
+    gear = share * shares.gear + within(forces[LAW.gear], loss_nm)
+    body = share * shares.pivot + within(forces[LAW.pivot], b.body_coulomb_nm)
     if rests:
-        body = min(max(forces[COLLAR_LAW] - low[COLLAR_LAW], 0.0) - b.body_coulomb_nm, 0.0)
+        body = min(max(forces[LAW.collar] - low[LAW.collar], 0.0) - b.body_coulomb_nm, 0.0)
     return Torques(drive_nm + gear, thrust, share * shares.bearing, body)
 
 
 @inline_kernel
 def contact_of(kind: int) -> int:
     """Return the contact at which an event of this kind takes place."""
-    if kind >= GEAR_STOPPED:
+    if kind >= EVENT.gear_stopped:
         return GEAR_CONTACT
-    if kind >= CRANK_STOPPED:
-        return PIVOT_CONTACT if kind >= BODY_STOPPED else BEARING_CONTACT
-    return COLLAR_CONTACT if kind in (TOUCHDOWN, SETTLED, LIFT_OFF) else TOOL_CONTACT
+    if kind >= EVENT.crank_stopped:
+        return PIVOT_CONTACT if kind >= EVENT.body_stopped else BEARING_CONTACT
+    return COLLAR_CONTACT if kind in (EVENT.touchdown, EVENT.settled, EVENT.lift_off) else TOOL_CONTACT
 
 
 @borrowing_kernel
@@ -291,46 +269,46 @@ def change(before: float, after: float, stopped: int) -> int:
 
 @borrowing_kernel
 def log_contacts(
-    b: Breaker, memory: Array, time_s: float, y: Array, past: Indices, regimes: Indices, was: Torques, now: Torques,
+    b: Breaker, memory: Any, time_s: float, y: Array, past: Indices, regimes: Indices, was: Torques, now: Torques,
     log: Array, count: int,
 ) -> int:  # fmt: skip
     """Log contacts made or lost without an impact: collar, striker, and the wall as it yields or holds."""
-    cycle, collar, tool = memory[CYCLE], regimes[COLLAR_LAW], regimes[TOOL_LAW]
-    if past[COLLAR_LAW] != collar:
-        count = log_row(b, time_s, SETTLED if collar == HOLD else LIFT_OFF, cycle, y, was, now, log, count)
-    if past[TOOL_LAW] == HOLD != tool:
-        count = log_row(b, time_s, RELEASED, cycle, y, was, now, log, count)
-    elif tool == HOLD and past[WALL_LAW] + past[TOOL_LAW] != regimes[WALL_LAW] + tool and not on_collar(b, regimes):
-        count = log_row(b, time_s, PUSHING, cycle, y, was, now, log, count)
+    cycle, collar, tool = memory.cycle, regimes[LAW.collar], regimes[LAW.tool]
+    if past[LAW.collar] != collar:
+        count = log_row(b, time_s, EVENT.settled if collar == HOLD else EVENT.lift_off, cycle, y, was, now, log, count)
+    if past[LAW.tool] == HOLD != tool:
+        count = log_row(b, time_s, EVENT.released, cycle, y, was, now, log, count)
+    elif tool == HOLD and past[LAW.wall] + past[LAW.tool] != regimes[LAW.wall] + tool and not on_collar(b, regimes):
+        count = log_row(b, time_s, EVENT.pushing, cycle, y, was, now, log, count)
     return count
 
 
 @borrowing_kernel
 def log_bearings(
-    b: Breaker, memory: Array, time_s: float, slides: bool, y: Array, past: Indices, regimes: Indices, was: Torques,
+    b: Breaker, memory: Any, time_s: float, slides: bool, y: Array, past: Indices, regimes: Indices, was: Torques,
     now: Torques, log: Array, count: int,
 ) -> int:  # fmt: skip
     """Log a crank that stalls on the tool, changes of sliding direction at rest, and changes of the gear's regime.
 
     ``slides``: the changes are not due to an impact.
     """
-    cycle, u, rests = memory[CYCLE], y[CRANK_RATE], on_collar(b, regimes)
+    cycle, u, rests = memory.cycle, y[CRANK_RATE], on_collar(b, regimes)
     stops = rests and on_wall(regimes)
-    stops = stops or (regimes[TOOL_LAW] == HOLD and u == 0.0 and past[CRANK_LAW] == LOW != regimes[CRANK_LAW])
-    if stops and memory[STALL_TOLD] == 0.0:
-        memory[STALL_TOLD] = 1.0
-        count = log_row(b, time_s, STALLED, cycle, y, was, now, log, count)
+    stops = stops or (regimes[LAW.tool] == HOLD and u == 0.0 and past[LAW.crank] == LOW != regimes[LAW.crank])
+    if stops and memory.stalled == 0.0:
+        memory.stalled = 1.0
+        count = log_row(b, time_s, EVENT.stalled, cycle, y, was, now, log, count)
     crank, body = senses(b, y, regimes)
-    if u == 0.0 and b.crank_coulomb_nm > 0.0 and crank != memory[CRANK_SENSE]:
-        kind = change(memory[CRANK_SENSE], crank, CRANK_STOPPED)
+    if u == 0.0 and b.crank_coulomb_nm > 0.0 and crank != memory.crank_sense:
+        kind = change(memory.crank_sense, crank, EVENT.crank_stopped)
         count = log_row(b, time_s, kind, cycle, y, was, now, log, count)
     flies, turns = not rests and not on_collar(b, past), y[BODY_RATE] == 0.0 or on_wall(regimes)
-    if flies and turns and b.body_coulomb_nm > 0.0 and body != memory[BODY_SENSE]:
-        count = log_row(b, time_s, change(memory[BODY_SENSE], body, BODY_STOPPED), cycle, y, was, now, log, count)
-    memory[CRANK_SENSE], memory[BODY_SENSE] = crank, body
+    if flies and turns and b.body_coulomb_nm > 0.0 and body != memory.body_sense:
+        count = log_row(b, time_s, change(memory.body_sense, body, EVENT.body_stopped), cycle, y, was, now, log, count)
+    memory.crank_sense, memory.body_sense = crank, body
     alone = b.frame_drive == 0.0 and b.crank_coulomb_nm == 0.0
-    before, after = (past[CRANK_LAW], regimes[CRANK_LAW]) if alone else (past[GEAR_LAW], regimes[GEAR_LAW])
+    before, after = (past[LAW.crank], regimes[LAW.crank]) if alone else (past[LAW.gear], regimes[LAW.gear])
     if slides and flies and before != after and OPEN not in (before, after) and not on_wall(regimes):
-        kind = GEAR_STOPPED if after == HOLD else GEAR_STARTED if before == HOLD else GEAR_REVERSED
+        kind = EVENT.gear_stopped if after == HOLD else EVENT.gear_started if before == HOLD else EVENT.gear_reversed
         count = log_row(b, time_s, kind, cycle, y, was, now, log, count)
     return count

@@ -16,8 +16,6 @@ from functools import partial
 from math import pi
 from typing import Any
 
-import numpy as np
-
 from mech_twin.capabilities.blow_gauge import BlowGauge, GaugeCurve
 from mech_twin.capabilities.cycle import (
     CycleFeatures,
@@ -45,7 +43,7 @@ from mech_twin.capabilities.faults import (
     varying_key,
 )
 from mech_twin.machines.drives import root_between
-from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, Breaker, masses_at, striker
+from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, TURN, Breaker, masses_at, striker
 from mech_twin.machines.mb10_breaker.dynamics import crank_torque as geared
 from mech_twin.machines.mb10_breaker.forces import pin_forces, pin_impulses
 from mech_twin.machines.mb10_breaker.impacts import (
@@ -73,18 +71,20 @@ from mech_twin.parts.rod_waves.struck_tool import (
     gauge_curve,
     gauge_numbers,
     rod_blow,
+    rod_numbers,
 )
 from mech_twin.samples import Event
 
-TURN = 2.0 * math.pi
-
 
 def operating(parameters: BreakerParameters) -> tuple[OperatingVariable, ...]:
-    """Return supply, motor temperature, the tool within its tolerance, and the wall."""
-    return (
-        *motor_variables(),
+    """Return supply, motor temperature, a rigid tool within its tolerance, and the wall."""
+    rigid = (
         varying_key("tool_load", "mass that the blow meets", "tool.mass_kg", 0.1, "tool_mass"),
         varying_key("tool_face", "restitution of the tool's face", "tool.restitution", 0.05, "tool_restitution"),
+    )
+    return (
+        *motor_variables(),
+        *(rigid if parameters.tool.model == "rigid" else ()),
         varying_key("wall", "force of the wall", "tool.wall_force_n", 0.2, "wall_range"),
     )
 
@@ -171,20 +171,16 @@ def energy_given(b: Breaker, q: float, u: float, hit: Blow) -> float:
 def rated_wave_numbers(b: Breaker, q: float, closing: float) -> dict[str, float]:
     """Return what the rated blow as a wave gives, the body at rest."""
     mass = impact_direction(b, q, 0.0, True, b.held).effective_kg
-    found = rod_blow(b.wave, mass, closing, 0.0, True, np.empty((0, 2)), np.empty((0, 1)))
+    found = rod_blow(b.wave, mass, closing, 0.0, True, NO_CURVE, NO_FORCES)
+    told = rod_numbers(b.wave, found)
     parting = found.tool_momentum_ns / b.tool_mass_kg - closing + found.impulse_ns / mass
     return {
         "striker_mass_kg": mass,
         "tool_mass_kg": b.tool_mass_kg,
         "striker_energy_j": found.striker_energy_j,
-        "incident_energy_j": found.incident_energy_j,
-        "transmitted_energy_j": found.transmitted_energy_j,
-        "blow_efficiency": found.transmitted_energy_j / found.striker_energy_j,
+        **{name: told[name] for name in ("incident_energy_j", "transmitted_energy_j", "blow_efficiency")},
         "restitution_effective": parting / closing,
-        "peak_force_n": found.peak_force_n,
-        "peak_stress_pa": found.peak_stress_pa,
-        "peak_tension_pa": found.peak_tension_pa,
-        "blow_contact_time_s": found.contact_time_s,
+        **{name: told[name] for name in ("peak_force_n", "peak_stress_pa", "peak_tension_pa", "blow_contact_time_s")},
     }
 
 
@@ -205,7 +201,7 @@ def static_metrics(p: BreakerParameters, b: Breaker) -> dict[str, float]:
     if p.tool.model == "rigid" and p.tool.contact_stiffness_n_per_m is not None:
         fades = fading(b, q, u, 0.0, 0.0, 0.0, b.held)
         struck = held if b.held else free
-        contact = blow_contact(b, p.tool.contact_stiffness_n_per_m, slope * u, struck.impulse, fades).metrics
+        contact = blow_contact(b, p.tool.contact_stiffness_n_per_m, slope * u, struck.impulse, fades)
     if b.waves:
         contact = rated_wave_numbers(b, q, slope * u)
     return {

@@ -9,6 +9,7 @@ A blow of a tool in which waves run is an event of its own: `impacts` gives the 
 import math
 from typing import NamedTuple
 
+from mech_twin.engine.addresses import record_at
 from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.complementarity import CLOSED_M
 from mech_twin.engine.hybrid.laws import HOLD, LOW, OPEN, Array, Equations, Indices
@@ -37,39 +38,19 @@ from mech_twin.machines.mb10_breaker.joint_laws import (
 )
 from mech_twin.machines.mb10_breaker.state import (
     ANGULAR_IMPULSE,
-    BLOW,
-    BLOW_LOSS,
     BODY,
     BODY_RATE,
-    BODY_REVERSED,
-    BODY_SENSE,
-    CATCH_UP,
-    COLLAR_LAW,
-    COLLAR_LOSS,
     CRANK,
-    CRANK_LAW,
     CRANK_RATE,
-    CRANK_SENSE,
-    CYCLE,
     DAMPING_LOSS,
     DRIVE_WORK,
+    EVENT,
     FREEDOMS,
-    GEAR_LAW,
-    IMPACT_IMPULSE,
+    LAW,
     LAWS,
-    MISSED,
-    OFF_COLLAR,
-    PASS_DONE,
-    PIVOT_LAW,
-    PUSH_BEGINS,
-    SETTLED,
-    STALL_TOLD,
-    STALLED,
+    MEMORY,
     TOOL,
-    TOOL_LAW,
     TOOL_RATE,
-    TOUCHDOWN,
-    WALL_LAW,
     WALL_WORK,
 )
 from mech_twin.parts.four_bar import coefficients, position
@@ -145,31 +126,31 @@ def evaluate_breaker(motion: BreakerMotion, t: float, y: Array, regimes: Indices
     kept[ROCKER_X], kept[ROCKER_Y] = joints.v_x, joints.v_y
     at.mass[0, 0], at.mass[1, 1], at.mass[2, 2] = m.m11, m.m22, b.tool_mass_kg
     at.force[0] = drive - b.crank_viscous_nms_per_rad * u + m.g_q - 0.5 * m.m11_q * u * u + 0.5 * m.m22_q * p * p
-    at.directions[COLLAR_LAW, 1], at.directions[WALL_LAW, 2], at.directions[TOOL_LAW, 2] = 1.0, 1.0, 1.0
-    at.directions[TOOL_LAW, 0], at.bias[TOOL_LAW] = -slope, -bend * u * u
-    at.high[COLLAR_LAW] = at.high[TOOL_LAW] = at.gap[TOOL_LAW] = math.inf  # the gap is a signal below
-    at.restitution[COLLAR_LAW], at.restitution[TOOL_LAW] = b.collar_restitution, b.tool_restitution
-    pressed_nm, flies = spring_moment(b, phi), regimes[COLLAR_LAW] == OPEN
-    at.low[COLLAR_LAW] = 0.0 if flies else -b.body_coulomb_nm - pressed_nm  # the springs' moment is the collar's
+    at.directions[LAW.collar, 1], at.directions[LAW.wall, 2], at.directions[LAW.tool, 2] = 1.0, 1.0, 1.0
+    at.directions[LAW.tool, 0], at.bias[LAW.tool] = -slope, -bend * u * u
+    at.high[LAW.collar] = at.high[LAW.tool] = at.gap[LAW.tool] = math.inf  # the gap is a signal below
+    at.restitution[LAW.collar], at.restitution[LAW.tool] = b.collar_restitution, b.tool_restitution
+    pressed_nm, flies = spring_moment(b, phi), regimes[LAW.collar] == OPEN
+    at.low[LAW.collar] = 0.0 if flies else -b.body_coulomb_nm - pressed_nm  # the springs' moment is the collar's
     least = b.crank_coulomb_nm / max(abs(slope), 1e-12) if rests and pressed else 0.0
-    at.low[WALL_LAW], at.high[WALL_LAW], at.low[TOOL_LAW] = -b.wall_force_n - least, least, -least
+    at.low[LAW.wall], at.high[LAW.wall], at.low[LAW.tool] = -b.wall_force_n - least, least, -least
     shares = crank_shares(b, loss, kept[SLOPE], regimes)
     if b.held:
-        at.directions[CRANK_LAW, 0] = 1.0
+        at.directions[LAW.crank, 0] = 1.0
     else:
         at.mass[0, 1] = at.mass[1, 0] = m.m12
         kept[MOMENT] = m.g_phi - b.frame_drive * drive - b.body_damping_nms_per_rad * p
         kept[MOMENT] -= pressed_nm if flies else 0.0
         at.force[1] = kept[MOMENT] - m.m12_q * u * u - m.m22_q * u * p
-        at.directions[TOOL_LAW, 1] = b.tool_radius_m
-        at.gap[COLLAR_LAW] = phi
+        at.directions[LAW.tool, 1] = b.tool_radius_m
+        at.gap[LAW.collar] = phi
         one = shares.whole == 0.0
-        at.directions[CRANK_LAW, 0] = 1.0 if one else (shares.bearing + shares.gear) / shares.whole
-        at.directions[CRANK_LAW, 1] = 0.0 if one else (shares.pivot - b.frame_drive * shares.gear) / shares.whole
-        at.directions[PIVOT_LAW, 1], at.directions[GEAR_LAW, 0], at.directions[GEAR_LAW, 1] = 1.0, 1.0, -b.frame_drive
-    at.low[CRANK_LAW], at.high[CRANK_LAW] = -shares.whole, shares.whole
-    at.low[PIVOT_LAW], at.high[PIVOT_LAW] = -b.body_coulomb_nm, b.body_coulomb_nm
-    at.low[GEAR_LAW], at.high[GEAR_LAW] = -loss, loss
+        at.directions[LAW.crank, 0] = 1.0 if one else (shares.bearing + shares.gear) / shares.whole
+        at.directions[LAW.crank, 1] = 0.0 if one else (shares.pivot - b.frame_drive * shares.gear) / shares.whole
+        at.directions[LAW.pivot, 1], at.directions[LAW.gear, 0], at.directions[LAW.gear, 1] = 1.0, 1.0, -b.frame_drive
+    at.low[LAW.crank], at.high[LAW.crank] = -shares.whole, shares.whole
+    at.low[LAW.pivot], at.high[LAW.pivot] = -b.body_coulomb_nm, b.body_coulomb_nm
+    at.low[LAW.gear], at.high[LAW.gear] = -loss, loss
 
 
 @inline_kernel
@@ -196,7 +177,7 @@ def accumulate_works(motion: BreakerMotion, t: float, y: Array, regimes: Indices
     out[DRIVE_WORK] = now.drive_nm * (u - b.frame_drive * p)
     out[DAMPING_LOSS] = b.body_damping_nms_per_rad * p * p + b.crank_viscous_nms_per_rad * u * u
     out[DAMPING_LOSS] -= now.crank_nm * u + now.body_nm * p
-    out[ANGULAR_IMPULSE], out[WALL_WORK] = moment, -at.multiplier[WALL_LAW] * y[TOOL_RATE]
+    out[ANGULAR_IMPULSE], out[WALL_WORK] = moment, -at.multiplier[LAW.wall] * y[TOOL_RATE]
 
 
 @laws.declares(laws.fill_signals, BreakerMotion)
@@ -207,16 +188,16 @@ def signal_events(
     kept, begin, b, motor = motion.kept, 2 * LAWS, motion.breaker, motion.motor
     for i in range(OWN_SIGNALS):
         values[begin + i], rates[begin + i] = math.inf, 0.0
-    if regimes[TOOL_LAW] == OPEN:
+    if regimes[LAW.tool] == OPEN:
         lift = 0.0 if motion.breaker.held else motion.breaker.tool_radius_m * y[BODY]
-        values[2 * TOOL_LAW] = lift + y[TOOL] - striker_travel(b, kept[ROCKER_X], kept[ROCKER_Y])
+        values[2 * LAW.tool] = lift + y[TOOL] - striker_travel(b, kept[ROCKER_X], kept[ROCKER_Y])
     values[begin + DEAD_CENTRE], rates[begin + DEAD_CENTRE] = kept[DEAD_RAD] - y[CRANK], -y[CRANK_RATE]
-    free = regimes[TOOL_LAW] == HOLD and regimes[CRANK_LAW] == OPEN and motion.memory[STALL_TOLD] == 0.0
-    if free and y[CRANK_RATE] > 0.0:
+    free = regimes[LAW.tool] == HOLD and regimes[LAW.crank] == OPEN
+    if free and y[CRANK_RATE] > 0.0 and record_at(motion.memory, 0, MEMORY).stalled == 0.0:
         values[begin + CRANK_STOPS], rates[begin + CRANK_STOPS] = y[CRANK_RATE], at.acceleration[0]
     if on_wall(regimes) and motion.breaker.body_coulomb_nm > 0.0 and not on_collar(motion.breaker, regimes):
-        turning = -at.bias[TOOL_LAW] / y[CRANK_RATE] if y[CRANK_RATE] != 0.0 else 0.0
-        values[begin + BODY_TURNS] = -kept[SIDE] * at.directions[TOOL_LAW, 0]
+        turning = -at.bias[LAW.tool] / y[CRANK_RATE] if y[CRANK_RATE] != 0.0 else 0.0
+        values[begin + BODY_TURNS] = -kept[SIDE] * at.directions[LAW.tool, 0]
         rates[begin + BODY_TURNS] = kept[SIDE] * turning
     if motor.command != 0.0 and b.efficiency < 1.0:
         u, p, faster = y[CRANK_RATE], y[BODY_RATE], rotor_speed(b, at.acceleration[0], at.acceleration[1])
@@ -243,39 +224,40 @@ def look_ahead(motion: BreakerMotion, t: float, y: Array, regimes: Indices) -> N
 def put_back(motion: BreakerMotion, t: float, before: Array, y: Array, regimes: Indices) -> None:
     """Remove drift by rounding from holding joints and contacts."""
     b = motion.breaker
-    if regimes[CRANK_LAW] == HOLD or (on_collar(b, regimes) and on_wall(regimes)):
+    if regimes[LAW.crank] == HOLD or (on_collar(b, regimes) and on_wall(regimes)):
         y[CRANK_RATE] = 0.0
-    if regimes[GEAR_LAW] == HOLD:
+    if regimes[LAW.gear] == HOLD:
         y[CRANK_RATE] = b.frame_drive * y[BODY_RATE]
-    if regimes[TOOL_LAW] == HOLD:
+    if regimes[LAW.tool] == HOLD:
         project_contact(b, y, regimes)
 
 
 @laws.declares(laws.pass_signal, BreakerMotion)
 def pass_event(motion: BreakerMotion, which: int, t: float, y: Array, regimes: Indices, log: Array, count: int) -> int:
     """Reseat the tool where the rocker begins its pass; log a pass without a blow, and a stop."""
-    b, memory, kept, kind = motion.breaker, motion.memory, motion.kept, STALLED
+    b, memory, kept = motion.breaker, record_at(motion.memory, 0, MEMORY), motion.kept
+    kind = EVENT.stalled
     if which == TORQUE_TURNS:
         kept[TORQUE_SENSE] = -kept[TORQUE_SENSE]
         return count
     if which == BODY_TURNS:  # with the rocker, at its extreme
         was = torques_at(motion, t, y, regimes, motion.at)
-        kept[SIDE], memory[BODY_SENSE] = -kept[SIDE], -memory[BODY_SENSE]
+        kept[SIDE], memory.body_sense = -kept[SIDE], -memory.body_sense
         now = torques_at(motion, t, y, regimes, motion.at)
-        return log_row(b, motion.begin_s + t, BODY_REVERSED, memory[CYCLE], y, was, now, log, count)
+        return log_row(b, motion.begin_s + t, EVENT.body_reversed, memory.cycle, y, was, now, log, count)
     if which == DEAD_CENTRE:
-        memory[STALL_TOLD], kind = 0.0, MISSED
+        memory.stalled, kind = 0.0, EVENT.missed
         if not striking(b, y[CRANK]):  # for the next pass the tool is taken back to its seat
             reseat_tool(b, y, regimes, memory)
             return count
-        if memory[PASS_DONE] != 0.0:
+        if memory.pass_done != 0.0:
             return count
     else:
-        memory[STALL_TOLD] = 1.0
+        memory.stalled = 1.0
     now = torques_at(motion, t, y, regimes, motion.at)
-    count = log_row(b, motion.begin_s + t, kind, memory[CYCLE], y, now, now, log, count)
-    if kind == MISSED:
-        memory[PASS_DONE], memory[CYCLE] = 1.0, memory[CYCLE] + 1.0
+    count = log_row(b, motion.begin_s + t, kind, memory.cycle, y, now, now, log, count)
+    if kind == EVENT.missed:
+        memory.pass_done, memory.cycle = 1.0, memory.cycle + 1.0
     return count
 
 
@@ -284,47 +266,47 @@ def meet(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equati
     """Store the state before an impact; a slow one is plastic, and the tool's is postponed after the collar's."""
     b, kept = motion.breaker, motion.kept
     now, kept[TORQUE_SENSE] = torques_of(motion, regimes, at), 0.0
-    parting = -b.tool_restitution * at.velocity[TOOL_LAW]
-    regimes[WALL_LAW] = HOLD if regimes[WALL_LAW] == OPEN else regimes[WALL_LAW]
+    parting = -b.tool_restitution * at.velocity[LAW.tool]
+    regimes[LAW.wall] = HOLD if regimes[LAW.wall] == OPEN else regimes[LAW.wall]
     kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE] = now
     kept[RESTED], kept[STRUCK], kept[REBOUNDS] = 1.0 if on_collar(b, regimes) else 0.0, TOOL_STRUCK, 1.0
-    if regimes[COLLAR_LAW] == OPEN and at.gap[COLLAR_LAW] <= CLOSED_M and at.velocity[COLLAR_LAW] < 0.0:
-        kept[STRUCK], at.gap[TOOL_LAW] = COLLAR_STRUCK, math.inf
-        e, fall = b.collar_restitution, -at.law_acceleration[COLLAR_LAW]
+    if regimes[LAW.collar] == OPEN and at.gap[LAW.collar] <= CLOSED_M and at.velocity[LAW.collar] < 0.0:
+        kept[STRUCK], at.gap[LAW.tool] = COLLAR_STRUCK, math.inf
+        e, fall = b.collar_restitution, -at.law_acceleration[LAW.collar]
         if b.body_coulomb_nm > 0.0 and -2.0 * e * y[BODY_RATE] <= SETTLED_IN_STEP * motion.step_s * fall * (1.0 - e):
-            at.restitution[COLLAR_LAW] = 0.0
-        if regimes[TOOL_LAW] == HOLD:
-            regimes[TOOL_LAW] = OPEN
+            at.restitution[LAW.collar] = 0.0
+        if regimes[LAW.tool] == HOLD:
+            regimes[LAW.tool] = OPEN
             if -e * b.tool_radius_m * y[BODY_RATE] <= SLOWEST_REBOUND_M_PER_S:
-                at.restitution[COLLAR_LAW] = 0.0
-    elif -at.velocity[TOOL_LAW] < TOUCH_M_PER_S and at.law_acceleration[TOOL_LAW] > 0.0:
-        kept[STRUCK], at.gap[TOOL_LAW] = NOTHING, math.inf  # a touch within rounding that already opens
-    elif parting <= SLOWEST_REBOUND_M_PER_S or parting * parting <= -GAP_M * at.law_acceleration[TOOL_LAW]:
-        at.restitution[TOOL_LAW] = kept[REBOUNDS] = 0.0
+                at.restitution[LAW.collar] = 0.0
+    elif -at.velocity[LAW.tool] < TOUCH_M_PER_S and at.law_acceleration[LAW.tool] > 0.0:
+        kept[STRUCK], at.gap[LAW.tool] = NOTHING, math.inf  # a touch within rounding that already opens
+    elif parting <= SLOWEST_REBOUND_M_PER_S or parting * parting <= -GAP_M * at.law_acceleration[LAW.tool]:
+        at.restitution[LAW.tool] = kept[REBOUNDS] = 0.0
 
 
 @laws.declares(laws.note_impact, BreakerMotion)
 def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Add the losses and impulses of an impact, and write the first half of its event row."""
-    b, kept, memory, begin_s = motion.breaker, motion.kept, motion.memory, motion.begin_s
+    b, kept, memory, begin_s = motion.breaker, motion.kept, record_at(motion.memory, 0, MEMORY), motion.begin_s
     if kept[STRUCK] == NOTHING:
         return count
-    if kept[RESTED] == 1.0 and at.multiplier[COLLAR_LAW] > 0.0:
+    if kept[RESTED] == 1.0 and at.multiplier[LAW.collar] > 0.0:
         y[BODY_RATE] = 0.0
     was = Torques(kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE])
     loss, turned, closing, closes = effect_of_impact(at, before, y)
     if kept[STRUCK] == COLLAR_STRUCK:
         y[BODY] = 0.0
-        begin_row(b, begin_s + t, TOUCHDOWN, memory[CYCLE], before, was, log, count)
+        begin_row(b, begin_s + t, EVENT.touchdown, memory.cycle, before, was, log, count)
         log[count, PRE_VELOCITY] = b.tool_radius_m * before[BODY_RATE]
         log[count, POST_VELOCITY] = b.tool_radius_m * y[BODY_RATE]
-        log[count, IMPULSE] = at.multiplier[COLLAR_LAW] / b.tool_radius_m
-        memory[COLLAR_LOSS], memory[IMPACT_IMPULSE] = memory[COLLAR_LOSS] + loss, memory[IMPACT_IMPULSE] + turned
+        log[count, IMPULSE] = at.multiplier[LAW.collar] / b.tool_radius_m
+        memory.collar_loss_j += loss
     else:
-        first, rested, struck = memory[PASS_DONE] == 0.0, kept[RESTED] == 1.0, at.multiplier[TOOL_LAW]
+        first, rested, struck = memory.pass_done == 0.0, kept[RESTED] == 1.0, at.multiplier[LAW.tool]
         if first and not rested:  # the body is off its collar: the tool is not pressed on the wall
-            count = log_row(b, begin_s + t, OFF_COLLAR, memory[CYCLE], before, was, was, log, count)
-        begin_row(b, begin_s + t, BLOW if first else CATCH_UP, memory[CYCLE], before, was, log, count)
+            count = log_row(b, begin_s + t, EVENT.off_collar, memory.cycle, before, was, was, log, count)
+        begin_row(b, begin_s + t, EVENT.blow if first else EVENT.catch_up, memory.cycle, before, was, log, count)
         wave, slow = b.waves and kept[REBOUNDS] == 1.0, 0.0 < b.tool_radius_m * y[BODY_RATE] <= SLOWEST_REBOUND_M_PER_S
         kept[OWN_IMPACT] = 0.0
         if wave or (rested and kept[REBOUNDS] == 0.0 and slow):
@@ -335,22 +317,23 @@ def tell_impact(motion: BreakerMotion, t: float, before: Array, y: Array, at: Eq
             turned += b.tool_radius_m * hit.impulse
             kept[OWN_IMPACT], kept[TOGETHER] = 1.0, 1.0 if hit.together else 0.0
         log[count, PRE_VELOCITY], log[count, POST_VELOCITY], log[count, IMPULSE] = closing, closes, struck
-        memory[BLOW_LOSS], memory[IMPACT_IMPULSE] = memory[BLOW_LOSS] + loss, memory[IMPACT_IMPULSE] + turned
-        memory[PASS_DONE], memory[CYCLE] = 1.0, memory[CYCLE] + (1.0 if first else 0.0)
+        memory.blow_loss_j += loss
+        memory.pass_done, memory.cycle = 1.0, memory.cycle + (1.0 if first else 0.0)
+    memory.impact_impulse_nms += turned
     return count + 1
 
 
 @embedded_kernel
 def follow_impact(motion: BreakerMotion, t: float, y: Array, regimes: Indices, at: Equations) -> None:
     """Fill the regimes after an impact on the tool that `impacts.struck_tool` computes."""
-    b, kept = motion.breaker, motion.kept
-    regimes[COLLAR_LAW] = HOLD if kept[RESTED] == 1.0 and y[BODY_RATE] <= 0.0 and not b.held else OPEN
-    regimes[WALL_LAW] = LOW if y[TOOL_RATE] > 0.0 else HOLD
-    regimes[TOOL_LAW] = HOLD if kept[TOGETHER] == 1.0 else OPEN
-    regimes[CRANK_LAW] = regimes[PIVOT_LAW] = regimes[GEAR_LAW] = OPEN
-    join_laws(b, y, regimes, motion.memory[CRANK_SENSE], motion.memory[BODY_SENSE])
+    b, kept, memory = motion.breaker, motion.kept, record_at(motion.memory, 0, MEMORY)
+    regimes[LAW.collar] = HOLD if kept[RESTED] == 1.0 and y[BODY_RATE] <= 0.0 and not b.held else OPEN
+    regimes[LAW.wall] = LOW if y[TOOL_RATE] > 0.0 else HOLD
+    regimes[LAW.tool] = HOLD if kept[TOGETHER] == 1.0 else OPEN
+    regimes[LAW.crank] = regimes[LAW.pivot] = regimes[LAW.gear] = OPEN
+    join_laws(b, y, regimes, memory.crank_sense, memory.body_sense)
     if kept[TOGETHER] == 1.0 and torques_at(motion, t, y, regimes, at).tool_force_n <= 0.0:
-        regimes[TOOL_LAW] = OPEN
+        regimes[LAW.tool] = OPEN
 
 
 @laws.declares(laws.change_regimes, BreakerMotion)
@@ -358,28 +341,28 @@ def change_motion(
     motion: BreakerMotion, t: float, y: Array, past: Indices, regimes: Indices, at: Equations, log: Array, count: int
 ) -> int:
     """Activate or merge the laws of bearings and gear, and log the changes of regime."""
-    b, kept, memory, struck = motion.breaker, motion.kept, motion.memory, motion.kept[STRUCK]
-    kept[STRUCK] = NOTHING
+    b, kept, memory = motion.breaker, motion.kept, record_at(motion.memory, 0, MEMORY)
+    struck, kept[STRUCK] = kept[STRUCK], NOTHING
     was = Torques(kept[DRIVE_BEFORE], kept[THRUST_BEFORE], kept[CRANK_BEFORE], kept[BODY_BEFORE])
     if struck == NOTHING:
         was = torques_at(motion, t, y, past, at)
     elif struck == TOOL_STRUCK and kept[OWN_IMPACT] == 1.0:
         follow_impact(motion, t, y, regimes, at)
-    crank, body = memory[CRANK_SENSE], memory[BODY_SENSE]
-    if struck == NOTHING and past[COLLAR_LAW] == HOLD:
+    crank, body = memory.crank_sense, memory.body_sense
+    if struck == NOTHING and past[LAW.collar] == HOLD:
         body = 1.0  # it leaves its collar
     if on_collar(b, past) and on_wall(past):  # what stood sets off the way it was pressed
-        crank = 1.0 if regimes[TOOL_LAW] == HOLD else -1.0 if b.crank_coulomb_nm > 0.0 else 0.0
+        crank = 1.0 if regimes[LAW.tool] == HOLD else -1.0 if b.crank_coulomb_nm > 0.0 else 0.0
     join_laws(b, y, regimes, crank, body)
-    if regimes[COLLAR_LAW] == HOLD:
+    if regimes[LAW.collar] == HOLD:
         y[BODY] = y[BODY_RATE] = 0.0
     now = torques_at(motion, t, y, regimes, at)
     if struck != NOTHING:
         end_row(b, y, now, log, count - 1)
-        if struck == COLLAR_STRUCK and regimes[COLLAR_LAW] == HOLD:
-            log[count - 1, KIND] = SETTLED
-        elif struck == TOOL_STRUCK and regimes[TOOL_LAW] == HOLD and log[count - 1, KIND] == CATCH_UP:
-            log[count - 1, KIND] = PUSH_BEGINS
+        if struck == COLLAR_STRUCK and regimes[LAW.collar] == HOLD:
+            log[count - 1, KIND] = EVENT.settled
+        elif struck == TOOL_STRUCK and regimes[LAW.tool] == HOLD and log[count - 1, KIND] == EVENT.catch_up:
+            log[count - 1, KIND] = EVENT.push_begins
     else:
         count = log_contacts(b, memory, motion.begin_s + t, y, past, regimes, was, now, log, count)
     return log_bearings(b, memory, motion.begin_s + t, struck == NOTHING, y, past, regimes, was, now, log, count)

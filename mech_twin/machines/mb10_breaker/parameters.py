@@ -272,25 +272,23 @@ class BreakerParameters(Parameters):
         return self
 
     @model_validator(mode="after")
-    def _collar_is_there(self) -> BreakerParameters:
-        if self.excitation.kind == "from_forces" and self.body.contact != "one_sided":
-            raise ValueError(
-                f"excitation.kind from_forces needs body.contact one_sided, got '{self.body.contact}': without a "
-                "collar nothing seats the tool"
-            )
+    def _body_can_be_followed(self) -> BreakerParameters:
+        body, refusal = self.body, ""
         if self.excitation.kind == "from_forces":
+            if body.contact != "one_sided":
+                raise ValueError(
+                    f"excitation.kind from_forces needs body.contact one_sided, got '{body.contact}': without a "
+                    "collar nothing seats the tool"
+                )
             why = "with excitation.kind from_forces: the body would bounce too often in a step"
-            keep_at_most("body.spring_rate_n_per_m", self.body.spring_rate_n_per_m, STIFFEST_N_PER_M, why, " N/m")
-        if self.excitation.kind == "approximated" and self.body.friction.coulomb_nm > 0.0:
-            raise ValueError(
+            keep_at_most("body.spring_rate_n_per_m", body.spring_rate_n_per_m, STIFFEST_N_PER_M, why, " N/m")
+        elif body.friction.coulomb_nm > 0.0:
+            refusal = (
                 "body.friction.coulomb_nm must be 0 under excitation.kind approximated: its closed form knows viscous "
-                f"friction only; got {self.body.friction.coulomb_nm:g}"
+                f"friction only; got {body.friction.coulomb_nm:g}"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _half_sine_can_be_followed(self) -> BreakerParameters:
-        refusal = motion_refusal(self.body, self.excitation) if self.excitation.kind == "approximated" else ""
+        else:
+            refusal = motion_refusal(body, self.excitation)
         if refusal:
             raise ValueError(refusal)
         return self

@@ -19,7 +19,7 @@ from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.pressed_body.free_swing import growth_per_cycle, resonance_rate
 from mech_twin.machines.mb10_breaker.pressed_body.metrics import preload_range, with_preload
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody, pressed_body
-from mech_twin.machines.mb10_breaker.sizing import SOFTNESS, seating, settled_run_metrics, with_rest_force
+from mech_twin.machines.mb10_breaker.sizing import seating, settled_run_metrics, with_rest_force, with_soft_spring
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.induction_motor import motor_constants, motor_torque
 
@@ -64,10 +64,8 @@ def paper_body(parameters: BreakerParameters) -> BreakerParameters:
 
 def soft_spring(parameters: BreakerParameters, ratio: float) -> BreakerParameters:
     """Return the configuration with a soft spring (k = 0.3 omega) of this preload ratio p = c a l/|H|."""
-    body, load = parameters.body, parameters.excitation
-    rate = body.inertia_kg_m2 * (SOFTNESS * 2.0 * pi * load.blow_rate_hz / body.spring_arm_m) ** 2
-    soft = varied(parameters, {"body.spring_rate_n_per_m": rate})
-    return with_rest_force(soft, ratio * abs(load.amplitude_nm) / body.spring_arm_m)
+    load_nm, arm_m = abs(parameters.excitation.amplitude_nm), parameters.body.spring_arm_m
+    return with_rest_force(with_soft_spring(parameters), ratio * load_nm / arm_m)
 
 
 def rows(parameters: BreakerParameters) -> Iterator[PublishedRow]:
@@ -193,15 +191,10 @@ def _preload_trade_off(parameters: BreakerParameters) -> Iterator[PublishedRow]:
             absolute=5e-4,
         )
     below = settled_run_metrics(with_rest_force(parameters, 150.0))
-    all_blows = below["blows"] + below["missed_blows"]
+    missed = below["missed_blows"] / (below["blows"] + below["missed_blows"])
+    why = "one in four, a run from standstill included"
     low = worked.at("preload trade-off", f"{worked.inputs}, 150 N at rest")
-    yield low.gated(
-        "share of blows missed",
-        0.25,
-        below["missed_blows"] / all_blows,
-        "one in four, a run from standstill included",
-        absolute=0.05,
-    )
+    yield low.gated("share of blows missed", 0.25, missed, why, absolute=0.05)
     for force, off in ((510.0, 0.0), (500.0, 1.0)):
         found = settled_run_metrics(with_rest_force(parameters, force))
         yield worked.at("preload trade-off", f"{worked.inputs}, {force:g} N at rest").gated(

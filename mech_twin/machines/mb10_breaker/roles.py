@@ -6,6 +6,7 @@ its role in the row of the forces.  A user's own body can replace it on the topi
 impulses that the force analysis gives at each event and step end, and the linkage then uses its angle.
 """
 
+import math
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -13,50 +14,24 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledBody, CompiledLinkage, EffortStepMotor, StepForces
-from mech_twin.engine.compiled_steps import body_step, step_of
-from mech_twin.engine.sample_vectors import (
-    BODY_JOINTS,
-    LOAD_IMPULSE,
-    LOAD_KIND,
-    PRESSING_FORCE,
-    REGIME,
-    Array,
-    BodyLayout,
-    EventLayout,
-    ForceLayout,
-    LinkageLayout,
-    row_of,
-)
-from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.drives import KlossMotor, kloss_motor_role
+from mech_twin.engine.compiled_steps import motor_step, step_of
+from mech_twin.engine.sample_vectors import COMMAND, Array, BodyLayout, EventLayout, ForceLayout, LinkageLayout, row_of
+from mech_twin.machines.drives import KlossMotor, fill_motor, kloss_motor_role
 from mech_twin.machines.mb10_breaker.dynamics import FLIGHT, HELD, REST, TURN, Breaker
-from mech_twin.machines.mb10_breaker.forces import QUANTITIES, pin_forces
+from mech_twin.machines.mb10_breaker.forces import IN_CONTACT, QUANTITIES, LoadedBreaker, fill_body, pin_forces
 from mech_twin.machines.mb10_breaker.joint_laws import CONTACTS
-from mech_twin.machines.mb10_breaker.rows import (
+from mech_twin.machines.mb10_breaker.state import KINDS, BreakerMemory, BreakerState, EventSide
+from mech_twin.machines.mb10_breaker.step import (
+    BODY_AT,
+    CRANK_AT,
+    FAILURES,
     JOINTS,
     MEMORY_AT,
-    QUANTITIES_AT,
     RESIDUALS_AT,
-    STRIKES,
-    GearedMotor,
     LedBreaker,
-    LoadedBreaker,
     fill_row,
-    start_row,
+    total_of,
 )
-from mech_twin.machines.mb10_breaker.state import (
-    BODY_STARTED,
-    BODY_STOPPED,
-    KINDS,
-    LIFT_OFF,
-    SETTLED,
-    TOUCHDOWN,
-    BreakerMemory,
-    BreakerState,
-    EventSide,
-    named,
-)
-from mech_twin.machines.mb10_breaker.step import FAILURES, total_of
 from mech_twin.parts.induction_motor import MotorConstants
 from mech_twin.roles import CrankState
 from mech_twin.samples import BodySample, ForceSample, LinkageSample
@@ -64,9 +39,8 @@ from mech_twin.samples import BodySample, ForceSample, LinkageSample
 DEFECT, USUAL_STEP_S = 1e-5, 1e-3  # of the energy held, by the angle of a body that somebody else moves; at that step
 RESIDUALS = ("loop_closure_m", "energy_balance", "momentum_balance", "coupling_defect")
 FORCE_RESIDUALS = ("drive_torque_routes", "body_moment_routes", "impulse_routes")
+AT_REST = BreakerState(*(0.0 for _ in BreakerState._fields))
 EVENTS = EventLayout(KINDS, CONTACTS, len(EventSide._fields))
-CONTACT, FLYING, HANGING = 0, 1, 2
-LED_ANGLE, LED_RATE = (QUANTITIES_AT + QUANTITIES.index(name) for name in ("body_angle_rad", "body_rate_rad_per_s"))
 
 
 @dataclass(frozen=True)
@@ -96,9 +70,9 @@ class BreakerLinkage(CompiledLinkage):
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine at rest, the body on its collar."""
-        out = np.empty(self.layout.size)
-        start_row(self.model.breaker, self.initial_crank_rad % TURN, self.initial_command, out)
-        return self.layout.sample(step, step * self.step_s, out.tolist(), ())
+        b, state = self.model.breaker, AT_REST._replace(crank_rad=self.initial_crank_rad % TURN)
+        memory = BreakerMemory(energy_j=total_of(b, state).energy_j)
+        return self._at(step, step * self.step_s, state, HELD if b.held else REST, memory, 0.0)
 
     def guided(self, step: int, time_s: float, motion: CrankState) -> LinkageSample:
         """Return the breaker in a measured motion between blows; a body that is not measured rests on its collar.
@@ -110,18 +84,40 @@ class BreakerLinkage(CompiledLinkage):
         regime = HELD if b.held else FLIGHT if off else REST
         body, rate = (phi, p) if off and phi is not None else (0.0, 0.0)
         idle, loaded = (pin_forces(b, q, u, body, rate, t, regime, 0.0).crank_acceleration for t in (0.0, 1.0))
-        at_rest = BreakerState(*(0.0 for _ in BreakerState._fields))
-        angle = q % TURN
-        state = at_rest._replace(crank_rad=angle, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
-        y, out = np.array(state), np.empty(self.layout.size)
-        out[MEMORY_AT:RESIDUALS_AT] = BreakerMemory()
-        total, torque = total_of(b, named(y)), float((acceleration - idle) / (loaded - idle))
-        fill_row(b, y, regime, total, torque, self.initial_command, 0.0, 0.0, out)
+        state = AT_REST._replace(crank_rad=q % TURN, crank_rad_per_s=u, body_rad=body, body_rad_per_s=rate)
+        torque = float((acceleration - idle) / (loaded - idle))
+        return self._at(step, time_s, state, regime, BreakerMemory(), torque)
+
+    def _at(
+        self, step: int, time_s: float, state: BreakerState, regime: int, memory: BreakerMemory, torque_nm: float
+    ) -> LinkageSample:
+        b, out = self.model.breaker, np.empty(self.layout.size)
+        out[MEMORY_AT:RESIDUALS_AT] = memory
+        total = total_of(b, state)
+        fill_row(b, np.array(state), regime, total, torque_nm, self.initial_command, 0.0, 0.0, out)
         return self.layout.sample(step, time_s, out.tolist(), ())
 
 
 PINS = ("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing")
 FORCES = ForceLayout(PINS, QUANTITIES, FORCE_RESIDUALS, EVENTS, reads_events=True)
+
+
+class GearedMotor(NamedTuple):
+    """Constants of the motor role: the drive; 1 where its housing turns with the body."""
+
+    drive: KlossMotor
+    frame_drive: float
+
+
+@step_of(motor_step, GearedMotor)
+def geared_motor(model: GearedMotor, linkage: Array, target: float, out: Array) -> None:
+    """Fill ``out`` with the motor at the gear output's angle and speed relative to it: q - phi on the frame, else q."""
+    carried = model.frame_drive
+    turned = 2.0 * math.pi * linkage[MEMORY_AT] + linkage[CRANK_AT]
+    angle = turned - carried * linkage[BODY_AT]
+    fill_motor(
+        model.drive, linkage[COMMAND], angle, linkage[CRANK_AT + 1] - carried * linkage[BODY_AT + 1], target, out
+    )
 
 
 def breaker_motor(breaker: Breaker, motor: MotorConstants, rate_per_s: float, step_s: float) -> EffortStepMotor:
@@ -136,50 +132,11 @@ def breaker_forces_role(breaker: Breaker) -> StepForces:
     return StepForces(LoadedBreaker(breaker), FORCES, acts_on, limits)
 
 
-class Body(NamedTuple):
-    """Constants of the body role."""
-
-    breaker: Breaker
-
-
-@kernel
-def after_load(regime: int, kind: int, impulse: float) -> int:
-    """Return the regime of the body after an event of the linkage with an angular impulse (N m s)."""
-    if kind in STRIKES:
-        return FLYING if regime != CONTACT or impulse > 0.0 else CONTACT
-    if kind == SETTLED:
-        return CONTACT
-    if kind in (TOUCHDOWN, LIFT_OFF, BODY_STARTED):
-        return FLYING
-    return HANGING if kind == BODY_STOPPED else regime
-
-
-@kernel
-def fill_body(b: Breaker, forces: Array, regime: int, out: Array) -> None:
-    """Fill the row of the body from the linkage's result."""
-    phi = forces[LED_ANGLE]
-    force = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_m)
-    out[REGIME], out[PRESSING_FORCE] = regime, force
-    out[BODY_JOINTS], out[BODY_JOINTS + 1], out[BODY_JOINTS + 2] = phi, forces[LED_RATE], -force * b.spring_arm_m
-
-
-@step_of(body_step, Body)
-def follow_linkage(
-    model: Body, step: int, body: Array, forces: Array, loads: Array, count: int, out: Array, log: Array
-) -> int:
-    """Fill ``out`` with the body one step later."""
-    regime = int(body[REGIME])
-    for i in range(count):
-        regime = after_load(regime, int(loads[i, LOAD_KIND]), loads[i, LOAD_IMPULSE])
-    fill_body(model.breaker, forces, regime, out)
-    return 0
-
-
 @dataclass(frozen=True)
 class DrivenBody(CompiledBody):
     """The body role for the excitation ``from_forces``."""
 
-    model: Body
+    model: LoadedBreaker
     step_s: float
     joints = ("body",)
     regimes = ("rest", "flight", "hanging")
@@ -190,5 +147,5 @@ class DrivenBody(CompiledBody):
     def start(self, forces: ForceSample) -> BodySample:
         """Return the body at rest on its collar."""
         out = np.empty(self.layout.size)
-        fill_body(self.model.breaker, row_of(forces), CONTACT, out)
+        fill_body(self.model.breaker, row_of(forces), IN_CONTACT, out)
         return self.layout.sample(forces.step, forces.time_s, out.tolist(), ())

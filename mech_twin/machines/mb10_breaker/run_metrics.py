@@ -29,7 +29,17 @@ from mech_twin.parts.induction_motor import motor_constants, motor_torque
 from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
 
 COUNTED_ABOVE_M_PER_S = 1e-3  # slower returns to the collar are the tail of a chatter series and not counted
+OF_BODY = ("largest_lift_at_tool_m", "largest_spring_force_n")
 RETURNS = frozenset(("touchdown", "settled", "impact"))
+
+
+Record = dict[str, float]
+
+
+def keep_largest(record: Record, found: Record) -> None:
+    """Replace numbers of a record by larger ones that were found."""
+    for name, value in found.items():
+        record[name] = max(record[name], value)
 
 
 class BodyCycle:
@@ -46,19 +56,16 @@ class BodyCycle:
     def __init__(self, start_s: float, resting_since_s: float | None) -> None:
         self.start_s = start_s
         self.resting_since_s = resting_since_s
-        self.lift_m = self.spring_force_n = self.return_speed_m_per_s = self.contact_s = 0.0
+        self.largest = dict.fromkeys((*OF_BODY, "largest_return_speed_m_per_s"), 0.0)
+        self.contact_s = 0.0
         self.settled_s = math.nan
         self.impacts = 0
-
-    def take_position(self, lift_m: float, spring_force_n: float) -> None:
-        """Update with the lift at the tool (m) and the spring force (N) of one step."""
-        self.lift_m, self.spring_force_n = max(self.lift_m, lift_m), max(self.spring_force_n, spring_force_n)
 
     def take_event(self, event: Event) -> None:
         """Update with an event at the collar."""
         if event.kind in RETURNS:
             speed = abs(event.pre_velocity_m_per_s)
-            self.return_speed_m_per_s = max(self.return_speed_m_per_s, speed)
+            keep_largest(self.largest, {"largest_return_speed_m_per_s": speed})
             self.impacts += speed > COUNTED_ABOVE_M_PER_S
         if event.kind == "settled":
             self.settled_s = self.resting_since_s = event.time_s
@@ -81,9 +88,7 @@ class BodyCycle:
         duration = end_s - self.start_s
         found = {
             "body_cycle_rate_hz": 1.0 / duration,
-            "largest_lift_at_tool_m": self.lift_m,
-            "largest_spring_force_n": self.spring_force_n,
-            "largest_return_speed_m_per_s": self.return_speed_m_per_s,
+            **self.largest,
             "contact_share": self.contact_share(end_s),
             "impacts_above_1_mm_per_s": float(self.impacts),
         }
@@ -142,7 +147,7 @@ class Pass:
         self.fastest = self.slowest = math.nan
         self.duty = MotorDuty()
         self.steps = 0
-        self.peaks = [0.0] * len(PEAKS)
+        self.peaks = dict.fromkeys(PEAKS, 0.0)
         self.least_moment = self.greatest_moment = 0.0
 
     def take_speed(self, u: float) -> None:
@@ -155,10 +160,8 @@ class Pass:
         self.steps += 1
         self.least_moment = min(self.least_moment, forces.body_moment_nm)
         self.greatest_moment = max(self.greatest_moment, forces.body_moment_nm)
-        peaks = self.peaks
-        for i, (force_x, force_y, _) in enumerate(forces.wrenches):
-            size = math.hypot(force_x, force_y)
-            peaks[i] = max(peaks[i], size)
+        sizes = (math.hypot(force_x, force_y) for force_x, force_y, _ in forces.wrenches)
+        keep_largest(self.peaks, dict(zip(PEAKS, sizes, strict=True)))
 
     def metrics(self) -> dict[str, float]:
         """Return the metrics of the pass, but for the motor's duty."""
@@ -168,7 +171,7 @@ class Pass:
             "fluctuation": 2.0 * (self.fastest - self.slowest) / (self.fastest + self.slowest),
             "largest_body_moment_nm": self.greatest_moment,
             "smallest_body_moment_nm": self.least_moment,
-            **dict(zip(PEAKS, self.peaks, strict=True)),
+            **self.peaks,
         }
 
 
@@ -195,7 +198,6 @@ def struck_metrics(b: Breaker, blow: Event, forces: ForceSample) -> dict[str, fl
 
 
 COUNTED = {"blow": "blows", "missed": "missed_blows", "off_collar": "off_collar_blows", "stalled": "stalled"}
-Record = dict[str, float]
 
 
 class BreakerObserver:
@@ -249,13 +251,11 @@ class BreakerObserver:
         for sample in (frame.linkage, frame.forces, frame.body):
             if sample is not None:
                 for name, value in zip(*sample.residuals, strict=True):
-                    size, known = abs(value), worst.get(name)
-                    if known is None or size > known:
-                        worst[name] = max(0.0, size)
+                    worst[name] = max(worst.get(name, 0.0), abs(value))
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics of the run (``run_...``), and means and peaks of its last cycles (``steady_...``)."""
-        self._keep_peaks()
+        keep_largest(self._run, self._cycle.peaks)
         found = {"time_s": self._time_s, **self._counts}
         found["rest_force_n"] = self._b.spring_rate_n_per_m * self._b.preload_m
         found.update({f"run_{name}": value for name, value in self._run.items()})
@@ -349,7 +349,7 @@ class BreakerObserver:
         if self._seen_blow and cycle.steps and cycle.duty.time_s > 0.0:
             self._passes.append((cycle.duty, cycle.metrics(), blow))
         self._seen_blow = True
-        self._keep_peaks()
+        keep_largest(self._run, self._cycle.peaks)
         self._cycle = Pass()
         self._cycle.take_speed(absolute_crank_speed(event.post))
         if not self._b.held:
@@ -359,12 +359,12 @@ class BreakerObserver:
         b, (crank, body, *_), after = self._b, event.pre, EventSide(*event.post).body
         rests = b.held or after.velocity == body.velocity  # a body that takes no part in the blow
         fades = fading(b, crank.position, crank.velocity, body.position, body.velocity, crank.effort, rests)
-        return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades).metrics
+        return blow_contact(b, stiffness, event.pre_velocity_m_per_s, event.impulse_ns, fades)
 
     def _end_body_cycle(self, event: Event, angle: float) -> None:
         gap, time_s = self._b.tool_radius_m * angle, event.time_s
         if event.kind == "blow":
-            self._run["largest_gap_at_blow_m"] = max(self._run["largest_gap_at_blow_m"], gap)
+            keep_largest(self._run, {"largest_gap_at_blow_m": gap})
             if time_s > self._body.start_s:
                 self._counts["unseated_blows"] += not is_seated(gap, self._body.contact_share(time_s))
         if self._seen_body_blow and time_s > self._body.start_s:
@@ -385,12 +385,6 @@ class BreakerObserver:
         self._cycle.take_forces(frame.forces)
         phi = frame.linkage.position[body] if frame.body is None else frame.body.joint("body").position
         force = 0.0 if frame.body is None else frame.body.pressing_force_n  # by rate and preload of this step
-        self._body.take_position(b.tool_radius_m * phi, force)
-        for name, value in (("largest_lift_at_tool_m", b.tool_radius_m * phi), ("largest_spring_force_n", force)):
-            self._run[name] = max(self._run[name], value)
-
-    def _keep_peaks(self) -> None:
-        """Update the peaks of the run with those of the cycle so far."""
-        run = self._run
-        for name, peak in zip(PEAKS, self._cycle.peaks, strict=True):
-            run[name] = max(run[name], peak)
+        found = dict(zip(OF_BODY, (b.tool_radius_m * phi, force), strict=True))
+        keep_largest(self._body.largest, found)
+        keep_largest(self._run, found)

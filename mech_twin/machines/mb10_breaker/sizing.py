@@ -115,6 +115,13 @@ def in_shorter_steps(parameters: BreakerParameters, duration_s: float = SETTLED_
         return parameters
 
 
+def with_soft_spring(parameters: BreakerParameters) -> BreakerParameters:
+    """Return the breaker with the soft spring, k = 0.3 of the blow frequency."""
+    omega = 2.0 * pi * parameters.excitation.blow_rate_hz
+    rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
+    return varied(parameters, {"body.spring_rate_n_per_m": rate})
+
+
 def with_rest_force(parameters: BreakerParameters, rest_force_n: float) -> BreakerParameters:
     """Return the breaker with the preload that gives this spring force at rest."""
     deflection = rest_force_n / parameters.body.spring_rate_n_per_m
@@ -269,9 +276,7 @@ def sizing(
     """
     if parameters.body.contact == "none":
         raise StudyError("body.contact is none; expected one_sided, a collar that seats the tool")
-    omega = 2.0 * pi * parameters.excitation.blow_rate_hz
-    rate = parameters.body.inertia_kg_m2 * (SOFTNESS * omega / parameters.body.spring_arm_m) ** 2
-    soft = varied(parameters, {"body.spring_rate_n_per_m": rate})
+    soft = with_soft_spring(parameters)
     search = SpringSearch(soft, limits, objective, tolerance)
     below, nominal = search.least_seating({})
     worst = search.worst_corner(nominal)

@@ -22,40 +22,50 @@ if TYPE_CHECKING:
 
 GEAR_GRIP = 1e-12  # of the rated torque: least friction of a crank that its gear may hold
 NO_WAVES = wave_grid(WaveTool(), 0.0)  # of a rigid tool: not looked at
-# kinds of events, by the order of their names
-BLOW, MISSED, TOUCHDOWN, SETTLED, LIFT_OFF, OFF_COLLAR, CATCH_UP, PUSH_BEGINS, PUSHING, RELEASED, STALLED = range(11)
-CRANK_STOPPED, CRANK_STARTED, CRANK_REVERSED, BODY_STOPPED, BODY_STARTED, BODY_REVERSED = range(11, 17)
-GEAR_STOPPED, GEAR_STARTED, GEAR_REVERSED = range(17, 20)
-KINDS = (
-    "blow",
-    "missed",
-    "touchdown",
-    "settled",
-    "lift_off",
-    "off_collar",
-    "catch_up",
-    "push_begins",
-    "pushing",
-    "released",
-    "stalled",
-    "crank_stopped",
-    "crank_started",
-    "crank_reversed",
-    "body_stopped",
-    "body_started",
-    "body_reversed",
-    "gear_stopped",
-    "gear_started",
-    "gear_reversed",
-)
 
 
-# coordinates and velocities of the motion, and of its laws the places in the regimes
+class EventKinds(NamedTuple):
+    """The number of each kind of event."""
+
+    blow: int
+    missed: int
+    touchdown: int
+    settled: int
+    lift_off: int
+    off_collar: int
+    catch_up: int
+    push_begins: int
+    pushing: int
+    released: int
+    stalled: int
+    crank_stopped: int
+    crank_started: int
+    crank_reversed: int
+    body_stopped: int
+    body_started: int
+    body_reversed: int
+    gear_stopped: int
+    gear_started: int
+    gear_reversed: int
+
+
+class Laws(NamedTuple):
+    """The place of each law in the regimes."""
+
+    collar: int
+    wall: int
+    tool: int
+    crank: int
+    pivot: int
+    gear: int
+
+
+KINDS = EventKinds._fields
+EVENT, LAW = EventKinds(*range(len(KINDS))), Laws(*range(len(Laws._fields)))
+# coordinates and velocities of the motion, and its quadratures
 CRANK, BODY, TOOL, CRANK_RATE, BODY_RATE, TOOL_RATE = range(6)
 DRIVE_WORK, DAMPING_LOSS, ANGULAR_IMPULSE, WALL_WORK = range(6, 10)
-FREEDOMS = 3
-COLLAR_LAW, WALL_LAW, TOOL_LAW, CRANK_LAW, PIVOT_LAW, GEAR_LAW = range(6)
-LAWS = 6
+FREEDOMS, LAWS = 3, len(LAW)
 
 
 def extremes(bar: FourBar) -> tuple[float, float]:
@@ -208,17 +218,6 @@ class EventSide(NamedTuple):
 STATE = record_of(BreakerState)
 STATES = len(BreakerState._fields)
 MEMORY = record_of(BreakerMemory)
-# places in the memory
-(
-    PASS_DONE, CYCLE, STALL_TOLD, BLOW_LOSS, COLLAR_LOSS, RESEATING_LOSS, IMPACT_IMPULSE, FEED, CRANK_SENSE, BODY_SENSE,
-    TOOL_REGIME,
-) = (
-    BreakerMemory._fields.index(name)
-    for name in (
-        "pass_done", "cycle", "stalled", "blow_loss_j", "collar_loss_j", "reseating_loss_j", "impact_impulse_nms",
-        "feed_per_blow_m", "crank_sense", "body_sense", "tool_regime",
-    )
-)  # fmt: skip
 
 
 @borrowing_kernel

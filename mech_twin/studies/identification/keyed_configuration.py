@@ -88,7 +88,7 @@ def scalar_lines(text: str) -> Iterator[tuple[str, tuple[int, ...]]]:
 
 
 def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) -> tuple[str, ...]:
-    """Return the keys that are numbers of the machine itself and that its configuration calls assumed.
+    """Return the keys of `machine_keys` that the configuration calls assumed.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
         File whose comments tell the origins; that of the installed configuration if absent.
     """
     known = origins(configuration_file(name)) if path is None else origins(path) or origins(configuration_file(name))
-    return tuple(key for key in _numbers(parameters) if known.get(key) == ASSUMED)
+    return keys_of_motion(name, parameters, [key for key in _numbers(parameters) if known.get(key) == ASSUMED])
 
 
 def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:

@@ -12,20 +12,19 @@ from hypothesis import strategies as st
 
 from mech_twin.machines.impact_mass.dynamics import IMPACT, impact_system, initial_motion, next_event
 from mech_twin.machines.impact_mass.one_impact_cycle import (
-    impact_speed,
+    CycleSpec,
     least_stability_number,
     multipliers,
     one_impact_cycle,
     phase1_chatter_share,
     synthesised_cycle,
 )
-from mech_twin.machines.impact_mass.parameters import mean_level
 
 
 @given(st.floats(0.1, 10.0), st.floats(0.01, 2.0), st.floats(-0.9, 0.9), st.floats(0.5, 50.0), st.floats(0.05, 0.95))
 def test_a_synthesised_cycle_closes(m, d, share, v, r):
     v0 = share * r * v
-    c = synthesised_cycle(m, 0.0, -d, v0, v, r)
+    c = synthesised_cycle(CycleSpec(m, 0.0, -d, v0, v, r))
     t1, t2 = c.phase1_duration_s, c.period_s - c.phase1_duration_s
     a1, a2 = c.phase1_force_n / m, c.phase2_force_n / m
     assert v0 + a1 * t1 == pytest.approx(v, rel=1e-12)
@@ -33,15 +32,17 @@ def test_a_synthesised_cycle_closes(m, d, share, v, r):
     recoil_scale = max(1.0, c.period_s / t2)  # t2 is formed from T and t1 here
     assert abs(-r * v + a2 * t2 - v0) <= 1e-12 * v * recoil_scale
     assert abs(-r * v * t2 + 0.5 * a2 * t2 * t2 + d) <= 1e-12 * d * recoil_scale
-    mean = mean_level(c.period_s, t1, a1, a2)
-    assert impact_speed(c.period_s, mean, r) == pytest.approx(v, rel=1e-11)
+    cycle = one_impact_cycle(impact_system((c.period_s, t1), (a1, a2), r, 0.0), 1)
+    assert cycle is not None
+    assert cycle.impact_speed_m_per_s == pytest.approx(v, rel=1e-11)
 
 
 @given(st.floats(0.05, 0.95), st.floats(1.0, 50.0))
 def test_the_synthesis_from_rest_lands_on_the_border(r, v):
-    c = synthesised_cycle(1.0, 0.0, -0.5, 0.0, v, r)
+    c = synthesised_cycle(CycleSpec(1.0, 0.0, -0.5, 0.0, v, r))
     assert c.phase2_force_n == pytest.approx(r * r * c.phase1_force_n, rel=1e-12)
-    cycle = one_impact_cycle(c.period_s, c.phase1_duration_s, (c.phase1_force_n, c.phase2_force_n), r, 1)
+    forces = c.phase1_force_n, c.phase2_force_n
+    cycle = one_impact_cycle(impact_system((c.period_s, c.phase1_duration_s), forces, r, 0.0), 1)
     assert cycle is not None
     assert abs(cycle.position_share) < 1e-9
 
@@ -67,7 +68,7 @@ def test_a_synthesis_without_solution_names_its_inequality(changes, inequality):
         "restitution": 0.3,
     }
     with pytest.raises(ValueError, match=inequality):
-        synthesised_cycle(**(spec | changes))
+        synthesised_cycle(CycleSpec(**(spec | changes)))
 
 
 @given(st.floats(0.05, 0.95), st.floats(-1.5, 1.5))
@@ -92,7 +93,7 @@ def start_after(period_s, t1, a1, a2, r, gap, velocity):
 def test_the_multipliers_are_those_of_the_period_map(p2):
     period, t1, r = 0.05 + 1 / 6, 0.05, 0.3
     a1 = (26.0 - p2 * (period - t1)) / t1
-    cycle = one_impact_cycle(period, t1, (a1, p2), r, 1)
+    cycle = one_impact_cycle(impact_system((period, t1), (a1, p2), r, 0.0), 1)
     assert cycle is not None
     at = np.array([cycle.start_gap_m, cycle.start_velocity_m_per_s])
     fixed = start_after(period, t1, a1, p2, r, *at)
@@ -110,7 +111,7 @@ def test_the_multipliers_are_those_of_the_period_map(p2):
 @given(st.floats(0.1, 0.9), st.floats(-0.99, 0.99), st.floats(0.05, 0.95))
 def test_a_phase_2_motion_exists_where_the_page_says(r, ratio, s):
     a1, a2 = 1.0, ratio
-    cycle = one_impact_cycle(1.0, s, (a1, a2), r, 1)
+    cycle = one_impact_cycle(impact_system((1.0, s), (a1, a2), r, 0.0), 1)
     if s * a1 + (1 - s) * a2 <= 1e-6:
         return
     assert cycle is not None
@@ -126,7 +127,7 @@ def test_a_phase_2_motion_exists_where_the_page_says(r, ratio, s):
 
 
 def test_phase_1_chatter_completes_from_the_stated_duration():
-    share = phase1_chatter_share((1000.0, -500.0), 0.3)
+    share = phase1_chatter_share(impact_system((0.05, 0.035), (1000.0, -500.0), 0.3, 0.0))
     for factor, complete in ((1.001, True), (0.97, False)):
         t1 = 0.05 * share * factor / (1 + share * factor)
         system = impact_system((0.05, t1), (1000.0, -500.0), 0.3, 0.0)
@@ -139,4 +140,4 @@ def test_phase_1_chatter_completes_from_the_stated_duration():
                 ends += event.kind == IMPACT + 1.0
             completed.append(ends)
         assert all(completed[1:]) == complete
-    assert phase1_chatter_share((1.0, 1.0), 0.3) == math.inf
+    assert phase1_chatter_share(impact_system((0.05, 0.035), (1.0, 1.0), 0.3, 0.0)) == math.inf

@@ -13,8 +13,8 @@ from mech_twin.engine.run import frames
 from mech_twin.machines.impact_mass import PARAMETERS, build, cycle_verdict
 from mech_twin.machines.impact_mass.cycle_verdict import basin, default_box, endurance, phase2_cycle, verdict
 from mech_twin.machines.impact_mass.long_run_answers import certificate_lines
+from mech_twin.machines.impact_mass.one_impact_cycle import CycleSpec
 from mech_twin.machines.impact_mass.synthesis import (
-    CycleSpec,
     RobustnessSpec,
     published_parameters,
     robust_parameters,
@@ -176,9 +176,9 @@ def test_the_certificate_says_what_was_tried_and_the_design_what_it_takes(both):
     assert certificate.worst_fraction >= 0.999
     assert 0.0 < certificate.worst_margin < both.robust.verdict.margin
     p = both.robust.parameters
-    assert p.initial_gap_m < both.robust.stroke_m <= 2.5 * 0.5
+    assert p.start.gap_m < both.robust.stroke_m <= 2.5 * 0.5
     turning = p.initial_velocity_m_per_s**2 / (2.0 * p.phase1_force_n)
-    assert both.robust.stroke_m == pytest.approx(p.initial_gap_m + turning, rel=1e-12)
+    assert both.robust.stroke_m == pytest.approx(p.start.gap_m + turning, rel=1e-12)
 
 
 def test_a_box_that_leaves_the_range_of_a_quantity_does_not_hold():

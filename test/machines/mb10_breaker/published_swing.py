@@ -7,7 +7,8 @@ import cmath
 import math
 from typing import NamedTuple
 
-from mech_twin.machines.mb10_breaker.pressed_body.free_swing import cycle_map, ring_frequency
+from mech_twin.machines.mb10_breaker.pressed_body.flight import ring_frequency
+from mech_twin.machines.mb10_breaker.pressed_body.free_swing import cycle_map
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 COINCIDENCE = 1e-12  # relative distance of k from mu, undamped, below which B and C are written in their secular form

@@ -3,13 +3,24 @@
 
 from __future__ import annotations
 
+import pickle
+from typing import Any
+
 import numpy as np
 import pytest
+from rollout_cases import CASES, IDS
 
 from mech_twin import rollout
-from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
+from mech_twin.engine.compiled_machine import compiled_machine
 from mech_twin.machines.catalog import CATALOGUE
-from mech_twin.parameters.load import machine_parameters
+from mech_twin.parameters.load import machine_parameters, validated
+from mech_twin.roles import Machine
 from mech_twin.studies.identification.keyed_configuration import (
     KeyedConfiguration,
     assumed_keys,
@@ -77,3 +88,29 @@ def test_no_direction_that_is_not_seen_is_left_free() -> None:
     seen = sensitivity(jacobian, jacobian + 0.05 * np.column_stack([own, -apart, apart]), np.arange(3), np.ones(3))
     assert seen.groups() == [[0, 1]]  # told apart by less than the two step lengths differ
     assert seen.estimated(range(3)) == [0, 2]
+
+
+def models(machine: Machine) -> bytes:
+    compiled = compiled_machine(machine)
+    assert compiled is not None
+    return pickle.dumps(compiled.models)
+
+
+@pytest.mark.parametrize(("name", "overrides"), CASES, ids=IDS)
+def test_every_fault_and_operating_variable_changes_the_motion(name: str, overrides: dict[str, Any]) -> None:
+    base, entry = machine_parameters(name, overrides=overrides), CATALOGUE[name]
+    healthy, able = models(entry.build(base)), entry.capabilities
+    faults = [(fault, fault.sizes[-1]) for fault in (able.faults(base) if able.faults else ())]
+    operating = [(variable, variable.range) for variable in (able.operating(base) if able.operating else ())]
+    for offered, size in (*faults, *operating):
+        moved = validated(
+            entry, merged_tree(configuration_tree(base), tree_from_flat(offered.changes(base, size))), name
+        )
+        assert models(entry.build(moved)) != healthy, offered.name
+
+
+def test_the_mass_of_a_rigid_tool_is_no_assumed_key_of_one_in_which_the_blow_is_a_wave() -> None:
+    rigid = machine_parameters("mb10_breaker")
+    assert {"tool.mass_kg", "tool.restitution"} <= {*assumed_keys("mb10_breaker", rigid)}
+    wave = machine_parameters("mb10_breaker", overrides={"tool.model": "wave"})
+    assert not {"tool.mass_kg", "tool.restitution"} & {*assumed_keys("mb10_breaker", wave)}

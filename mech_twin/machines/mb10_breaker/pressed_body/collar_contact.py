@@ -84,6 +84,18 @@ def stretch_from(body: PressedBody, start: float, angle: float, rate: float, loa
 
 
 @kernel
+def stretch_of(body: PressedBody, piece: ContactPiece) -> SwingStretch:
+    """Return the free stretch of a piece."""
+    return stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+
+
+@kernel
+def stage_end(body: PressedBody, loaded: int) -> float:
+    """Return when the load ends, or begins (s)."""
+    return body.period if loaded == 1 else body.onset
+
+
+@kernel
 def _leaves(body: PressedBody, stretch: SwingStretch) -> bool:
     """Return whether the load lifts a body resting on the collar at once."""
     net, push = net_acceleration(body, stretch), stretch.load / body.inertia
@@ -155,13 +167,12 @@ def planned_piece(
     body: PressedBody, cycle: int, start: float, angle: float, rate: float, regime: int, loaded: int, series: float
 ) -> ContactPiece:
     """Return the piece that begins with this state, with the event that ends it."""
-    stage_end, cause = (body.period, BLOW) if loaded == 1 else (body.onset, ONSET)
-    end = stage_end
-    room = max(stage_end - start, 0.0)
+    end, cause = stage_end(body, loaded), BLOW if loaded == 1 else ONSET
+    room = max(end - start, 0.0)
     if regime == CONTACT:
         if loaded == 1:
             leaving = lift_off(body, start)
-            if leaving <= stage_end:
+            if leaving <= end:
                 end, cause = leaving, LIFT_OFF
     elif body.one_sided:
         stretch = stretch_from(body, start, angle, rate, loaded)
@@ -180,7 +191,7 @@ def state_at(body: PressedBody, piece: ContactPiece, time: float) -> tuple[float
     """Return angle and rate (rad, rad/s) at a time of the cycle within the piece."""
     if piece.regime == CONTACT:
         return 0.0, 0.0
-    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+    stretch = stretch_of(body, piece)
     s = max(time - piece.start, 0.0)
     angle, rate = _settling_motion(body, stretch, s) if piece.regime == SETTLING else motion(body, stretch, s)
     return (max(angle, 0.0) if body.one_sided else angle), rate
@@ -194,7 +205,7 @@ def residuals_at(body: PressedBody, piece: ContactPiece, time: float, span: floa
     """
     if piece.regime != FREE:
         return 0.0, 0.0
-    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
+    stretch = stretch_of(body, piece)
     end = max(time - piece.start, 0.0)
     depth = max(-motion(body, stretch, end)[0], 0.0) if body.one_sided else 0.0
     return depth, energy_left_open(body, stretch, max(end - span, 0.0), end)
@@ -203,9 +214,9 @@ def residuals_at(body: PressedBody, piece: ContactPiece, time: float, span: floa
 @kernel
 def _after_return(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, PieceEnd]:
     """Return the piece after a touchdown: another flight, a complete series of bounces, or rest."""
-    stretch = stretch_from(body, piece.start, piece.angle, piece.rate, piece.loaded)
-    stage_end = body.period if piece.loaded == 1 else body.onset
-    _, approach = touchdown(body, stretch, max(stage_end - piece.start, 0.0))
+    stretch = stretch_of(body, piece)
+    stage = stage_end(body, piece.loaded)
+    _, approach = touchdown(body, stretch, max(stage - piece.start, 0.0))
     first = max(piece.series, approach)
     speed = body.restitution * approach
     landed = stretch_from(body, piece.end, 0.0, speed, piece.loaded)
@@ -213,11 +224,7 @@ def _after_return(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece,
     regime = FREE
     if speed == 0.0 or (pressed and speed <= SERIES_END * first):
         regime, speed = (FREE, 0.0) if _leaves(body, landed) else (SETTLING, 0.0)
-    elif (
-        pressed
-        and approach < TAIL_CUT * first
-        and series_limit(body, landed, first, stage_end - piece.end)[0] < math.inf
-    ):
+    elif pressed and approach < TAIL_CUT * first and series_limit(body, landed, first, stage - piece.end)[0] < math.inf:
         regime = SETTLING
     ending = PieceEnd(
         TOUCHDOWN, -body.radius * approach, body.radius * speed, body.inertia * (approach + speed) / body.radius
@@ -243,23 +250,17 @@ def next_piece(body: PressedBody, piece: ContactPiece) -> tuple[ContactPiece, Pi
         return _after_return(body, piece)
     if piece.cause == BLOW:
         return _after_blow(body, piece)
-    if piece.cause == LIFT_OFF:
-        return planned_piece(body, piece.cycle, piece.end, 0.0, 0.0, FREE, piece.loaded, 0.0), PieceEnd(
-            LIFT_OFF, 0.0, 0.0, 0.0
-        )
-    if piece.cause == SETTLED:
-        moment = 0.0
+    angle, rate, regime, loaded, series, moment = 0.0, 0.0, FREE, piece.loaded, 0.0, 0.0
+    if piece.cause == ONSET:
+        angle, rate = state_at(body, piece, piece.end)
+        regime, loaded, series = piece.regime, 1, piece.series
+    elif piece.cause == SETTLED:
+        regime = CONTACT
         if piece.rate > 0.0:
-            stretch = stretch_from(body, piece.start, 0.0, piece.rate, piece.loaded)
-            stage_end = body.period if piece.loaded == 1 else body.onset
-            moment = series_limit(body, stretch, piece.series, stage_end - piece.start)[1]
-        return planned_piece(body, piece.cycle, piece.end, 0.0, 0.0, CONTACT, piece.loaded, 0.0), PieceEnd(
-            SETTLED, 0.0, 0.0, moment / body.radius
-        )
-    angle, rate = state_at(body, piece, piece.end)
-    return planned_piece(body, piece.cycle, piece.end, angle, rate, piece.regime, 1, piece.series), PieceEnd(
-        ONSET, 0.0, 0.0, 0.0
-    )
+            room = stage_end(body, piece.loaded) - piece.start
+            moment = series_limit(body, stretch_of(body, piece), piece.series, room)[1]
+    after = planned_piece(body, piece.cycle, piece.end, angle, rate, regime, loaded, series)
+    return after, PieceEnd(piece.cause, 0.0, 0.0, moment / body.radius)
 
 
 @kernel

@@ -83,12 +83,18 @@ def _between(root: complex, drive: complex, s: float) -> complex:
 
 
 @kernel
+def ring_frequency(body: PressedBody) -> float:
+    """Return k sqrt(1 - zeta^2), rad/s."""
+    return body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
+
+
+@kernel
 def load_response(body: PressedBody, s: float) -> tuple[complex, complex]:
     """Return displacement and rate, from rest, under the unit acceleration e^(i mu s).
 
     x(s) = int_0^s h(s - v) e^(i mu v) dv with h the impulse response; regular at k = mu.
     """
-    ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
+    ring = ring_frequency(body)
     root = complex(-body.damping * body.k, ring)
     mate = root.conjugate()
     drive = complex(0.0, body.mu)
@@ -105,7 +111,7 @@ def motion(body: PressedBody, stretch: SwingStretch, s: float) -> tuple[float, f
     """
     if max(body.k, body.mu if stretch.load > 0.0 else 0.0) * s < SERIES_REACH:
         return _series(body, stretch, s)
-    ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
+    ring = ring_frequency(body)
     decay = body.damping * body.k
     a = stretch.angle + body.rest_angle
     b = (stretch.rate + decay * a) / ring
@@ -139,7 +145,7 @@ def _steady_bounds(body: PressedBody, stretch: SwingStretch) -> tuple[float, flo
         if abs(answer) < 1e-6 * body.k * body.k:
             return math.inf, math.inf, math.inf
         steady = stretch.load / body.inertia * cmath.exp(complex(0.0, stretch.theta)) / answer
-    ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
+    ring = ring_frequency(body)
     a = stretch.angle + body.rest_angle - steady.imag
     b = (stretch.rate - body.mu * steady.real + body.damping * body.k * a) / ring
     free, forced = math.hypot(a, b), abs(steady)
@@ -153,7 +159,7 @@ def _steady_bounds(body: PressedBody, stretch: SwingStretch) -> tuple[float, flo
 @kernel
 def bounds(body: PressedBody, stretch: SwingStretch, room: float) -> tuple[float, float, float]:
     """Return upper bounds of |phi''|, |phi'''|, |phi''''| within ``room`` (s) of the stretch's start."""
-    ring = body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
+    ring = ring_frequency(body)
     stiffness, drag = body.k * body.k, 2.0 * body.damping * body.k
     a = stretch.angle + body.rest_angle
     b = (stretch.rate + body.damping * body.k * a) / ring

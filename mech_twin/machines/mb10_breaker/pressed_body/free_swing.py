@@ -19,7 +19,7 @@ import cmath
 import math
 from dataclasses import dataclass
 
-from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion
+from mech_twin.machines.mb10_breaker.pressed_body.flight import SwingStretch, highest, motion, ring_frequency
 from mech_twin.machines.mb10_breaker.pressed_body.parameters import PressedBody
 
 NEAR = 1e-9
@@ -55,11 +55,6 @@ class CycleMap:
 def _exponential_less_one(z: complex) -> complex:
     half = math.sin(0.5 * z.imag)
     return complex(math.expm1(z.real) * math.cos(z.imag) - 2.0 * half * half, math.exp(z.real) * math.sin(z.imag))
-
-
-def ring_frequency(body: PressedBody) -> float:
-    """Return k sqrt(1 - zeta^2), rad/s."""
-    return body.k * math.sqrt((1.0 - body.damping) * (1.0 + body.damping))
 
 
 def amplitudes(body: PressedBody, angle: float, rate: float) -> complex:
