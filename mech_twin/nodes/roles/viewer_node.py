@@ -158,7 +158,7 @@ class ViewerNode(ObserverNode):
     def close(self) -> None:
         """Show the last frame and metrics, and close the scene."""
         self._draw_last()
-        self.scene.metrics(self.run_metrics.running_numbers())
+        self.scene.metrics(self.run_metrics.numbers())
         self.scene.close()
 
     def show(self, frame: Frame) -> None:
@@ -182,7 +182,7 @@ class ViewerNode(ObserverNode):
         now = time.monotonic()
         if now - self._shown > METRICS_EVERY_S:
             self._shown = now
-            self.scene.metrics(self.run_metrics.running_numbers())
+            self.scene.metrics(self.run_metrics.numbers())
 
     def draw_newest(self) -> None:
         """Draw the newest frame, if it is not drawn yet and a drawing is due."""
