@@ -106,7 +106,8 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     from mech_twin.parameters.load import catalogue_entry, validated
     from mech_twin.view.annotations import Banner
     from mech_twin.view.bench.picture import packed_curves
-    from mech_twin.view.bench.scene import RoleCurves, body_regimes, framed
+    from mech_twin.view.bench.scene import body_regimes, framed
+    from mech_twin.view.run_scene import RoleCurves
     from mech_twin.view.sending import LIVE
 
     entry = catalogue_entry(name)
