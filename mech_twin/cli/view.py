@@ -16,7 +16,6 @@ from mech_twin.cli.compare import (
     SeenRun,
     configured_machine,
     drawn,
-    know_machine,
 )
 from mech_twin.cli.console import CommandError, progress, say
 from mech_twin.cli.live_view import opened_bench
@@ -137,7 +136,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
     if history is not None:
         machine = history.machine_at(0)
         metrics = RunMetrics(lambda: machine, history.machine_at)
-        know_machine(scene, machine)
+        scene.watch(machine)
     draws = not samples.has_drawings
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:

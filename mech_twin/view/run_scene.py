@@ -9,6 +9,7 @@ import numpy as np
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.process.closing import Closing
+from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, MotorSample, Sample
 from mech_twin.view.annotations import Annotations, Banner, lost_energy
 from mech_twin.view.bench.picture import Curves
@@ -103,6 +104,11 @@ class RunScene(Closing):
         self._banner = Banner(None)
         self._annotations: Annotations | None = None
         self._turning_stops: frozenset[str] = frozenset()
+
+    def watch(self, machine: Machine) -> None:
+        """Add what the machine tells; call before the first step."""
+        if machine.mechanism is not None:
+            self.know(machine.mechanism, machine.blow_energy)
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Add what needs the machine's frames: pin reactions, blows, units of joints; call before the first step.

@@ -156,7 +156,8 @@ class BenchScene(RunScene):
         self._zero_s: float | None = None
 
     def watch(self, machine: Machine) -> None:
-        """Add regimes, and residuals with their limits; call before the first step."""
+        """Add regimes, and residuals with their limits, and what else the machine tells; call before the first step."""
+        super().watch(machine)
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
         self._banner.rated_power_w, self._banner.body_regimes = rated_power_w(machine), body_regimes(machine)
 
