@@ -129,18 +129,7 @@ class Simulation(RunMetrics):
 
 
 def event_record(event: Event) -> dict[str, Any]:
-    """Return an event as plain values."""
-    return {
-        "time_s": event.time_s,
-        "kind": event.kind,
-        "contact": event.contact,
-        "pre_velocity_m_per_s": event.pre_velocity_m_per_s,
-        "post_velocity_m_per_s": event.post_velocity_m_per_s,
-        "impulse_ns": event.impulse_ns,
-        "period": event.period,
-        **{
-            side: list(map(list, coordinates))
-            for side, coordinates in (("pre", event.pre), ("post", event.post))
-            if coordinates
-        },
-    }
+    """Return an event as plain values, its coordinates as lists; without those of a side that has none."""
+    record = event._asdict()
+    sides = {side: [list(coordinate) for coordinate in record.pop(side)] for side in ("pre", "post")}
+    return record | {side: coordinates for side, coordinates in sides.items() if coordinates}
