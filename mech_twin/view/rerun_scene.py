@@ -81,7 +81,7 @@ class RerunScene(RunScene):
         self._time_s = max([self._time_s, *given])
         if body is not None:
             self._trace(body)
-        if self._roles.span_s >= BATCH_S:
+        if self._roles.spans(BATCH_S):
             self._send()
             if body is not None:
                 set_time(self._stream, body.time_s, body.step)

@@ -32,10 +32,10 @@ class _Role:
         """Whether there are samples."""
         return bool(self._samples)
 
-    @property
-    def span_s(self) -> float:
-        """Time from the first to the last sample."""
-        return float(self._samples[-1].time_s - self._samples[0].time_s) if self._samples else 0.0
+    def spans(self, span_s: float) -> bool:
+        """Return whether the samples come to this time (s), or are as many as are kept."""
+        kept = self._samples
+        return len(kept) == KEPT_SAMPLES or (bool(kept) and kept[-1].time_s - kept[0].time_s >= span_s)
 
     def add(self, sample: Sample) -> None:
         """Add a sample."""
@@ -86,10 +86,9 @@ class RoleCurves:
         """Whether there are samples since the last picture."""
         return any(role.waiting for role in self._roles)
 
-    @property
-    def span_s(self) -> float:
-        """Longest time of a role's samples since the last picture."""
-        return max(role.span_s for role in self._roles)
+    def spans(self, span_s: float) -> bool:
+        """Return whether the samples of a role come to this time (s), or are as many as are kept."""
+        return any(role.spans(span_s) for role in self._roles)
 
     def taken(self, sending: Sending) -> list[Curves]:
         """Remove the samples, and return their curves, decimated with their extremes."""
