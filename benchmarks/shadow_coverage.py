@@ -10,7 +10,9 @@ Printed a machine: share over all joints and forces that move, the column with t
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +23,9 @@ from mech_twin.parameters.load import catalogue_entry, machine_parameters
 from mech_twin.studies.observer.estimate import SeenSample, SensedChannel
 from mech_twin.studies.observer.model_run import without_turns
 from mech_twin.studies.observer.observer import PhaseLockedObserver
-from mech_twin.studies.observer.parameter_error import wrong_machine
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
+from wrong_machines import wrong_machine
 
 SENSORS: dict[str, tuple[tuple[str, float], ...]] = {
     "mb10_breaker": (("linkage.crank.position", 1e-3), ("body.body.position", 5e-4)),

@@ -31,13 +31,17 @@ def _received(kind: type[SentError], line: str, parts: dict[str, Any]) -> SentEr
     return error
 
 
-class MeasurementError(SentError):
-    """An unusable measurement; the message is one line for the user."""
+class FileError(SentError):
+    """An unusable file or directory, and the reason: why it was refused and what to do."""
 
     def __init__(self, file: Path | str, reason: str) -> None:
         self.file = Path(file)
         self.reason = " ".join(reason.split())
         super().__init__(f"{self.file}: {self.reason}")
+
+
+class MeasurementError(FileError):
+    """An unusable measurement; the message is one line for the user."""
 
 
 class MotionError(OneLineError, ArithmeticError):

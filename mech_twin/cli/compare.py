@@ -255,14 +255,6 @@ MOST_ROWS = 300  # of a table on the page
 EVERY_ROW = RECORDED._replace(window=1)  # the curves of two runs are taken from one another at equal rows
 
 
-def know_machine(scene: BenchScene | RerunScene, machine: Machine) -> None:
-    """Let a scene know the machine that it shows."""
-    if (tree := machine.mechanism) is not None:
-        scene.know(tree, machine.blow_energy)
-    if isinstance(scene, BenchScene):
-        scene.watch(machine)
-
-
 def drawn(machine: Machine, frame: Frame) -> Drawing:
     """Return the drawing of a machine at a frame."""
     return Drawing(frame.linkage.step, frame.linkage.time_s, machine.draw(frame.linkage, frame.body))
@@ -280,7 +272,7 @@ class SeenRun:
         """Show a frame and its events, and draw it where that is due."""
         if self.machine is None:
             self.machine = machine
-            know_machine(self.scene, machine)
+            self.scene.watch(machine)
         draw, self._undrawn = self.scene.drawing_due(frame.linkage.time_s), frame
         self.scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
         for event in frame_events(frame):

@@ -67,7 +67,7 @@ def run_machine(request: RunVerb) -> None:
         outcome = _run(request, parameters, options, directory, view.destination)
         view.tell("end", {"text": "the run is over" + ("" if directory is None else f"; recorded in {directory}")})
         _write(request, parameters, outcome, directory)
-        remarks = catalogue_entry(request.machine).build(parameters).remarks(outcome.metrics.numbers())
+        remarks = catalogue_entry(request.machine).build(parameters).remarks(outcome.metrics.summary())
         say(*(f"warning: {remark}" for remark in remarks))
         report_losses(directory, known=() if options.snapshot_s else ended_early(directory, outcome.metrics))
         if request.hold:
@@ -142,9 +142,9 @@ def _new_directory(name: str) -> Path:
 
 
 def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory: Path | None) -> None:
-    numbers = outcome.metrics.numbers()
+    numbers = outcome.metrics.summary()
     if not request.as_json:
-        design = set(numbers) - set(outcome.metrics.running_numbers())
+        design = set(numbers) - set(outcome.metrics.numbers())
         name = getattr(parameters, "name", request.machine)
         show_numbers(f"{name}: metrics of the run", numbers, design, everything=request.everything)
         say_result(digits_note(configuration_tree(parameters)["coupling"]["step_s"]))

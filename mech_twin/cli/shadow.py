@@ -32,7 +32,8 @@ from mech_twin.parameters.load import catalogue_entry, document_tree, kind_of
 from mech_twin.recording.bag_metadata import check_recording_directory, kept_until_replaced
 from mech_twin.results.opened_runs import given_map
 from mech_twin.roles import own_name
-from mech_twin.studies.advice_search import AdviceWish, advice_model
+from mech_twin.studies.advice import AdviceWish
+from mech_twin.studies.advice_search import advice_model
 
 if TYPE_CHECKING:
     from mech_twin.measurements.measurement_map import MeasurementMap

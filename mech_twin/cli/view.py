@@ -16,7 +16,6 @@ from mech_twin.cli.compare import (
     SeenRun,
     configured_machine,
     drawn,
-    know_machine,
 )
 from mech_twin.cli.console import CommandError, progress, say
 from mech_twin.cli.live_view import opened_bench
@@ -114,7 +113,7 @@ def _show_run(scene: BenchScene | RerunScene, machine: Machine, duration_s: floa
             seen.see(machine, frame)
             metrics.observe(frame)
     seen.end()
-    scene.metrics(metrics.numbers())
+    scene.metrics(metrics.summary())
 
 
 def _bench(stack: ExitStack, port: int, shown: _Shown, bag: Path) -> BenchScene:
@@ -137,7 +136,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
     if history is not None:
         machine = history.machine_at(0)
         metrics = RunMetrics(lambda: machine, history.machine_at)
-        know_machine(scene, machine)
+        scene.watch(machine)
     draws = not samples.has_drawings
     with progress(samples.shown(), samples.count, "showing") as shown:
         for item in shown:
@@ -160,7 +159,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
     if history is not None and undrawn is not None:  # later than the last drawing that was recorded
         scene.drawing(drawn(history.machine_at(undrawn.linkage.step), undrawn))
     if metrics is not None:
-        scene.metrics(metrics.numbers())
+        scene.metrics(metrics.summary())
     say(*(f"{number} recorded samples not used: {reason}" for reason, number in samples.unused.items()))
 
 

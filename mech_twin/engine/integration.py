@@ -130,11 +130,6 @@ def declared_kernel(system_type: type, function: Function, compiler: Callable[[A
     return cast(Function, compiler(function))
 
 
-def workspace(tableau: Tableau, size: int) -> Workspace:
-    """Return work arrays for a system of ``size`` equations."""
-    return Workspace(np.empty((len(tableau.nodes), size)), np.empty(size), np.empty(size))
-
-
 @borrowing_kernel
 def start_step(system: Any, t: float, y: Array, work: Workspace) -> None:
     """Evaluate the rates at the start of a step (first stage), shared by trial steps of any length."""

@@ -66,15 +66,17 @@ def _stamped_form(frames: tuple[str, ...], numbers: int) -> tuple[struct.Struct,
     return struct.Struct(f"<{len(HEAD)}siI{len(block)}s{gap}x{numbers}d"), block
 
 
-def stamped_bytes(time_s: float, *frames: str, numbers: tuple[float, ...] = ()) -> bytes:
+def stamped_bytes(at: float | Stamp, *frames: str, numbers: tuple[float, ...] = ()) -> bytes:
     """Return time (s), frames and numbers as CDR of Clock, Wrench-, Vector3- or TransformStamped; padding is 0."""
     form, block = _stamped_form(frames, len(numbers))
-    return form.pack(HEAD, *stamp_of(time_s), block, *numbers)
+    return form.pack(HEAD, *(at if isinstance(at, Stamp) else stamp_of(at)), block, *numbers)
 
 
-def wrench_bytes(time_s: float, frame: str, force_x_n: float, force_y_n: float = 0.0, moment_nm: float = 0.0) -> bytes:
+def wrench_bytes(
+    at: float | Stamp, frame: str, force_x_n: float, force_y_n: float = 0.0, moment_nm: float = 0.0
+) -> bytes:
     """Return a planar wrench in the frame of a pin or the tool as CDR of a WrenchStamped; padding is 0."""
-    return stamped_bytes(time_s, frame, numbers=(force_x_n, force_y_n, 0.0, 0.0, 0.0, moment_nm))
+    return stamped_bytes(at, frame, numbers=(force_x_n, force_y_n, 0.0, 0.0, 0.0, moment_nm))
 
 
 class StepMessage(NamedTuple):

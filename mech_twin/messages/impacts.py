@@ -12,32 +12,20 @@ event belongs to.
 
 from collections.abc import Iterator
 
-from geometry_msgs.msg import Vector3Stamped
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from mech_twin.capabilities.blow_gauge import GAUGE_UNITS, BlowGauge
-from mech_twin.messages.cdr import Header, StepMessage, encoded, stamp_of, stamped_bytes
+from mech_twin.messages.cdr import Header, Stamp, StepMessage, encoded, stamp_of, stamped_bytes
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Event
 
 JOINT = "gauge"
 
 
-def to_bytes(event: Event) -> bytes:
-    """Return `to_message` as CDR bytes."""
+def to_bytes(event: Event, stamp: Stamp | None = None) -> bytes:
+    """Return an event as CDR, under its own time unless a stamp is given; ``frame_id`` is ``contact/kind``."""
     numbers = (event.pre_velocity_m_per_s, event.post_velocity_m_per_s, event.impulse_ns)
-    return stamped_bytes(event.time_s, f"{event.contact}/{event.kind}", numbers=numbers)
-
-
-def to_message(event: Event) -> Vector3Stamped:
-    """Return an event as a message; ``frame_id`` is ``contact/kind``."""
-    message = Vector3Stamped()
-    set_stamp(message.header, event.time_s)
-    message.header.frame_id = f"{event.contact}/{event.kind}"
-    message.vector.x = event.pre_velocity_m_per_s
-    message.vector.y = event.post_velocity_m_per_s
-    message.vector.z = event.impulse_ns
-    return message
+    return stamped_bytes(stamp or stamp_of(event.time_s), f"{event.contact}/{event.kind}", numbers=numbers)
 
 
 def numbers_bytes(gauge: BlowGauge, event: Event) -> bytes:

@@ -18,7 +18,6 @@ from functools import lru_cache
 from itertools import chain
 
 from geometry_msgs.msg import TransformStamped
-from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mech_twin.capabilities.mechanism import FrameTree, Pose, moved
@@ -96,14 +95,8 @@ def pose(message: TransformStamped) -> Pose:
     return Pose(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w))
 
 
-def to_message(drawing: Drawing, frame: str = FRAME) -> MarkerArray:
-    """Return a drawing in a frame as markers; the names of its shapes are the marker namespaces."""
-    message: MarkerArray = deserialize_message(to_bytes(drawing, frame), MarkerArray)
-    return message
-
-
 def to_bytes(drawing: Drawing, frame: str = FRAME) -> bytes:
-    """Return `to_message` as CDR bytes; padding is 0."""
+    """Return a drawing in a frame as CDR of markers, in the namespaces of its shapes' names; padding is 0."""
     stamp = STAMP.pack(*stamp_of(drawing.time_s))
     parts = [COUNT.pack(len(drawing.shapes))]
     end = COUNT.size  # counted from the end of the head

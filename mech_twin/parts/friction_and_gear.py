@@ -25,7 +25,7 @@ leaves that band (`friction.released`).
 from typing import NamedTuple
 
 from mech_twin.declarations.quantity import Parameters, quantity
-from mech_twin.kernels.kernel import embedded_kernel, kernel
+from mech_twin.kernels.kernel import embedded_kernel
 
 
 class Gear(Parameters):
@@ -107,17 +107,3 @@ def sliding_torque(coulomb: float, viscous: float, speed: float, direction: floa
         Sense of sliding, +1 or -1: the sign of u, and at u = 0 the sense in which it begins.
     """
     return -coulomb * direction - viscous * speed
-
-
-@kernel
-def release_margin(coulomb: float, driving: float) -> float:
-    """Return c - |T| (N m): a joint at rest sticks while >= 0, released where it falls below."""
-    return coulomb - abs(driving)
-
-
-@kernel
-def released(coulomb: float, driving: float) -> float:
-    """Return the sense (+1, -1) in which a joint at rest starts under a driving torque (N m), or 0 where it sticks."""
-    if release_margin(coulomb, driving) >= 0.0:
-        return 0.0
-    return 1.0 if driving > 0.0 else -1.0

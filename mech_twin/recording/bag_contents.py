@@ -7,11 +7,15 @@ The stamp of a header is read from CDR bytes.  A ring buffer keeps the messages 
 from __future__ import annotations
 
 import struct
+from abc import abstractmethod
 from collections import Counter, deque
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
+
+from mech_twin.process.closing import Closing
 
 NS_PER_S = 1_000_000_000
 ENCAPSULATION = 4
@@ -148,25 +152,35 @@ class BagInfo:
     message_count: int
     start_ns: int | None
     duration_s: float
-    counters: dict[str, dict[str, int]]
-    configuration: str | None
     splits: tuple[SplitInfo, ...]
     finished: bool
-    problems: tuple[str, ...] = ()
+    problems: tuple[str, ...]
+    counters: dict[str, dict[str, int]] = field(default_factory=dict)
+    configuration: str | None = None
 
 
-class RecordingReader(Protocol):
-    """Interface of a recording open for reading, for all storage formats."""
+class RecordingReader(Closing):
+    """A recording open for reading, in any storage format; its files are open until it is closed."""
 
-    path: Path
     topics: dict[str, TopicInfo]
     start_ns: int | None
     end_ns: int | None
 
-    @property
-    def info(self) -> BagInfo:
-        """Return the summary of the bag."""
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self._problems: list[str] = []
+        self._stack = ExitStack()
 
+    def close(self) -> None:
+        """Close the files."""
+        self._stack.close()
+
+    @property
+    @abstractmethod
+    def info(self) -> BagInfo:
+        """The summary of the bag."""
+
+    @abstractmethod
     def messages(
         self,
         topics: Collection[str] | None = None,
@@ -175,13 +189,34 @@ class RecordingReader(Protocol):
         *,
         as_written: bool = False,
     ) -> Iterator[BagMessage]:
-        """Yield the messages in order of log time, or of the files, of these topics and this part of the bag."""
+        """Yield the messages in the order of log time; of equal times, in the order of the files.
 
-    def close(self) -> None:
-        """Close the files."""
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Only these topics; a topic that is not in the bag yields nothing.
+        start_s, duration_s : float
+            Time range, relative to the start of the bag.
+        as_written : bool
+            In the order of the files instead, which a log clock that was set does not change.
 
-    def __enter__(self) -> RecordingReader:
-        """Return the reader itself."""
+        Raises
+        ------
+        DamagedBagError, BagBeyondLimitsError
+            A damaged record is reached; the chunks overlap in time so much that sorting needs too much memory.
+        """
 
-    def __exit__(self, *_: object) -> None:
-        """Close the files."""
+    def _info(self, splits: Iterable[SplitInfo], finished: bool, problems: Iterable[str], **known: Any) -> BagInfo:
+        """Return the summary with these files and problems; ``known`` are counters and configuration."""
+        start, end = self.start_ns, self.end_ns
+        return BagInfo(
+            path=self.path,
+            topics=self.topics,
+            message_count=sum(topic.message_count for topic in self.topics.values()),
+            start_ns=start,
+            duration_s=0.0 if start is None or end is None else (end - start) * 1e-9,
+            splits=tuple(splits),
+            finished=finished,
+            problems=tuple(problems),
+            **known,
+        )

@@ -14,7 +14,6 @@ from typing import BinaryIO
 import zstandard
 
 from mech_twin.files.input_file import opened_input
-from mech_twin.process.closing import Closing
 from mech_twin.recording.errors import BagBeyondLimitsError, DamagedBagError, MissingBagError, OutsideBagError
 from mech_twin.recording.record_file import MAX_RECORD_BYTES, UnreadableRecordError
 
@@ -92,18 +91,6 @@ def _content(path: Path, source: BinaryIO, partial: bool) -> Iterator[bytes]:
             data = frame.unused_data if frame.eof else b""
     if not frame.eof and not partial:
         raise DamagedBagError(path, "ends within its compressed content")
-
-
-class OpenBag(Closing):
-    """A bag with open files."""
-
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-        self._stack = ExitStack()
-
-    def close(self) -> None:
-        """Close the files."""
-        self._stack.close()
 
 
 def is_sqlite_bag(path: Path) -> bool:

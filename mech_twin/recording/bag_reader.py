@@ -10,7 +10,6 @@ from typing import TypeVar
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
 from mech_twin.recording.bag_directory import (
-    OpenBag,
     bag_files,
     inside,
     is_sqlite_bag,
@@ -51,7 +50,7 @@ class _Source:
     repeats: dict[int, int] = field(default_factory=dict)  # channel -> sequence
 
 
-class BagReader(OpenBag):
+class BagReader(RecordingReader):
     """A bag open for reading: a rosbag2 directory, or one MCAP file.
 
     Parameters
@@ -68,7 +67,6 @@ class BagReader(OpenBag):
     def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
         super().__init__(path)
         self._sources: list[_Source] = []
-        self._problems: list[str] = []
         with ExitStack() as undo:
             undo.callback(self.close)
             files, self._finished = _files_of(self.path, salvage, self._problems)
@@ -85,18 +83,12 @@ class BagReader(OpenBag):
     def info(self) -> BagInfo:
         """Return the summary of the bag."""
         texts = (source.index.configuration() for source in self._sources)
-        start, end = self.start_ns, self.end_ns
-        return BagInfo(
-            path=self.path,
-            topics=self.topics,
-            message_count=sum(topic.message_count for topic in self.topics.values()),
-            start_ns=start,
-            duration_s=0.0 if start is None or end is None else (end - start) * 1e-9,
+        return self._info(
+            map(_split_info, self._sources),
+            self._finished and all(source.index.finished for source in self._sources),
+            (*self._problems, *self._cut()),
             counters=self._counters(),
             configuration=next((text for text in texts if text is not None), None),
-            splits=tuple(_split_info(source) for source in self._sources),
-            finished=self._finished and all(source.index.finished for source in self._sources),
-            problems=tuple(self._problems) + self._cut(),
         )
 
     def _cut(self) -> tuple[str, ...]:
@@ -134,22 +126,7 @@ class BagReader(OpenBag):
         *,
         as_written: bool = False,
     ) -> Iterator[BagMessage]:
-        """Yield the messages in the order of log time; of equal times, in the order of the files.
-
-        Parameters
-        ----------
-        topics : collection of str, optional
-            Only these topics; a topic that is not in the bag yields nothing.
-        start_s, duration_s : float
-            Time range, relative to the start of the bag.
-        as_written : bool
-            In the order of the files instead, which a log clock that was set does not change.
-
-        Raises
-        ------
-        DamagedBagError, BagBeyondLimitsError
-            A damaged record is reached; the chunks overlap in time so much that sorting needs too much memory.
-        """
+        """Yield the messages; see `RecordingReader.messages`."""
         if self.start_ns is None:
             return
         first = self.start_ns + round(start_s * 1e9)

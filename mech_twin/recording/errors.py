@@ -3,24 +3,11 @@
 
 from pathlib import Path
 
-from mech_twin.errors import SentError
+from mech_twin.errors import FileError
 
 
-class BagError(SentError):
-    """A bag that cannot be used; the message is one line for the user.
-
-    Attributes
-    ----------
-    file : Path
-        The file or directory concerned.
-    reason : str
-        Why it was refused and what to do.
-    """
-
-    def __init__(self, file: Path | str, reason: str) -> None:
-        self.file = Path(file)
-        self.reason = " ".join(reason.split())
-        super().__init__(f"{self.file}: {self.reason}")
+class BagError(FileError):
+    """A bag that cannot be used; the message is one line for the user."""
 
 
 class MissingBagError(BagError):

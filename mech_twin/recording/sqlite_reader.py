@@ -10,10 +10,9 @@ import apsw
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader, ReaderError
 
-from mech_twin.recording.bag_contents import BagInfo, BagMessage, SplitInfo, TopicInfo
+from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
 from mech_twin.recording.bag_directory import (
     SQLITE_SUFFIX,
-    OpenBag,
     inside,
     missing_parts,
     parts,
@@ -28,7 +27,7 @@ from mech_twin.recording.schemas import offered_qos
 _FAILURES = (ReaderError, UnreadableRecordError, apsw.Error, ValueError, TypeError, LookupError, MemoryError)
 
 
-class SqliteReader(OpenBag):
+class SqliteReader(RecordingReader):
     """A sqlite3 bag open for reading: a rosbag2 directory, or one `.db3` file.
 
     Parameters
@@ -44,7 +43,6 @@ class SqliteReader(OpenBag):
 
     def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
         super().__init__(path)
-        self._problems: list[str] = []
         self._files = _files_of(self.path, salvage, self._problems)
         self._readers: list[Reader] = []
         with ExitStack() as undo:
@@ -60,21 +58,10 @@ class SqliteReader(OpenBag):
     @property
     def info(self) -> BagInfo:
         """Return the summary of the bag."""
-        start, end = self.start_ns, self.end_ns
         finished = self.path.is_file() or (self.path / FILE_NAME).is_file()
         absent = () if finished else (f"{self.path}: has no {FILE_NAME}",)
-        return BagInfo(
-            path=self.path,
-            topics=self.topics,
-            message_count=sum(topic.message_count for topic in self.topics.values()),
-            start_ns=start,
-            duration_s=0.0 if start is None or end is None else (end - start) * 1e-9,
-            counters={},
-            configuration=None,
-            splits=tuple(_split_info(*pair) for pair in zip(self._files, self._readers, strict=True)),
-            finished=finished,
-            problems=(*absent, *self._problems),
-        )
+        splits = map(_split_info, self._files, self._readers)
+        return self._info(splits, finished, (*absent, *self._problems))
 
     def messages(
         self,

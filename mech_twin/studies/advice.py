@@ -15,32 +15,36 @@ reason.
 
 from typing import Literal, NamedTuple
 
+from mech_twin.declarations.quantity import Parameters, choice, quantity
+
 Phase = Literal["idle", "offered", "trial"]
 
 
-class AdviceRules(NamedTuple):
-    """Limits of an advisor.
+class AdviceOutput(Parameters):
+    """Setting that the advisor may change, and its allowed range."""
 
-    Attributes
-    ----------
-    is_dry_run : bool
-        Nothing is sent, even after acceptance.
-    interval_s : float
-        Minimum time between two changes.
-    settling_cycles, trial_cycles : int
-        Cycles after a change that are ignored, and the following ones that are evaluated.
-    promised_share : float
-        Share of the promised gain that must be achieved.
-    silence_s : float
-        Time without a cycle after which a trial is reverted.
-    """
+    key: str = choice("motor/speed_command, or a live parameter of the machine")
+    low: float = quantity("1", "least value")
+    high: float = quantity("1", "largest value")
+    value: float = quantity("1", "value in force when the advisor starts")
 
-    is_dry_run: bool = True
-    interval_s: float = 60.0
-    settling_cycles: int = 5
-    trial_cycles: int = 10
-    promised_share: float = 0.5
-    silence_s: float = 5.0
+
+class AdviceWish(Parameters):
+    """Task of an advisor: a feature of the cycle, its target, the setting that may be changed, and the limits."""
+
+    figure: str = choice("feature of a cycle, as `mech-twin monitor` names it")
+    wanted: float = quantity("1", "what it should be, in its SI unit")
+    output: AdviceOutput = choice("what may be changed")
+    step_share: float = quantity("1", "largest change at once, as a share of the range", gt=0.0, le=1.0, default=0.1)
+    expiry_s: float = quantity("s", "time for which a recommendation holds", gt=0.0, default=600.0)
+    least_gain_share: float = quantity("1", "gain worth an advice, as a share of what is wanted", gt=0.0, default=0.01)
+    cycles: int = choice("cycles that the measured mean is of", default=10, ge=1)
+    dry_run: bool = choice("nothing goes out, even when accepted", default=True)
+    interval_s: float = quantity("s", "least time between two changes", ge=0.0, default=60.0)
+    settling_cycles: int = choice("cycles after a change that are not judged", default=5, ge=0)
+    trial_cycles: int = choice("cycles after those that are", default=10, ge=1)
+    promised_share: float = quantity("1", "share of the promised gain that must come", ge=0.0, le=1.0, default=0.5)
+    silence_s: float = quantity("s", "time without a cycle that ends a trial", gt=0.0, default=5.0)
 
 
 class Recommendation(NamedTuple):
@@ -146,21 +150,21 @@ def offered(state: AdviceState, advice: Recommendation, time_s: float) -> Advice
     return AdviceStep(state._replace(phase="offered", advice=advice), decision)
 
 
-def accepted(state: AdviceState, miss: float, time_s: float, rules: AdviceRules) -> AdviceStep:
+def accepted(state: AdviceState, miss: float, time_s: float, wish: AdviceWish) -> AdviceStep:
     """Return the state after the operator accepts; ``miss`` is the distance of the figure from its target."""
     advice = state.advice
     if state.phase != "offered" or advice is None:
         return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
     if time_s > advice.expires_s:
         return AdviceStep(_idle(state), Decision(time_s, "expired", "nobody has answered in time"))
-    if time_s - state.changed_s < rules.interval_s:
-        left_s = rules.interval_s - (time_s - state.changed_s)
+    if time_s - state.changed_s < wish.interval_s:
+        left_s = wish.interval_s - (time_s - state.changed_s)
         return AdviceStep(state, Decision(time_s, "refused", f"the last change was too lately; {left_s:.1f} s to wait"))
-    if rules.is_dry_run:
+    if wish.dry_run:
         return AdviceStep(_idle(state), Decision(time_s, "accepted", "dry run: nothing was sent"))
     sent = Setting(advice.key, advice.proposed)
     trial = state._replace(phase="trial", miss_before=miss, offs=(), newest_s=time_s, changed_s=time_s, in_force=True)
-    return AdviceStep(trial, Decision(time_s, "accepted", f"on trial for {rules.trial_cycles} cycles", sent))
+    return AdviceStep(trial, Decision(time_s, "accepted", f"on trial for {wish.trial_cycles} cycles", sent))
 
 
 def rejected(state: AdviceState, time_s: float) -> AdviceStep:
@@ -172,9 +176,7 @@ def rejected(state: AdviceState, time_s: float) -> AdviceStep:
     return AdviceStep(state, Decision(time_s, "refused", "nothing is offered"))
 
 
-def after_machine_cycle(
-    state: AdviceState, off: float, time_s: float, has_fault: bool, rules: AdviceRules
-) -> AdviceStep:
+def after_machine_cycle(state: AdviceState, off: float, time_s: float, has_fault: bool, wish: AdviceWish) -> AdviceStep:
     """Return the state after a cycle; ``off`` is its figure less the target."""
     state = state._replace(newest_s=time_s)
     if has_fault and state.phase != "idle":
@@ -185,25 +187,25 @@ def after_machine_cycle(
         return AdviceStep(_idle(state), Decision(time_s, "expired", "nobody has answered in time"))
     if state.phase != "trial" or state.advice is None:
         return AdviceStep(state)
-    return _after_trial_cycle(state, state.advice, off, rules)
+    return _after_trial_cycle(state, state.advice, off, wish)
 
 
-def _after_trial_cycle(state: AdviceState, advice: Recommendation, off: float, rules: AdviceRules) -> AdviceStep:
+def _after_trial_cycle(state: AdviceState, advice: Recommendation, off: float, wish: AdviceWish) -> AdviceStep:
     state = state._replace(offs=(*state.offs, off))
-    if len(state.offs) < rules.settling_cycles + rules.trial_cycles:
+    if len(state.offs) < wish.settling_cycles + wish.trial_cycles:
         return AdviceStep(state)
-    judged = state.offs[rules.settling_cycles :]
+    judged = state.offs[wish.settling_cycles :]
     gain = state.miss_before - abs(sum(judged) / len(judged))  # of the mean, as promised: scatter is no distance
     outcome = f"gain {gain:.4g} of {advice.gain:.4g} promised, over {len(judged)} cycles"
-    if gain < rules.promised_share * advice.gain:
+    if gain < wish.promised_share * advice.gain:
         return _reverted(state, state.newest_s, outcome)
     return AdviceStep(_idle(state), Decision(state.newest_s, "kept", outcome))
 
 
-def watched(state: AdviceState, time_s: float, rules: AdviceRules) -> AdviceStep:
+def watched(state: AdviceState, time_s: float, wish: AdviceWish) -> AdviceStep:
     """Return the state at a time: a trial without cycles for too long is reverted."""
-    if state.phase == "trial" and time_s - state.newest_s > rules.silence_s:
-        return _reverted(state, time_s, f"no cycle for {rules.silence_s:g} s")
+    if state.phase == "trial" and time_s - state.newest_s > wish.silence_s:
+        return _reverted(state, time_s, f"no cycle for {wish.silence_s:g} s")
     return AdviceStep(state)
 
 

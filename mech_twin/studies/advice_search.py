@@ -19,12 +19,12 @@ from pydantic import ValidationError
 from mech_twin.capabilities.cycle import CycleFeatures
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.declarations.quantity import Parameters, choice, quantity
+from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.rollout import roll_out
 from mech_twin.machines.catalog import Entry
 from mech_twin.parameters.errors import refusal
 from mech_twin.parameters.live_change import live_numbers
-from mech_twin.studies.advice import AdviceRules, Recommendation
+from mech_twin.studies.advice import AdviceWish, Recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, available_features, feed_channels
 from mech_twin.studies.observer.parameter_error import changed_parameters, uncertain_keys
 
@@ -33,43 +33,6 @@ VALUES = 9  # simulated, within one step of the setting
 MODEL_CYCLES_S = 2.0  # at the end of the simulation, over which the feature is averaged
 USUAL_SHARE = 0.02  # relative standard deviation of an uncertain key
 TWO_SIDED = 1.96
-
-
-class AdviceOutput(Parameters):
-    """Setting that the advisor may change, and its allowed range."""
-
-    key: str = choice("motor/speed_command, or a live parameter of the machine")
-    low: float = quantity("1", "least value")
-    high: float = quantity("1", "largest value")
-    value: float = quantity("1", "value in force when the advisor starts")
-
-
-class AdviceWish(Parameters):
-    """Task of an advisor: a feature of the cycle, its target, and the setting that may be changed.
-
-    The limits of `AdviceRules` are its other keys.
-    """
-
-    figure: str = choice("feature of a cycle, as `mech-twin monitor` names it")
-    wanted: float = quantity("1", "what it should be, in its SI unit")
-    output: AdviceOutput = choice("what may be changed")
-    step_share: float = quantity("1", "largest change at once, as a share of the range", gt=0.0, le=1.0, default=0.1)
-    expiry_s: float = quantity("s", "time for which a recommendation holds", gt=0.0, default=600.0)
-    least_gain_share: float = quantity("1", "gain worth an advice, as a share of what is wanted", gt=0.0, default=0.01)
-    cycles: int = choice("cycles that the measured mean is of", default=10, ge=1)
-    dry_run: bool = choice("nothing goes out, even when accepted", default=True)
-    interval_s: float = quantity("s", "least time between two changes", ge=0.0, default=60.0)
-    settling_cycles: int = choice("cycles after a change that are not judged", default=5, ge=0)
-    trial_cycles: int = choice("cycles after those that are", default=10, ge=1)
-    promised_share: float = quantity("1", "share of the promised gain that must come", ge=0.0, le=1.0, default=0.5)
-    silence_s: float = quantity("s", "time without a cycle that ends a trial", gt=0.0, default=5.0)
-
-    @property
-    def rules(self) -> AdviceRules:
-        """The limits of the state machine."""
-        return AdviceRules(
-            self.dry_run, self.interval_s, self.settling_cycles, self.trial_cycles, self.promised_share, self.silence_s
-        )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ KEPT_EVENTS = 20_000  # 2 kB each; the bound keeps the memory of long runs const
 
 
 class RunMetrics:
-    """Observer of a run that also stores its newest events.
+    """Metrics of a run, its newest frame and newest events.
 
     Parameters
     ----------
@@ -26,14 +26,15 @@ class RunMetrics:
         As for `ChangingObserver`.
     """
 
+    kept_events: int | None = KEPT_EVENTS
+
     def __init__(self, build: Callable[[], Machine], machine_at: Callable[[int], Machine] | None = None) -> None:
         self._build, self.machine_at = build, machine_at
         self.begin_anew()
 
     def begin_anew(self) -> None:
         """Clear everything for a new run."""
-        self.events: deque[Event] = deque(maxlen=KEPT_EVENTS)
-        self.event_count = 0
+        self.events: deque[Event] = deque(maxlen=self.kept_events)
         self.frames = 0
         self.last: Frame | None = None
         self._observer: ChangingObserver | None = None
@@ -47,15 +48,14 @@ class RunMetrics:
         self._observer.observe(frame)
         events = frame_events(frame)
         self.events.extend(events)
-        self.event_count += len(events)
         return events
 
-    def numbers(self) -> dict[str, float]:
-        """Return the metrics so far, including the closed-form ones of a cycle."""
-        return {**self.machine.report(), **self.running_numbers()}
+    def summary(self) -> dict[str, float]:
+        """Return the closed-form numbers of a cycle and the metrics of the run so far."""
+        return {**self.machine.report(), **self.numbers()}
 
-    def running_numbers(self) -> dict[str, float]:
-        """Return only the metrics of the run."""
+    def numbers(self) -> dict[str, float]:
+        """Return the metrics of the run so far."""
         return {} if self._observer is None else self._observer.numbers()
 
     def regime(self, index: int) -> str:
@@ -94,43 +94,34 @@ class ChangingObserver:
         self._observer.observe(frame)
 
 
-class Simulation:
-    """Collects the results of a run, frame by frame; ``machine_at`` as for `ChangingObserver`."""
+class Simulation(RunMetrics):
+    """All results of a run: its metrics, every event, the worst residuals; whoever needs columns fills them."""
+
+    kept_events = None
 
     def __init__(self, machine: Machine, machine_at: Callable[[int], Machine] | None = None) -> None:
-        self.events: list[Event] = []
+        super().__init__(lambda: machine, machine_at)
         self.trajectory = Trajectory()
-        self._machine = machine
-        self._observer = ChangingObserver(machine, machine_at)
         self._invariants = RunInvariants(machine)
 
-    def observe(self, frame: Frame) -> None:
-        """Add one frame."""
-        self._observer.observe(frame)
+    def observe(self, frame: Frame) -> tuple[Event, ...]:
+        """Add one frame and return its events."""
         self._invariants.observe(frame)
-        self.events.extend(frame_events(frame))
+        return super().observe(frame)
 
     def residuals(self) -> dict[str, Residual]:
         """Return the worst value of each residual, with its limit."""
         return self._invariants.residuals()
 
-    def summary(self) -> dict[str, float]:
-        """Return the closed-form numbers of a cycle and the metrics of the run so far."""
-        return {**self._machine.report(), **self.numbers()}
-
-    def numbers(self) -> dict[str, float]:
-        """Return the metrics of the run so far."""
-        return self._observer.numbers()
-
     def remarks(self) -> tuple[str, ...]:
         """Return remarks on the validity of the results so far."""
-        return tuple(self._machine.remarks(self.summary()))
+        return tuple(self.machine.remarks(self.summary()))
 
     def document(self) -> dict[str, Any]:
         """Return all results but the samples as plain values."""
         return {
-            "machine": self._machine.name,
-            "config": configuration_tree(self._machine.parameters),
+            "machine": self.machine.name,
+            "config": configuration_tree(self.machine.parameters),
             "summary": self.summary(),
             "residuals": {name: residual._asdict() for name, residual in self.residuals().items()},
             "events": [event_record(event) for event in self.events],
@@ -138,18 +129,7 @@ class Simulation:
 
 
 def event_record(event: Event) -> dict[str, Any]:
-    """Return an event as plain values."""
-    return {
-        "time_s": event.time_s,
-        "kind": event.kind,
-        "contact": event.contact,
-        "pre_velocity_m_per_s": event.pre_velocity_m_per_s,
-        "post_velocity_m_per_s": event.post_velocity_m_per_s,
-        "impulse_ns": event.impulse_ns,
-        "period": event.period,
-        **{
-            side: list(map(list, coordinates))
-            for side, coordinates in (("pre", event.pre), ("post", event.post))
-            if coordinates
-        },
-    }
+    """Return an event as plain values, its coordinates as lists; without those of a side that has none."""
+    record = event._asdict()
+    sides = {side: [list(coordinate) for coordinate in record.pop(side)] for side in ("pre", "post")}
+    return record | {side: coordinates for side, coordinates in sides.items() if coordinates}

@@ -130,14 +130,14 @@ def _over_processes(function: Callable[[Batch], Result], batches: Sequence[Batch
 
 
 class BesideProcess:
-    """Computes in another process at low priority, one task after another; it begins with the first task."""
+    """Computes in another process, at low priority by default, one task after another; it begins with the first."""
 
-    def __init__(self) -> None:
+    def __init__(self, priority: int = NICE) -> None:
+        self._priority = priority
         self._pool = self._new_pool()
 
-    @staticmethod
-    def _new_pool() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, _Spawn(), initializer=_follow_parent, initargs=(os.getpid(), NICE))
+    def _new_pool(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, _Spawn(), initializer=_follow_parent, initargs=(os.getpid(), self._priority))
 
     def submit(self, function: Callable[..., Result], *arguments: Any) -> Future[Result]:
         """Return the future result of a function that another process can import; a process that died is replaced."""

@@ -17,15 +17,11 @@ QUANTITIES = {"W": "Power", "J": "Energy", "m": "Lengths", "m/s": "Further speed
 
 
 class Group(NamedTuple):
-    """Curves with common time stamps: entity path, names, and values of shape (n, k).
-
-    With ``worst`` only the largest value of each window is drawn.
-    """
+    """Curves with common time stamps: entity path, names, and values of shape (n, k)."""
 
     path: str
     names: tuple[str, ...]
     values: npt.NDArray[np.float64]
-    worst: bool = False
     unit: str = ""
 
 
@@ -127,7 +123,7 @@ def _residuals(role: str, samples: Sequence[Any]) -> Groups:
         return []
     values = np.abs(_rows([sample.residuals.values for sample in samples]))
     labels = tuple(f"log10 {titled(name)}" for name in names)
-    return [Group(f"residuals/{role}", labels, np.log10(np.maximum(values, RESIDUAL_FLOOR)), worst=True)]
+    return [Group(f"residuals/{role}", labels, np.log10(np.maximum(values, RESIDUAL_FLOOR)))]
 
 
 def same_names(one: Any, other: Any) -> bool:

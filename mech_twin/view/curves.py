@@ -7,18 +7,13 @@ call, which is several times faster than one call per curve.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Sequence
-from typing import Generic, NamedTuple, TypeVar
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import rerun as rr
-
-from mech_twin.samples import BodySample, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.curve_groups import Group, Groups, same_names
-from mech_twin.view.sending import extreme_rows, worst_values
 
 SIM_TIME = "sim_time"
 STEP = "step"
@@ -45,12 +40,6 @@ FIRST_COLOUR = {
     "residuals/forces": 3,
     "residuals/body": 6,
 }
-WINDOW = 5  # samples, whose extremes are kept
-BATCH_S = 0.1  # simulated time per batch
-WORST_WINDOWS = 5
-
-
-Sample = TypeVar("Sample", bound=MotorSample | LinkageSample | ForceSample | BodySample)
 
 
 class Times(NamedTuple):
@@ -75,61 +64,6 @@ def times(time_s: npt.ArrayLike, step: npt.ArrayLike | None = None) -> list[Time
     if step is not None:
         columns.append(Times(STEP, pa.array(np.asarray(step, dtype=np.int64))))
     return columns
-
-
-class Track(Generic[Sample]):
-    """Buffers the samples of one role, decimates them and sends them to rerun in batches.
-
-    Parameters
-    ----------
-    groups : callable
-        Converts samples with equal names to groups of curves.
-    """
-
-    def __init__(self, stream: rr.RecordingStream, groups: Callable[[Sequence[Sample]], Groups]) -> None:
-        self._stream = stream
-        self._groups = groups
-        self._pending: deque[Sample] = deque()
-        self.curves: dict[str, tuple[str, ...]] = {}
-        self.units: dict[str, str] = {}
-
-    def add(self, sample: Sample) -> bool:
-        """Add a sample; return whether this sent a batch."""
-        sent = False
-        if self._pending and not same_names(self._pending[0], sample):
-            sent = self.flush()
-        self._pending.append(sample)
-        if sample.time_s - self._pending[0].time_s < BATCH_S:
-            return sent
-        return self._send(len(self._pending) - len(self._pending) % WINDOW) or sent
-
-    def flush(self) -> bool:
-        """Send the remaining samples, including an incomplete window; return whether there were any."""
-        return self._send(len(self._pending))
-
-    def _send(self, count: int) -> bool:
-        batch = [self._pending.popleft() for _ in range(count)]
-        if not batch:
-            return False
-        time_s = np.array([sample.time_s for sample in batch])
-        step = np.array([sample.step for sample in batch])
-        for group in self._groups(batch):
-            if not group.names:
-                continue
-            if self.curves.get(group.path) != group.names:
-                self.curves[group.path] = group.names
-                self.units[group.path] = group.unit
-                self._stream.log(group.path, series_lines(group.names, FIRST_COLOUR.get(group.path, 0)), static=True)
-            self._send_group(group, time_s, step)
-        return True
-
-    def _send_group(self, group: Group, time_s: npt.NDArray[np.float64], step: npt.NDArray[np.int64]) -> None:
-        if group.worst:
-            rows, values = worst_values(group.values, WORST_WINDOWS * WINDOW)
-        else:
-            rows = extreme_rows(group.values, WINDOW)
-            values = group.values[rows]
-        send_rows(self._stream, group.path, values, time_s[rows], step[rows])
 
 
 def send_rows(

@@ -8,7 +8,7 @@ The mechanism is drawn as lines, points, arrows and texts.
 
 import base64
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,13 @@ import rerun.blueprint as rrb
 
 from mech_twin.errors import RerunSceneError
 from mech_twin.files.output_file import FILE_MODE
+from mech_twin.process.closing import Closing
 from mech_twin.samples import Shape
+from mech_twin.view.bench.picture import Curves
 from mech_twin.view.curves import FIRST_COLOUR, SIM_TIME, STEP, send_rows, series_lines, times
 from mech_twin.view.extent import Bounds, DrawnExtent, with_placed_texts
 from mech_twin.view.layout import BANNER, EVENTS, MECHANISM, banner_view, events_view, mechanism_view, page, plot
+from mech_twin.view.shadow_picture import COLOURS
 
 MIRROR = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
 KINDS = ("line", "points", "arrow", "text")
@@ -32,7 +35,8 @@ FLUSH_S = 0.1  # drawings within this time (s) go into one chunk of the file
 REGIMES = "regimes"
 WINDOW_S = 1.0  # shown in the plots
 ROOM = 0.1  # share of the height added below the drawing
-OWN_PLOTS = 3  # plots with a panel of their own; further ones share tabs
+OWN_PLOTS, OWN_PLOTS_OF_FILE = 3, 4  # plots with a panel of their own; further ones share tabs
+FLUSH_LIMIT_S = 0.5  # longest wait for the file to be written at the end
 KIND_OF_LETTER = {kind[0]: kind for kind in KINDS}
 Values = npt.NDArray[np.float64]
 
@@ -199,9 +203,10 @@ class RerunPictures:
         The plots, as sent to the page.
     """
 
-    def __init__(self, name: str, panels: Sequence[Mapping[str, Any]]) -> None:
-        self._stream = rr.RecordingStream(name)
-        self._bytes = rr.binary_stream(self._stream)
+    def __init__(
+        self, stream: rr.RecordingStream, panels: Sequence[Mapping[str, Any]], own_plots: int = OWN_PLOTS
+    ) -> None:
+        self._stream, self._own_plots = stream, own_plots
         self._stream.set_log_time_enabled(False)
         self._stream.set_log_tick_enabled(False)
         self._mechanism = Mechanism(self._stream)
@@ -210,27 +215,28 @@ class RerunPictures:
         self._panels = panels
         self._names = {curve["path"]: curve["names"] for panel in panels for curve in panel["curves"]}
         for path, names in self._names.items():
-            self._stream.log(path, series_lines(names, FIRST_COLOUR.get(path, 0)), static=True)
+            lines = series_lines(names, FIRST_COLOUR.get(path, 0), COLOURS.get(tuple(names)))
+            self._stream.log(path, lines, static=True)
 
-    def taken(self, pictures: Sequence[Mapping[str, Any]]) -> bytes:
-        """Add pictures in the order of arrival; return the next bytes for the viewer."""
-        curves: dict[str, list[list[str]]] = {}
+    def add(self, pictures: Iterable[Mapping[str, Any]]) -> None:
+        """Add pictures in the order of arrival."""
+        curves: dict[str, list[tuple[Values, Values]]] = {}
         for picture in pictures:
-            for path, packed in picture["curves"].items():
-                curves.setdefault(path, []).append(packed)
+            for path, rows in picture["curves"].items():
+                curves.setdefault(path, []).append(rows)
             self._show(picture)
         for path, parts in curves.items():
             self._send(path, parts)
-        return self._bytes.read() or b""
 
     def _show(self, picture: Mapping[str, Any]) -> None:
         set_time(self._stream, picture["time_s"])
         words = [f"**{picture['state']}**", f"t = {picture['time_s']:.2f} s"]
         words += [f"{card[0]} {card[1]}" for card in picture["cards"]]
         words += [f"**ALARM: {picture['alarm']}**"] if picture["alarm"] else []
-        self._stream.log(BANNER, rr.TextDocument("  ·  ".join(words), media_type=rr.MediaType.MARKDOWN))
+        line = picture.get("banner") or "  ·  ".join(words)
+        self._stream.log(BANNER, rr.TextDocument(line, media_type=rr.MediaType.MARKDOWN))
         if picture.get("shapes"):
-            self._mechanism.place(unpacked_shapes(picture["shapes"]))
+            self._mechanism.place(picture["shapes"])
         if picture["events"]:
             time_s, text = zip(*picture["events"], strict=True)
             self._stream.send_columns(EVENTS, times(time_s), rr.TextLog.columns(text=list(text)))
@@ -246,11 +252,10 @@ class RerunPictures:
             self._bounds, self._lanes = bounds, self._lanes | lanes
             self._stream.send_blueprint(self._layout())
 
-    def _send(self, path: str, parts: Sequence[Sequence[str]]) -> None:
+    def _send(self, path: str, parts: Sequence[tuple[Values, Values]]) -> None:
         if path not in self._names:
             return
-        time_s = np.concatenate([_unpacked(part[0], "<f8") for part in parts])
-        values = np.concatenate([_unpacked(part[1], "<f4") for part in parts])
+        time_s, values = (np.concatenate(column) for column in zip(*parts, strict=True))
         send_rows(self._stream, path, values.reshape(len(time_s), len(self._names[path])), time_s)
 
     def _layout(self) -> rrb.Blueprint:
@@ -263,9 +268,9 @@ class RerunPictures:
             )
             for panel in self._panels
         ]
-        rest = plots[OWN_PLOTS:]
+        rest = plots[self._own_plots :]
         beside: list[rrb.View | rrb.Container] = [
-            *plots[:OWN_PLOTS],
+            *plots[: self._own_plots],
             *([rrb.Tabs(*rest, active_tab=0)] if rest else []),
         ]
         regimes = rrb.StateTimelineView(origin="/", contents=[f"/{REGIMES}/**"], name="Regimes")
@@ -276,6 +281,69 @@ class RerunPictures:
         left = rrb.Vertical(mechanism_view(bounds), below, row_shares=[3, 1])
         middle = rrb.Horizontal(left, *([rrb.Vertical(*beside)] if beside else []))
         return page(rrb.Vertical(banner_view(), middle, row_shares=[5, 95]))
+
+
+def converter(name: str, panels: Sequence[Mapping[str, Any]]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
+    """Return a function that adds packed pictures to a recording, and returns its next bytes for the viewer."""
+    stream = rr.RecordingStream(name)
+    found, pictures = rr.binary_stream(stream), RerunPictures(stream, panels)
+
+    def taken(packed: Sequence[Mapping[str, Any]]) -> bytes:
+        pictures.add(map(unpacked_picture, packed))
+        return found.read() or b""
+
+    return taken
+
+
+class RerunFile(Closing):
+    """A file for rerun in the place of a bench; see `BenchLink`.
+
+    Raises
+    ------
+    RerunSceneError
+        The file cannot be created, or at the end not be written completely; one line.
+    """
+
+    is_live = False
+
+    def __init__(self, name: str, rrd_path: str | Path) -> None:
+        self._stream: rr.RecordingStream | None = opened_stream(name, rrd_path)
+        self._pictures: RerunPictures | None = None
+
+    @staticmethod
+    def shapes(shapes: Iterable[Shape]) -> list[Shape]:
+        """Return the shapes."""
+        return list(shapes)
+
+    @staticmethod
+    def curves(curves: Iterable[Curves]) -> dict[str, tuple[Values, Values]]:
+        """Return times and values by path."""
+        return {each.path: (each.time_s, each.values) for each in curves}
+
+    def tell(self, kind: str, content: Mapping[str, Any]) -> bool:
+        """Take the layout; other messages are for a page only."""
+        if kind == "layout" and self._stream is not None:
+            self._pictures = RerunPictures(self._stream, content["panels"], OWN_PLOTS_OF_FILE)
+        return True
+
+    def show(self, picture: Mapping[str, Any]) -> bool:
+        """Write a picture."""
+        if self._pictures is not None:
+            self._pictures.add([picture])
+        return True
+
+    def close(self) -> None:
+        """Write the remaining data, and close the file; idempotent."""
+        stream, self._stream, self._pictures = self._stream, None, None
+        if stream is not None:
+            closed_stream(stream, FLUSH_LIMIT_S)
+
+
+def unpacked_picture(packed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a picture with its curves and shapes unpacked."""
+    rows = packed["curves"].items()
+    curves = {path: (_unpacked(time_s, "<f8"), _unpacked(values, "<f4")) for path, (time_s, values) in rows}
+    return {**packed, "curves": curves, "shapes": unpacked_shapes(packed["shapes"]) if packed.get("shapes") else None}
 
 
 def unpacked_shapes(packed: Mapping[str, Any]) -> list[Shape]:

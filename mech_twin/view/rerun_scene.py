@@ -8,17 +8,13 @@ recordings of machines outside the catalogue can be shown too.
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import rerun as rr
 
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import metrics_table
-from mech_twin.process.closing import Closing
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
-from mech_twin.view.annotations import Annotations, Banner, lost_energy
-from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
-from mech_twin.view.curves import PALETTE, Track, times
+from mech_twin.view.curves import FIRST_COLOUR, PALETTE, send_rows, series_lines, times
 from mech_twin.view.extent import Bounds, event_line, is_logged
 from mech_twin.view.layout import (
     BANNER,
@@ -30,14 +26,16 @@ from mech_twin.view.layout import (
     SceneContents,
     blueprint,
 )
-from mech_twin.view.rerun_pictures import Mechanism, closed_stream, opened_stream, set_time
+from mech_twin.view.rerun_pictures import FLUSH_LIMIT_S, Mechanism, closed_stream, opened_stream, set_time
+from mech_twin.view.run_scene import RunScene
+from mech_twin.view.sending import RECORDED
 
 VIEW_RATE_HZ = 30.0
 CURVE_SPAN_S, PORTRAIT_SPAN_S = 1.0, 0.5  # simulated time shown
-FLUSH_LIMIT_S = 0.5  # longest wait for the file to be written at the end
+BATCH_S = 0.1  # simulated time per batch
 
 
-class RerunScene(Closing):
+class RerunScene(RunScene):
     """The rerun recording of one run; a context manager.
 
     Raises
@@ -47,17 +45,9 @@ class RerunScene(Closing):
     """
 
     def __init__(self, application_id: str, rrd_path: str | Path) -> None:
+        super().__init__()
         self._stream = opened_stream(application_id, rrd_path)
-        self._sliding: frozenset[str] = frozenset()
-        self._motor: Track[MotorSample] = Track(self._stream, lambda samples: motor_groups(samples, self._sliding))
-        self._linkage: Track[LinkageSample] = Track(
-            self._stream, lambda samples: linkage_groups(samples, self._sliding)
-        )
-        self._forces = Track(self._stream, force_groups)
-        self._body = Track(self._stream, body_groups)
-        self._tracks: tuple[Track[Any], ...] = (self._motor, self._linkage, self._forces, self._body)
-        self._banner = Banner(None)
-        self._annotations: Annotations | None = None
+        self._names: dict[str, tuple[str, ...]] = {}
         self._portraits: tuple[PhasePortrait, ...] = ()
         self._events: list[tuple[float, str]] = []
         self._has_events = False
@@ -74,14 +64,9 @@ class RerunScene(Closing):
         return self._shown
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
-        """Add what needs the machine's frames: pin reactions, blows, units of joints; call before the first step.
-
-        ``blow_energy`` returns the energy of an impact (J); by default the energy lost by the mechanism.
-        """
-        energy = lost_energy if blow_energy is None else blow_energy
-        self._sliding, self._marks.turning_stops = tree.sliding_joints, tree.turning_stops
-        self._banner = Banner(tree, energy)
-        self._annotations = Annotations(tree, energy)
+        """Add what needs the machine's frames; see `RunScene.know`."""
+        super().know(tree, blow_energy)
+        self._marks.turning_stops = tree.turning_stops
 
     def frame(
         self,
@@ -91,21 +76,17 @@ class RerunScene(Closing):
         body: BodySample | None = None,
     ) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
-        sent = False
-        self._banner.add(motor, linkage, forces)
-        if self._annotations is not None and linkage is not None:
-            self._annotations.add(linkage, forces)
-        for track, sample in ((self._motor, motor), (self._linkage, linkage), (self._forces, forces)):
-            if sample is not None:
-                self._time_s = max(self._time_s, sample.time_s)
-                sent = bool(track.add(sample)) or sent  # type: ignore[arg-type]
+        self._take(motor, linkage, forces, body)
+        given = [sample.time_s for sample in (motor, linkage, forces, body) if sample is not None]
+        self._time_s = max([self._time_s, *given])
         if body is not None:
-            self._time_s = max(self._time_s, body.time_s)
-            sent = self._trace_body(body) or sent
-        if sent:
-            self._send_events()
-            self._send_banner()
-            self._lay_out()
+            self._trace(body)
+        if self._roles.spans(BATCH_S):
+            self._send()
+            if body is not None:
+                set_time(self._stream, body.time_s, body.step)
+                for portrait in self._portraits:
+                    portrait.log(self._stream)
 
     def drawing_due(self, time_s: float) -> bool:
         """Return whether the mechanism should be drawn at this time (s): at most 30 times per simulated second."""
@@ -123,11 +104,9 @@ class RerunScene(Closing):
         """Show an event at its exact time: a log line, and for an impact vertical marks and a flash."""
         if is_logged(event):
             self._has_events = True
-            self._events.append((event.time_s, event_line(event, self._marks.turning_stops)))
+            self._events.append((event.time_s, event_line(event, self._turning_stops)))
         self._marks.add(event)
-        self._banner.strike(event)
-        if self._annotations is not None:
-            self._annotations.strike(event)
+        self._strike(event)
 
     def metrics(self, metrics: Mapping[str, float]) -> None:
         """Show the metrics of the run as a table; names end in their unit."""
@@ -145,14 +124,22 @@ class RerunScene(Closing):
         if self._closed:
             return
         self._closed = True
-        for track in self._tracks:
-            track.flush()
+        self._send()
+        closed_stream(self._stream, FLUSH_LIMIT_S)
+
+    def _send(self) -> None:
+        """Send what has come in since the last time."""
+        for curves in self._roles.taken(RECORDED):
+            if self._names.get(curves.path) != curves.names:
+                self._names[curves.path] = curves.names
+                lines = series_lines(curves.names, FIRST_COLOUR.get(curves.path, 0))
+                self._stream.log(curves.path, lines, static=True)
+            send_rows(self._stream, curves.path, curves.values, curves.time_s, curves.step)
         self._send_events()
         self._send_banner()
         self._lay_out()
-        closed_stream(self._stream, FLUSH_LIMIT_S)
 
-    def _trace_body(self, body: BodySample) -> bool:
+    def _trace(self, body: BodySample) -> None:
         if tuple(portrait.joint for portrait in self._portraits) != body.joints:
             self._portraits = tuple(
                 PhasePortrait(f"{PHASE_PORTRAIT}/{joint}", joint, place, PORTRAIT_SPAN_S)
@@ -160,12 +147,6 @@ class RerunScene(Closing):
             )
         for portrait in self._portraits:
             portrait.add(body)
-        if not self._body.add(body):
-            return False
-        set_time(self._stream, body.time_s, body.step)
-        for portrait in self._portraits:
-            portrait.log(self._stream)
-        return True
 
     def _send_banner(self) -> None:
         set_time(self._stream, self._time_s)
@@ -191,12 +172,12 @@ class RerunScene(Closing):
     def _lay_out(self) -> None:
         """Send the layout if there is something new to show, or the mechanism has left the visible range."""
         contents = SceneContents(
-            curves={path: names for track in self._tracks for path, names in track.curves.items()},
+            curves=dict(self._names),
             portraits=tuple(portrait.joint for portrait in self._portraits),
             bounds=None if self._shown is None else self._shown.bounds,
             impacts=self._marks.kinds,
             events=self._has_events,
-            units={path: unit for track in self._tracks for path, unit in track.units.items()},
+            units=self._roles.units,
         )
         within = self._shown is not None and self._mechanism.within(self._shown.bounds)
         if within and contents == self._shown:

@@ -65,23 +65,6 @@ def extreme_rows(values: Values, window: int) -> Rows:
     return np.flatnonzero(kept)
 
 
-def worst_values(values: Values, window: int) -> tuple[Rows, Values]:
-    """Return the last row of each window, and the largest value of each column in it (used for residuals).
-
-    Parameters
-    ----------
-    values : array, shape (n, k)
-        Curves with common time stamps.
-    window : int
-        Rows per window, counted from row 0; the last window may be shorter.
-    """
-    starts = np.arange(0, len(values), window)
-    if values.size == 0:
-        return starts, values[starts]
-    ends = np.minimum(starts + window, len(values)) - 1
-    return ends, np.maximum.reduceat(values, starts, axis=0)
-
-
 class Sending(NamedTuple):
     """Decimation and rate of the pictures of a scene.
 

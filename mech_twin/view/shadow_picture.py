@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mech_twin.samples import Shape
 from mech_twin.view.annotations import Card
+from mech_twin.view.bench.picture import Curves
 from mech_twin.view.sending import extreme_rows
 
-Array = NDArray[np.float64]
-
 CHANNELS, RESIDUALS = "channels", "residuals"
-MEASURED_COLOUR = (204, 90, 180)
 CURVES = ("measured", "model")
 BANDED = ("residual", "+2 sigma", "-2 sigma")
+MEASURED_COLOUR, MODEL_COLOUR, BAND_COLOUR = (204, 90, 180), (86, 180, 233), (130, 130, 130)
+COLOURS = {CURVES: (MEASURED_COLOUR, MODEL_COLOUR), BANDED: ((213, 94, 0), BAND_COLOUR, BAND_COLOUR)}
 
 
 class ShownChannel(NamedTuple):
@@ -45,16 +44,7 @@ class ChannelReading(NamedTuple):
     sigma: float
 
 
-class ChannelRows(NamedTuple):
-    """Data of one plot of a channel: entity path, names of the columns, times (n,) and values (n, columns)."""
-
-    path: str
-    names: tuple[str, ...]
-    time_s: Array
-    values: Array
-
-
-def channel_rows(channel: ShownChannel, kept: deque[tuple[float, ChannelReading]], window: int) -> list[ChannelRows]:
+def channel_rows(channel: ShownChannel, kept: deque[tuple[float, ChannelReading]], window: int) -> list[Curves]:
     """Return and clear the rows of a channel's two plots, reduced to the extremes of each window."""
     if not kept:
         return []
@@ -66,7 +56,7 @@ def channel_rows(channel: ShownChannel, kept: deque[tuple[float, ChannelReading]
     found = []
     for path, names, columns in ((channel.curves, CURVES, values), (channel.residual, BANDED, banded)):
         rows = extreme_rows(columns, window)
-        found.append(ChannelRows(path, names, time_s[rows], columns[rows]))
+        found.append(Curves(path, names, time_s[rows], columns[rows]))
     return found
 
 
@@ -126,8 +116,8 @@ class ShownFit(NamedTuple):
 class ShadowPicture(NamedTuple):
     """One picture, besides the curves: drawings of model and measurement, state, faults, advice and identification.
 
-    ``banner`` is the state line; ``cards`` are headline numbers; ``advice`` has names and values of a recommendation
-    that waits for an answer (empty: none); ``fit`` is an identification, if one can be requested.
+    ``banner`` is the state line of rerun's viewer; ``cards`` are headline numbers; ``advice`` has names and values of a
+    recommendation that waits for an answer (empty: none); ``fit`` is an identification, if one can be requested.
     """
 
     model: Sequence[Shape]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from work_arrays import room_for
 
 from mech_twin.engine import crank_state
 from mech_twin.engine.compiled_steps import step_of
@@ -26,7 +27,7 @@ from mech_twin.engine.crank_motion import (
 )
 from mech_twin.engine.crank_state import NO_MOTOR, Crank, ShaftDrive, ShaftFriction, Transmission, crank_drive
 from mech_twin.engine.hybrid.declared import declared
-from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance, room_for
+from mech_twin.engine.hybrid.loop import TOO_LONG, UNSTEADY, advance
 from mech_twin.engine.sample_vectors import KIND, TIME
 from mech_twin.kernels.kernel import kernel
 from mech_twin.parts.induction_motor import supplied_motor

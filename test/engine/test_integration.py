@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from work_arrays import workspace
 
 from mech_twin.engine.integration import (
     DORMAND_PRINCE_5,
@@ -28,7 +29,6 @@ from mech_twin.engine.integration import (
     start_step,
     step_error,
     take_step,
-    workspace,
 )
 from mech_twin.kernels.kernel import kernel
 
@@ -303,10 +303,10 @@ def growth(system, t, y, out):
 """
 CALL = """
 import numpy as np
-from mech_twin.engine.integration import start_step, take_step, workspace
+from mech_twin.engine.integration import Workspace, start_step, take_step
 from mech_twin.engine.integration import DORMAND_PRINCE_5
 from growth_trial.system import Growth
-work, y = workspace(DORMAND_PRINCE_5, 1), np.array([1.0])
+work, y = Workspace(np.empty((len(DORMAND_PRINCE_5.nodes), 1)), np.empty(1), np.empty(1)), np.array([1.0])
 start_step(Growth(3.0), 0.0, y, work)
 take_step(Growth(3.0), 0.0, y, 1.0, work)
 print(work.end[0], sum(take_step.stats.cache_hits.values()))

@@ -36,7 +36,7 @@ def test_every_drawing_survives_the_wire(name: str) -> None:
     machine = built(name)
     first = next(iter(frames(machine, 0.0)))
     drawing = Drawing(0, 0.0, machine.draw(first.linkage, first.body))
-    message = deserialize_message(serialize_message(scene.to_message(drawing)), MarkerArray)
+    message = deserialize_message(scene.to_bytes(drawing), MarkerArray)
     again = scene.from_message(message)
     assert [shape.name for shape in again.shapes] == [shape.name for shape in drawing.shapes]
     assert [shape.kind for shape in again.shapes] == [shape.kind for shape in drawing.shapes]
@@ -48,7 +48,9 @@ def test_every_drawing_survives_the_wire(name: str) -> None:
 @pytest.mark.parametrize("share", [math.nan, math.inf, -0.1, 1.1])
 def test_a_marker_of_no_colour_is_refused(share: float) -> None:
     machine = built("winding_drum")
-    message = scene.to_message(Drawing(0, 0.0, machine.draw(machine.linkage.start(), None)))
+    message = deserialize_message(
+        scene.to_bytes(Drawing(0, 0.0, machine.draw(machine.linkage.start(), None))), MarkerArray
+    )
     message.markers[0].color.g = share
     with pytest.raises(MessageError, match="colour"):
         scene.from_message(message)

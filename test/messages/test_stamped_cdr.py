@@ -14,7 +14,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mech_twin.messages import impacts, scene
-from mech_twin.messages.cdr import stamp_of, stamped_bytes, wrench_bytes
+from mech_twin.messages.cdr import Stamp, stamp_of, stamped_bytes, wrench_bytes
 from mech_twin.messages.step_message import set_stamp
 from mech_twin.samples import Drawing, Event, Shape
 
@@ -59,7 +59,12 @@ def test_a_wrench_reads_as_its_frame_and_numbers(time_s: float, name: str, numbe
 @given(time, frame, number, number, number)
 def test_an_impact_reads_as_the_message(time_s: float, name: str, before: float, after: float, impulse: float) -> None:
     event = Event(time_s, "blow", name, before, after, impulse)
-    assert read(impacts.to_bytes(event), Vector3Stamped) == impacts.to_message(event)
+    expected = Vector3Stamped(vector=Vector3(x=before, y=after, z=impulse))
+    set_stamp(expected.header, time_s)
+    expected.header.frame_id = f"{name}/blow"
+    assert read(impacts.to_bytes(event), Vector3Stamped) == expected
+    expected.header.stamp.sec, expected.header.stamp.nanosec = stamp = Stamp(7, 1)
+    assert read(impacts.to_bytes(event, stamp), Vector3Stamped) == expected
 
 
 @given(time)

@@ -32,8 +32,8 @@ from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.nodes.shadow.session import Company, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.studies.advice import Recommendation, Setting, offered
-from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish
+from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, Setting, offered
+from mech_twin.studies.advice_search import COMMAND
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 NAME = "vibration_crank"

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import MarkerArray
 
 from mech_twin.engine.run import frames
 from mech_twin.messages import scene
@@ -25,13 +27,18 @@ def viewer(ros: None, tmp_path: Path) -> Iterator[ViewerNode]:
     node.destroy_node()
 
 
-def test_pictures_are_shown_for_as_long_as_the_run_goes_on(viewer: ViewerNode) -> None:
+def drawn(time_s: float) -> MarkerArray:
     line = Shape("line", "line", ((0.0, 0.0), (0.1, 0.1)), (10, 20, 30), 0.01, "")
+    message: MarkerArray = deserialize_message(scene.to_bytes(Drawing(0, time_s, (line,))), MarkerArray)
+    return message
+
+
+def test_pictures_are_shown_for_as_long_as_the_run_goes_on(viewer: ViewerNode) -> None:
     for frame in frames(machine(DRUM, overrides={"coupling.step_s": 0.1}), 30.0):
         viewer.show(frame)
-        viewer._on_scene(scene.to_message(Drawing(frame.linkage.step, frame.linkage.time_s, (line,))))
+        viewer._on_scene(drawn(frame.linkage.time_s))
     assert viewer.statistics.total[SCENE.name, "unknown_source"] == 0
-    viewer._on_scene(scene.to_message(Drawing(0, 1e6, (line,))))
+    viewer._on_scene(drawn(1e6))
     assert viewer.statistics.total[SCENE.name, "unknown_source"] == 1
 
 

@@ -18,6 +18,7 @@ from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
@@ -348,7 +349,8 @@ def strange_drawings() -> list[MarkerArray]:
     shapes = [*far, line._replace(width_m=1e12), line._replace(kind="arrow", points_m=((0.0, 0.0),) * 3)]
     many = [(line,) * 3000, (line._replace(points_m=((0.0, 0.0),) * 200_000),)]
     pictures = [Drawing(0, 1e6, (line,)), *(Drawing(0, 0.1, (shape,)) for shape in shapes)]
-    return [scene.to_message(picture) for picture in [*pictures, *(Drawing(0, 0.1, shapes) for shapes in many)]]
+    every = [*pictures, *(Drawing(0, 0.1, shapes) for shapes in many)]
+    return [deserialize_message(scene.to_bytes(picture), MarkerArray) for picture in every]
 
 
 @pytest.mark.parametrize("machine", [DRUM, pytest.param("mb10_breaker", marks=pytest.mark.slow)])

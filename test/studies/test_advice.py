@@ -19,9 +19,10 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
-    AdviceRules,
+    AdviceOutput,
     AdviceState,
     AdviceStep,
+    AdviceWish,
     Recommendation,
     Setting,
     accepted,
@@ -32,9 +33,13 @@ from mech_twin.studies.advice import (
     rejected,
     watched,
 )
-from mech_twin.studies.advice_search import COMMAND, AdviceOutput, AdviceWish, advice_model, recommendation
+from mech_twin.studies.advice_search import COMMAND, advice_model, recommendation
 
-RULES = AdviceRules(is_dry_run=False, interval_s=30.0, settling_cycles=2, trial_cycles=3, silence_s=5.0)
+OUTPUT = AdviceOutput(key=COMMAND, low=0.5, high=1.0, value=1.0)
+RULES = AdviceWish(
+    figure="torque_peak_nm", wanted=0.0, output=OUTPUT, dry_run=False,
+    interval_s=30.0, settling_cycles=2, trial_cycles=3, silence_s=5.0,
+)  # fmt: skip
 ADVICE = Recommendation(COMMAND, 1.0, 0.9, 0.5, 1.0, "torque_peak_nm", 40.0, 30.0, 50.0, "evidence", 100.0)
 OFFERED = offered(AdviceState(), ADVICE, 0.0).state
 ON_TRIAL = accepted(OFFERED, 60.0, 1.0, RULES).state
@@ -56,7 +61,7 @@ def sent(step: AdviceStep) -> Setting | None:
 def test_nothing_goes_out_before_a_yes_and_a_dry_run_sends_nothing_at_all() -> None:
     assert sent(offered(AdviceState(), ADVICE, 0.0)) is None
     assert sent(rejected(OFFERED, 1.0)) is None
-    dry = accepted(OFFERED, 60.0, 1.0, RULES._replace(is_dry_run=True))
+    dry = accepted(OFFERED, 60.0, 1.0, RULES.model_copy(update={"dry_run": True}))
     assert sent(dry) is None
     assert dry.state.phase == "idle"
     assert not dry.state.in_force
@@ -156,8 +161,7 @@ def test_whatever_happens_the_machine_has_an_accepted_value_or_the_one_before(wo
 
 
 def wish(**changes: object) -> AdviceWish:
-    output = AdviceOutput(key=COMMAND, low=0.5, high=1.0, value=1.0)
-    given_ = {"figure": "torque_peak_nm", "wanted": 150.0, "output": output, "step_share": 0.2}
+    given_ = {"figure": "torque_peak_nm", "wanted": 150.0, "output": OUTPUT, "step_share": 0.2}
     return AdviceWish.model_validate({**given_, **changes})
 
 

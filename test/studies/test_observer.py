@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from catalogue import built
+from wrong_machines import wrong_machine
 
 from mech_twin.declarations.configuration_tree import (
     ConfigurationError,
@@ -23,7 +24,6 @@ from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, Se
 from mech_twin.studies.observer.filter_state import FilterState, SaltedFilter, state_space
 from mech_twin.studies.observer.model_run import AnchorNow, held_sigma, model_run, without_turns
 from mech_twin.studies.observer.observer import PhaseLockedObserver
-from mech_twin.studies.observer.parameter_error import wrong_machine
 
 LATER_S = 1000.0  # clocks of a machine and of a model have nothing to do with each other
 CRANK = ("linkage.crank.position", 1e-3)

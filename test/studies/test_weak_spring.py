@@ -10,7 +10,8 @@ from catalogue import built
 from mech_twin.capabilities.cycle import Array
 from mech_twin.capabilities.faults import MachineFault, added_to_key, share_of_key
 from mech_twin.measurements.measurement_map import MeasurementMap
-from mech_twin.studies.advice_search import AdviceOutput, AdviceWish, advice_model, recommendation
+from mech_twin.studies.advice import AdviceOutput, AdviceWish
+from mech_twin.studies.advice_search import advice_model, recommendation
 from mech_twin.studies.live_monitor import changes_by_faults, has_news
 from mech_twin.studies.monitoring.baseline import fitted_baseline
 from mech_twin.studies.monitoring.charts import chart_limits

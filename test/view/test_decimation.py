@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
-from mech_twin.view.sending import extreme_rows, worst_values
+from mech_twin.view.sending import extreme_rows
 
 CURVES = arrays(
     np.float64,
@@ -48,12 +48,3 @@ def test_a_value_that_is_not_a_number_is_not_hidden():
 def test_a_window_without_rows_is_refused():
     with pytest.raises(ValueError, match="at least 1 row, got 0"):
         extreme_rows(np.zeros(3), 0)
-
-
-@given(values=CURVES, window=st.integers(1, 20))
-def test_the_worst_of_every_window_is_kept(values, window):
-    rows, worst = worst_values(values, window)
-    blocks = [values[start : start + window] for start in range(0, len(values), window)]
-    assert len(rows) == len(worst) == len(blocks)
-    assert all(np.array_equal(kept, block.max(axis=0)) for kept, block in zip(worst, blocks, strict=True))
-    assert (np.diff(rows) > 0).all()

@@ -15,6 +15,7 @@ from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
 from mech_twin.view.extent import Bounds, event_line, round_above
 from mech_twin.view.layout import PhasePortrait, SceneContents, blueprint, legend_share, plot
 from mech_twin.view.rerun_scene import RerunScene
+from mech_twin.view.run_scene import KEPT_SAMPLES
 
 STEPS = 1000
 
@@ -216,6 +217,16 @@ def test_samples_may_come_one_role_at_a_time(tmp_path):
     moving, _ = rrd_tables(path)
     assert max(moving["/linkage/speed"]["step"].to_pylist()) == 100
     assert max(moving["/body/pressing_force"]["step"].to_pylist()) == 100
+
+
+def test_of_the_shortest_steps_no_sample_is_left_out(tmp_path):
+    path, count = tmp_path / "run.rrd", 2 * KEPT_SAMPLES + 1
+    with RerunScene("four_bar", rrd_path=path) as scene:
+        for step in range(count):
+            scene.frame(motor=frame(0).motor._replace(step=step, time_s=1e-6 * step, effort=(float(-step),)))
+    rows = dict(zip(*sorted_rows(rrd_tables(path)[0]["/motor/torque"], "Scalars:scalars"), strict=True))
+    assert rows[0] == 0.0
+    assert rows[count - 1] == 1.0 - count
 
 
 def test_names_that_change_start_curves_of_their_own(tmp_path):

@@ -8,8 +8,6 @@ After an event a complementarity problem gives the next regimes: in velocities a
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from mech_twin.engine.addresses import place_of, view_as
 from mech_twin.engine.compiled_steps import LOG_FULL, copy_numbers
 from mech_twin.engine.hybrid.complementarity import CLOSED, SOLVED, STRUCK, halt, is_held_by_others, strike
@@ -31,7 +29,7 @@ from mech_twin.engine.hybrid.laws import (
 )
 from mech_twin.engine.hybrid.motion import Piece, PieceAt, prepare_instant, settle_regimes
 from mech_twin.engine.integration import DORMAND_PRINCE_5, Tableau, Workspace
-from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel
 
 TOO_MANY, UNSTEADY, TOO_LONG, CONTRADICTS = -1, -2, -3, -4
 ENDED = -101  # by the system
@@ -106,14 +104,6 @@ def room_in(numbers: Array, marks: Indices, n: int, m: int, signals: int, size: 
         at, work, search, marks[m : 2 * m], marks[2 * m : 3 * m], marks[3 * m : 4 * m], marks[4 * m : 5 * m],
         by_law[12], series, by_state[3], by_state[4], method, marks[5 * m : 5 * m + 1],
     )  # fmt: skip
-
-
-@kernel
-def room_for(freedoms: int, laws: int, signals: int, size: int) -> Room:
-    """Return new work arrays for a system."""
-    numbers, marks = room_sizes(freedoms, laws, signals, size)
-    places = np.zeros(marks, dtype=np.int64)
-    return room_in(np.zeros(numbers), places, freedoms, laws, signals, size, DORMAND_PRINCE_5)
 
 
 @embedded_kernel
@@ -359,7 +349,7 @@ def advance(system: Any, t: float, span: float, y: Array, regimes: Indices, room
     regimes : (m + r,) array of int
         Regime of each law, then the machine's own; changed in place.
     room : Room
-        From `room_for`; ``tolerance`` holds the largest error of a step.
+        From `room_in`; ``tolerance`` holds the largest error of a step.
     log : (rows, width) array
         Table of events, ``count`` of them filled; `LOG_FULL` is returned if it may become too short.
     """

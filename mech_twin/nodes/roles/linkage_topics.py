@@ -170,7 +170,7 @@ class LinkageRejoin:
 
     def _on_request(self, message: String) -> None:
         if message.data == "body" and self.last_body is not None:
-            self._body.send(body_messages.to_message(self.last_body))
+            self._body.send(body_messages.to_bytes(self.last_body))
         elif message.data == "motor" and not self.request.open:
             self._motor.send(JointState() if self.last_motor is None else self.last_motor.raw)
 

@@ -158,7 +158,7 @@ class ViewerNode(ObserverNode):
     def close(self) -> None:
         """Show the last frame and metrics, and close the scene."""
         self._draw_last()
-        self.scene.metrics(self.run_metrics.running_numbers())
+        self.scene.metrics(self.run_metrics.numbers())
         self.scene.close()
 
     def show(self, frame: Frame) -> None:
@@ -166,10 +166,8 @@ class ViewerNode(ObserverNode):
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
         self.newest_s = max(self.newest_s, self.time_s)  # without topics the frames set the run's time
-        if self.run_metrics.frames == 0 and isinstance(self.scene, BenchScene):
+        if self.run_metrics.frames == 0:
             self.scene.watch(self.run_metrics.machine)
-        if self.run_metrics.frames == 0 and (tree := self.run_metrics.machine.mechanism) is not None:
-            self.scene.know(tree, self.run_metrics.machine.blow_energy)
         self.scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
         for event in self.run_metrics.observe(frame):
             self.scene.event(event)
@@ -182,7 +180,7 @@ class ViewerNode(ObserverNode):
         now = time.monotonic()
         if now - self._shown > METRICS_EVERY_S:
             self._shown = now
-            self.scene.metrics(self.run_metrics.running_numbers())
+            self.scene.metrics(self.run_metrics.numbers())
 
     def draw_newest(self) -> None:
         """Draw the newest frame, if it is not drawn yet and a drawing is due."""

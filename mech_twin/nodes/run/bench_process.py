@@ -1,11 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The bench as a process of its own: the page's server, a node that forwards its orders, and trials of other values.
 
-It gets its configuration on standard input, and writes its address to standard output: one line of JSON each way.  The
-process that rolls out a run's near future with other values works in the same way::
-
-    bench --- {"name", "tree", "frame"} ---> roll-out
-          <-- {"kind": "ghost", ...} -------
+It gets its configuration on standard input, and writes its address to standard output: one line of JSON each way.
 """
 
 import asyncio
@@ -17,19 +13,22 @@ import sys
 import threading
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat
+from mech_twin.errors import MotionError
 from mech_twin.nodes.run.bench_hall import DOWNLOAD, LIST, OPEN, OVERLAY, RUN, SALVAGE, Hall
 from mech_twin.process.interruption import end_with_parent
+from mech_twin.studies.spreading import BesideProcess
 from mech_twin.view.bench.bench_page import OrderError
-from mech_twin.view.bench.link import FEED, LARGEST_BYTES, PREFIX
+from mech_twin.view.bench.link import FEED, PREFIX
 from mech_twin.view.bench.server import Bench
 
 SPAN_S = 0.3  # length of a roll-out in machine time: three blows of the breaker
-TRIAL_PROGRAM = "from mech_twin.nodes.run.bench_process import answer_trials; answer_trials()"
 
 
 class Trials:
@@ -45,7 +44,7 @@ class Trials:
 
     def __init__(self, name: str, configuration: Mapping[str, Any]) -> None:
         self._name, self._configuration = name, dict(configuration)
-        self._process: asyncio.subprocess.Process | None = None
+        self._beside: BesideProcess | None = None
         self._turn = asyncio.Lock()
         self.frame: dict[str, Any] | None = None
 
@@ -70,33 +69,23 @@ class Trials:
             tree = merged_tree(self._configuration, tree_from_flat(dict(values)))
         except ConfigurationError as error:
             raise OrderError(str(error)) from error
-        asked = {"parent": os.getpid(), "name": self._name, "tree": tree, "frame": self.frame}
         async with self._turn:
-            if self._process is None:
-                self._process = await asyncio.create_subprocess_exec(
-                    sys.executable,
-                    "-c",
-                    TRIAL_PROGRAM,
-                    stdin=asyncio.subprocess.PIPE,
-                    stdout=asyncio.subprocess.PIPE,
-                    limit=LARGEST_BYTES,
-                )
-            stdin, stdout = self._process.stdin, self._process.stdout
-            assert stdin is not None
-            assert stdout is not None
-            stdin.write(json.dumps(asked).encode() + b"\n")
-            answer = await stdout.readline()
-            if not answer:
-                self._process = None
-                raise OrderError("the trial was ended")
-        return answer.decode()
+            self._beside = self._beside or BesideProcess(priority=0)
+            trial = self._beside.submit(rolled_out, self._name, tree, self.frame)
+            try:
+                answer = await asyncio.wrap_future(trial)
+            except (ConfigurationError, MotionError) as error:
+                answer = {"refused": str(error)}
+            except BrokenProcessPool as error:
+                raise OrderError("the trial was ended") from error
+        return json.dumps({"kind": "ghost", **answer}, separators=(",", ":"))
 
     async def close(self) -> None:
         """End the process."""
-        if self._process is not None:
-            if self._process.returncode is None:
-                self._process.kill()
-            await self._process.wait()
+        if self._beside is not None:
+            for trial in active_children():
+                trial.kill()
+            self._beside.end()
 
 
 def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict[str, Any]:
@@ -106,7 +95,8 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     from mech_twin.parameters.load import catalogue_entry, validated
     from mech_twin.view.annotations import Banner
     from mech_twin.view.bench.picture import packed_curves
-    from mech_twin.view.bench.scene import RoleCurves, body_regimes, framed
+    from mech_twin.view.bench.scene import body_regimes, framed
+    from mech_twin.view.run_scene import RoleCurves
     from mech_twin.view.sending import LIVE
 
     entry = catalogue_entry(name)
@@ -126,22 +116,6 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
         "curves": packed_curves(roles.taken(LIVE)),
         "cards": banner.cards(),
     }
-
-
-def answer_trials() -> None:
-    """Roll out the request of each line of standard input."""
-    from mech_twin.errors import MotionError
-
-    out, sys.stdout = sys.stdout, sys.stderr  # other output must not mix with the answers
-    for line in sys.stdin:
-        asked = json.loads(line)
-        end_with_parent(asked["parent"])
-        try:
-            answer = rolled_out(asked["name"], asked["tree"], asked["frame"])
-        except (ConfigurationError, MotionError) as error:
-            answer = {"refused": str(error)}
-        out.write(json.dumps({"kind": "ghost", **answer}, separators=(",", ":")) + "\n")
-        out.flush()
 
 
 SERVICE_S = 2.0  # time limit for a service to be discovered

@@ -28,6 +28,7 @@ from mech_twin.parameters.load import catalogue_entry
 from mech_twin.studies.advice import (
     AdviceState,
     AdviceStep,
+    AdviceWish,
     Recommendation,
     Setting,
     accepted,
@@ -38,7 +39,7 @@ from mech_twin.studies.advice import (
     rejected,
     watched,
 )
-from mech_twin.studies.advice_search import COMMAND, AdviceWish, advice_model, recommendation
+from mech_twin.studies.advice_search import COMMAND, advice_model, recommendation
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
 from mech_twin.studies.observer.estimate import SeenSample
 from mech_twin.studies.spreading import BesideProcess
@@ -175,7 +176,7 @@ class AdvisorNode(TwinNode):
                 self._take(offered(self.state, found, self._now_s))
         if self.state.phase == "trial":
             silent_s = now_s - self._received_s
-            self._take(watched(self.state, self.state.newest_s + silent_s, self.wish.rules))
+            self._take(watched(self.state, self.state.newest_s + silent_s, self.wish))
         self.diagnostics.state = self.state.phase
 
     def diagnostic_values(self) -> dict[str, str]:
@@ -202,7 +203,7 @@ class AdvisorNode(TwinNode):
             return
         self._figures.append(figure)
         off = figure - self.wish.wanted
-        self._take(after_machine_cycle(self.state, off, self._now_s, self.has_fault(), self.wish.rules))
+        self._take(after_machine_cycle(self.state, off, self._now_s, self.has_fault(), self.wish))
         is_free = self.state.phase == "idle" and self._thinking is None and not self.has_fault()
         is_due = self._now_s - self._decided_s >= self.wish.interval_s
         if is_free and is_due and len(self._figures) == self.wish.cycles:
@@ -235,7 +236,7 @@ class AdvisorNode(TwinNode):
         """Accept the advice offered, unless that would start the machine."""
         if self._would_start():
             return False, "the machine stands, and a speed would start it"
-        return self._answered(is_meant, accepted(self.state, self._miss(), self._now_s, self.wish.rules))
+        return self._answered(is_meant, accepted(self.state, self._miss(), self._now_s, self.wish))
 
     def reject(self, is_meant: bool = True) -> tuple[bool, str]:
         """Reject the advice offered, or end its trial."""

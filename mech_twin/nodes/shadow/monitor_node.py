@@ -276,11 +276,6 @@ class MonitorNode(TwinNode):
             self.diagnostics.state = f"no cycle since {self._origin.clock_s(newest.time_s):.3f} s"
 
     @property
-    def has_active_fault(self) -> bool:
-        """Whether a fault is active, shelved or not."""
-        return any(life.state == "active" for life in self.live.monitor.lives.values())
-
-    @property
     def has_news(self) -> bool:
         """Whether there is an active fault that is not acknowledged."""
         return has_news(self.live.monitor.lives.values())

@@ -35,7 +35,8 @@ from mech_twin.recording.bag_writer import BagWriter, WriterState
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import SECOND_NS
 from mech_twin.recording.schemas import offered_qos
-from mech_twin.studies.advice_search import COMMAND, AdviceWish
+from mech_twin.studies.advice import AdviceWish
+from mech_twin.studies.advice_search import COMMAND
 from mech_twin.studies.monitoring.monitor import MonitorSetup
 from mech_twin.studies.observer.estimate import SeenSample
 

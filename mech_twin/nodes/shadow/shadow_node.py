@@ -13,7 +13,6 @@ from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Float64
 
@@ -22,7 +21,7 @@ from mech_twin.engine.sample_vectors import Array
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.units import is_event, joint_column, leading_in, sliding_in
 from mech_twin.messages import impacts
-from mech_twin.messages.cdr import CdrError, Header, Stamp, StepMessage, encoded
+from mech_twin.messages.cdr import CdrError, Header, Stamp, StepMessage, encoded, wrench_bytes
 from mech_twin.messages.topics import (
     DETECTED_IMPACTS,
     ESTIMATED,
@@ -156,23 +155,16 @@ class ShadowOutputs:
         """Publish the events with an impulse."""
         for event in events:
             if event.impulse_ns != 0.0:
-                message = impacts.to_message(event)
-                message.header.stamp.sec, message.header.stamp.nanosec = self._stamp(event.time_s)
-                self._impacts.send(message)
+                self._impacts.send(impacts.to_bytes(event, self._stamp(event.time_s)))
 
     def _joint_message(self, time_s: float, row: Array) -> StepMessage:
         position, velocity, effort = (tuple(row[of_field].tolist()) for of_field in self._places)
         return StepMessage(Header(self._stamp(time_s)), self._joints, position, velocity, effort)
 
 
-def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> WrenchStamped:
-    message = WrenchStamped()
-    message.header.stamp.sec, message.header.stamp.nanosec = stamp
-    message.header.frame_id = sensor.frame
-    message.wrench.force.x = 0.0 if sensor.force_x is None else float(row[sensor.force_x])
-    message.wrench.force.y = 0.0 if sensor.force_y is None else float(row[sensor.force_y])
-    message.wrench.torque.z = 0.0 if sensor.moment is None else float(row[sensor.moment])
-    return message
+def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> bytes:
+    places = (sensor.force_x, sensor.force_y, sensor.moment)
+    return wrench_bytes(stamp, sensor.frame, *(0.0 if place is None else float(row[place]) for place in places))
 
 
 # best effort matches both kinds of publishers; messages not taken in time are lost and counted as a gap in time

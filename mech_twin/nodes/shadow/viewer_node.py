@@ -25,13 +25,12 @@ from mech_twin.studies.observer.estimate import FrameEstimate, SeenSample, Sense
 from mech_twin.studies.observer.filter_state import GATE
 from mech_twin.view.annotations import Card
 from mech_twin.view.bench.link import PREFIX, BenchLink
-from mech_twin.view.bench.shadow_scene import BenchShadowScene
 from mech_twin.view.shadow_picture import ChannelReading, ShadowPicture, ShownChannel, ShownFault, ShownFit
+from mech_twin.view.shadow_scene import ShadowScene
 
 if TYPE_CHECKING:
     from mech_twin.nodes.shadow.advisor_node import AdvisorNode
     from mech_twin.nodes.shadow.identifier_node import IdentifierNode
-    from mech_twin.view.shadow_scene import ShadowScene
 
 TICK_S = 0.2  # period of the state line without estimates
 SEEN = ("active", "latched", "pending")
@@ -203,15 +202,13 @@ def advice_rows(advice: Recommendation, *, dry_run: bool) -> tuple[tuple[str, st
     )
 
 
-def opened_shadow_scene(
-    machine_name: str, channels: Sequence[ShownChannel], place: str
-) -> BenchShadowScene | ShadowScene:
+def opened_shadow_scene(machine_name: str, channels: Sequence[ShownChannel], place: str) -> ShadowScene:
     """Return the scene of a shadow on a bench (``bench:SOCKET``), or in a file for rerun."""
     if place.startswith(PREFIX):
-        return BenchShadowScene(channels, BenchLink(place))
-    from mech_twin.view.shadow_scene import ShadowScene  # the page needs no rerun
+        return ShadowScene(channels, BenchLink(place))
+    from mech_twin.view.rerun_pictures import RerunFile  # the page needs no rerun
 
-    return ShadowScene(f"{machine_name} shadow", channels, place)
+    return ShadowScene(channels, RerunFile(f"{machine_name} shadow", place))
 
 
 def state_line(state: ShadowState) -> str:

@@ -223,10 +223,7 @@ class OperatingSurface:
             uncertainty["scatter"] = np.array([f @ a.T for f, a in zip(signature.scatter, maps, strict=True)])
         if len(signature.doubt):
             uncertainty["doubt"] = np.array([a @ doubt for doubt, a in zip(signature.doubt, maps, strict=True)])
-        return Signature(
-            signature.name, signature.meaning, signature.unit, signature.sizes, found, key=signature.key,
-            points=points - points[signature.sizes == 0.0], **uncertainty,
-        )  # fmt: skip
+        return replace(signature, responses=found, points=points - points[signature.sizes == 0.0], **uncertainty)
 
 
 def polynomial_terms(variables: int) -> Array:

@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from mech_twin.process.closing import Closing
+from mech_twin.view.bench.picture import packed_curves, packed_shapes
 
 HEAD = struct.Struct("!Ic")
 PICTURE, MESSAGE = b"p", b"m"
@@ -52,6 +53,9 @@ class BenchLink(Closing):
     wait_s : float
         How long a picture may wait for the bench to take in the ones before it (s).
     """
+
+    is_live = True  # pictures are sent by the wall clock
+    shapes, curves = staticmethod(packed_shapes), staticmethod(packed_curves)  # as a picture holds them
 
     def __init__(self, place: str, wait_s: float = 0.0) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

@@ -20,12 +20,13 @@ FIRST_WORDS = (
 
 
 class Curves(NamedTuple):
-    """Curves with common times: names and values of shape (n, k)."""
+    """Curves with common times: names and values of shape (n, k), and the steps where a viewer is to know them."""
 
     path: str
     names: tuple[str, ...]
     time_s: npt.NDArray[np.float64]
     values: npt.NDArray[np.float64]
+    step: npt.NDArray[np.int64] | None = None
 
 
 class Panel(NamedTuple):

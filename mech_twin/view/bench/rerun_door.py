@@ -196,10 +196,10 @@ def viewer_policy(host: str) -> str:
 
 
 def _converter(states: Mapping[str, str]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
-    from mech_twin.view.rerun_pictures import RerunPictures
+    from mech_twin.view.rerun_pictures import converter
 
     machine = json.loads(states.get("machine", "{}"))
-    return RerunPictures(machine.get("name", "mech_twin"), json.loads(states["layout"])["panels"]).taken
+    return converter(machine.get("name", "mech_twin"), json.loads(states["layout"])["panels"])
 
 
 def _converted(convert: Callable[[Sequence[Mapping[str, Any]]], bytes], pictures: Sequence[bytes]) -> bytes:

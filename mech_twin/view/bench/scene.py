@@ -8,31 +8,22 @@ machine are a lane of their own over time.
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
-import numpy as np
-
-from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import caption
 from mech_twin.engine.trajectory import RunInvariants
-from mech_twin.process.closing import Closing
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
-from mech_twin.view.annotations import RESET, Annotations, Banner, is_stalled, lost_energy
+from mech_twin.view.annotations import RESET, is_stalled
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curves, packed_layout, packed_shapes
 from mech_twin.view.curve_groups import (
-    Groups,
-    body_groups,
-    force_groups,
-    linkage_groups,
-    motor_groups,
     plots,
-    same_names,
 )
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
-from mech_twin.view.sending import Sending, extreme_rows
+from mech_twin.view.run_scene import RunScene
+from mech_twin.view.sending import Sending
 
 MOST_CHANGES = 400  # per lane and picture; the oldest are dropped
 SENSE = "_sense"  # suffix of a memory with the direction of friction
@@ -106,8 +97,6 @@ def _named(words: Sequence[str], number: int) -> str:
 AnySample = TypeVar("AnySample", MotorSample, LinkageSample, ForceSample, BodySample)
 NAMED = ("memory", "residuals", "quantities")
 LEFT_OUT = ("events", "loads")  # of the step that ends here; not needed to continue
-Sample = MotorSample | LinkageSample | ForceSample | BodySample
-KEPT_SAMPLES = 4000  # per role, while the bench accepts none
 STATE_S = 0.1  # wall-clock time between two states of the run
 MOST_EVENTS = 200  # per picture
 LOUD = 0.01  # share of the largest impulse so far: weaker impacts are recorded, but not logged
@@ -147,81 +136,12 @@ def _sample(kind: type[AnySample], content: dict[str, Any]) -> AnySample:
     return kind(**fields)
 
 
-class _Role:
-    """The samples of one role since the last picture."""
-
-    def __init__(self, groups: Callable[[Sequence[Any]], Groups]) -> None:
-        self._groups = groups
-        self._samples: deque[Any] = deque(maxlen=KEPT_SAMPLES)
-        self.units: dict[str, str] = {}
-
-    @property
-    def waiting(self) -> bool:
-        """Whether there are samples."""
-        return bool(self._samples)
-
-    def add(self, sample: Sample) -> None:
-        """Add a sample."""
-        self._samples.append(sample)
-
-    def taken(self, sending: Sending) -> Iterator[Curves]:
-        """Remove the samples, and yield their curves, decimated with their extremes."""
-        samples, self._samples = self._samples, deque(maxlen=KEPT_SAMPLES)
-        while samples:
-            batch = [samples.popleft()]
-            while samples and same_names(batch[0], samples[0]):
-                batch.append(samples.popleft())
-            time_s = np.array([sample.time_s for sample in batch])
-            span_s = (time_s[-1] - time_s[0]) / max(len(batch) - 1, 1)
-            window = max(sending.window, round(sending.window_s / span_s)) if span_s > 0.0 else sending.window
-            for group in self._groups(batch):
-                if group.names:
-                    self.units[group.path] = group.unit
-                    rows = extreme_rows(group.values, window)
-                    yield Curves(group.path, group.names, time_s[rows], group.values[rows])
-
-
-class RoleCurves:
-    """The samples of all roles since the last picture."""
-
-    def __init__(self, sliding: frozenset[str] = frozenset()) -> None:
-        self.sliding = sliding
-        self._roles = (
-            _Role(lambda samples: motor_groups(samples, self.sliding)),
-            _Role(lambda samples: linkage_groups(samples, self.sliding)),
-            _Role(force_groups),
-            _Role(body_groups),
-        )
-
-    @property
-    def units(self) -> dict[str, str]:
-        """The unit of each entity path, empty if given by its kind."""
-        return {path: unit for role in self._roles for path, unit in role.units.items()}
-
-    def add(self, *samples: Sample | None) -> None:
-        """Add the samples of a step: motor, linkage, forces, body."""
-        for role, sample in zip(self._roles, samples, strict=True):
-            if sample is not None:
-                role.add(sample)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether there are samples since the last picture."""
-        return any(role.waiting for role in self._roles)
-
-    def taken(self, sending: Sending) -> list[Curves]:
-        """Remove the samples, and return their curves, decimated with their extremes."""
-        return [curve for role in self._roles for curve in role.taken(sending)]
-
-
-class BenchScene(Closing):
+class BenchScene(RunScene):
     """A run on the bench; a context manager."""
 
     def __init__(self, link: BenchLink, sending: Sending) -> None:
+        super().__init__()
         self._link, self._sending = link, sending
-        self._roles = RoleCurves()
-        self._banner = Banner(None)
-        self._annotations: Annotations | None = None
         self._extent = DrawnExtent()
         self._bounds: Bounds | None = None
         self._names: dict[str, tuple[str, ...]] = {}
@@ -232,22 +152,14 @@ class BenchScene(Closing):
         self._lanes: Lanes | None = None
         self._invariants: RunInvariants | None = None
         self._hardest_ns = 0.0
-        self._turning_stops: frozenset[str] = frozenset()
         self._health_at = self._stepped_at = -1.0
         self._zero_s: float | None = None
 
     def watch(self, machine: Machine) -> None:
-        """Add regimes, and residuals with their limits; call before the first step."""
+        """Add regimes, and residuals with their limits, and what else the machine tells; call before the first step."""
+        super().watch(machine)
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
         self._banner.rated_power_w, self._banner.body_regimes = rated_power_w(machine), body_regimes(machine)
-
-    def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
-        """Add what needs the machine's frames; call before the first step."""
-        energy = lost_energy if blow_energy is None else blow_energy
-        self._roles.sliding, self._turning_stops = tree.sliding_joints, tree.turning_stops
-        before, self._banner = self._banner, Banner(tree, energy)
-        self._banner.rated_power_w, self._banner.body_regimes = before.rated_power_w, before.body_regimes
-        self._annotations = Annotations(tree, energy)
 
     def frame(
         self,
@@ -257,9 +169,6 @@ class BenchScene(Closing):
         body: BodySample | None = None,
     ) -> None:
         """Add the samples of a step, all or some."""
-        self._banner.add(motor, linkage, forces, body)
-        if self._annotations is not None and linkage is not None:
-            self._annotations.add(linkage, forces)
         for sample in (motor, linkage, forces, body):
             if sample is not None:
                 if sample.time_s < self._time_s - 1.0:
@@ -268,7 +177,7 @@ class BenchScene(Closing):
                     self._time_s = sample.time_s
                     self._drawn_s = -math.inf
                 self._time_s = max(self._time_s, sample.time_s)
-        self._roles.add(motor, linkage, forces, body)
+        self._take(motor, linkage, forces, body)
         if self._lanes is not None:
             self._lanes.add(motor, linkage, body)
         if self._invariants is not None and linkage is not None and forces is not None and motor is not None:
@@ -327,11 +236,9 @@ class BenchScene(Closing):
         self._hardest_ns = max(self._hardest_ns, size_ns)
         if is_logged(event) and (size_ns == 0.0 or size_ns >= LOUD * self._hardest_ns):
             self._events.append([event.time_s, event_line(event, self._turning_stops)])
-        self._banner.strike(event)
         if event.kind == RESET:
             self._scale_anew()
-        if self._annotations is not None:
-            self._annotations.strike(event)
+        self._strike(event)
 
     def _scale_anew(self) -> None:
         """Forget how far and how strong the run before was: it sets no scale of the one that begins."""

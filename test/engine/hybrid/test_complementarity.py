@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from work_arrays import room_for
 
 from mech_twin.engine.hybrid.complementarity import CONTRADICTION, SOLVED, solve_laws
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW
-from mech_twin.engine.hybrid.loop import room_for
 
 
 def solve(matrix, free, low, high, status):

@@ -14,9 +14,9 @@ import pytest
 from engine.hybrid.linear_system import AFTER, BEFORE, IMPULSE, KIND, LAW, TIME, TwoByTwo, accelerations_of, linear, run
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from work_arrays import room_for
 
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN
-from mech_twin.engine.hybrid.loop import room_for
 
 G = 9.81
 STRUCK, CHANGED, PASSED = 0, 1, 2

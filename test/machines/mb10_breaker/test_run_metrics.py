@@ -204,6 +204,6 @@ def test_a_run_that_is_watched_tells_the_numbers_of_one_that_is_simulated():
     for frame in frames(twin, 1.0, changing.command, changing.at):
         watched.observe(frame)
         simulated.observe(frame)
-    told, expected = watched.running_numbers(), simulated.numbers()
+    told, expected = watched.numbers(), simulated.numbers()
     assert told["blows"] > 0.0
     assert told == {name: expected[name] for name in told}

@@ -236,9 +236,9 @@ def test_a_shaft_with_backlash_carries_nothing_across_its_play():
     shaft = {"kind": "shaft", "joints": ["first_shaft", "second_shaft"], "rate_nm_per_rad": 600.0, "backlash_deg": 6.0}
     told, simulation = balanced(TWO_WHEELS, 0.2, couplings={"shaft": shaft})
     w, half = math.sqrt(600.0 / 0.12), math.radians(3.0)
-    kinds = [(event.kind, event.contact) for event in simulation.events[:3]]
+    kinds = [(event.kind, event.contact) for event in list(simulation.events)[:3]]
     assert kinds == [("contact", "shaft_forward"), ("release", "shaft_forward"), ("contact", "shaft_backward")]
-    met, left, back = [event.time_s for event in simulation.events[:3]]
+    met, left, back = [event.time_s for event in list(simulation.events)[:3]]
     assert met == pytest.approx(half / 2.0, abs=1e-9)
     assert left == pytest.approx(met + math.pi / w, abs=1e-9)
     assert back == pytest.approx(left + half, abs=1e-9)

@@ -200,7 +200,7 @@ def test_a_compliant_contact_gives_the_depth_of_its_energy():
         BALL.replace("restitution: 0.5", "stiffness_n_per_m: 1.0e+6"), 1.0, coupling={"step_s": 1e-5}
     )
     del changes
-    first, second = [event.time_s for event in simulation.events[:2]]
+    first, second = [event.time_s for event in list(simulation.events)[:2]]
     assert first == pytest.approx(math.sqrt(0.2), abs=1e-10)
     depth = -min(frame.linkage.position[0] for frame in told if first < frame.linkage.time_s < second)
     assert 1e6 / 2.5 * depth**2.5 == pytest.approx(2.0 * 10.0 * (1.0 + depth), rel=1e-6)

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from machines.page.test_page_machines import page as shipped
 from studies.test_observer import followed, share_inside
+from wrong_machines import wrong_machine
 
 from mech_twin.nodes.shadow.session import follow
 from mech_twin.nodes.shadow.shadow_node import ShadowSetup
 from mech_twin.parameters.load import catalogue_entry, machine
 from mech_twin.studies.observer.estimate import SensedChannel
 from mech_twin.studies.observer.observer import PhaseLockedObserver
-from mech_twin.studies.observer.parameter_error import uncertain_keys, wrong_machine
+from mech_twin.studies.observer.parameter_error import uncertain_keys
 
 FOUR_BAR = shipped("four_bar")
 CRANK = ("linkage.crank_bearing.position", 1e-3)
