@@ -259,8 +259,7 @@ def know_machine(scene: BenchScene | RerunScene, machine: Machine) -> None:
     """Let a scene know the machine that it shows."""
     if (tree := machine.mechanism) is not None:
         scene.know(tree, machine.blow_energy)
-    if isinstance(scene, BenchScene):
-        scene.watch(machine)
+    scene.watch(machine)
 
 
 def drawn(machine: Machine, frame: Frame) -> Drawing:

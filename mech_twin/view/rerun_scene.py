@@ -15,6 +15,7 @@ import rerun as rr
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import metrics_table
 from mech_twin.process.closing import Closing
+from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.annotations import Annotations, Banner, lost_energy
 from mech_twin.view.curve_groups import body_groups, force_groups, linkage_groups, motor_groups
@@ -73,6 +74,10 @@ class RerunScene(Closing):
         """The contents of the present layout; None before the first one."""
         return self._shown
 
+    def watch(self, machine: Machine) -> None:
+        """Add what the banner takes from the machine's configuration."""
+        self._banner.watch(machine)
+
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Add what needs the machine's frames: pin reactions, blows, units of joints; call before the first step.
 
@@ -80,7 +85,7 @@ class RerunScene(Closing):
         """
         energy = lost_energy if blow_energy is None else blow_energy
         self._sliding, self._marks.turning_stops = tree.sliding_joints, tree.turning_stops
-        self._banner = Banner(tree, energy)
+        self._banner.know(tree, energy)
         self._annotations = Annotations(tree, energy)
 
     def frame(
@@ -92,7 +97,7 @@ class RerunScene(Closing):
     ) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
         sent = False
-        self._banner.add(motor, linkage, forces)
+        self._banner.add(motor, linkage, forces, body)
         if self._annotations is not None and linkage is not None:
             self._annotations.add(linkage, forces)
         for track, sample in ((self._motor, motor), (self._linkage, linkage), (self._forces, forces)):

@@ -166,10 +166,11 @@ class ViewerNode(ObserverNode):
         self.diagnostics.state = "running"
         self.time_s = frame.linkage.time_s
         self.newest_s = max(self.newest_s, self.time_s)  # without topics the frames set the run's time
-        if self.run_metrics.frames == 0 and isinstance(self.scene, BenchScene):
-            self.scene.watch(self.run_metrics.machine)
-        if self.run_metrics.frames == 0 and (tree := self.run_metrics.machine.mechanism) is not None:
-            self.scene.know(tree, self.run_metrics.machine.blow_energy)
+        if self.run_metrics.frames == 0:
+            machine = self.run_metrics.machine
+            self.scene.watch(machine)
+            if (tree := machine.mechanism) is not None:
+                self.scene.know(tree, machine.blow_energy)
         self.scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
         for event in self.run_metrics.observe(frame):
             self.scene.event(event)

@@ -239,14 +239,13 @@ class BenchScene(Closing):
     def watch(self, machine: Machine) -> None:
         """Add regimes, and residuals with their limits; call before the first step."""
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
-        self._banner.rated_power_w, self._banner.body_regimes = rated_power_w(machine), body_regimes(machine)
+        self._banner.watch(machine)
 
     def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
         """Add what needs the machine's frames; call before the first step."""
         energy = lost_energy if blow_energy is None else blow_energy
         self._roles.sliding, self._turning_stops = tree.sliding_joints, tree.turning_stops
-        before, self._banner = self._banner, Banner(tree, energy)
-        self._banner.rated_power_w, self._banner.body_regimes = before.rated_power_w, before.body_regimes
+        self._banner.know(tree, energy)
         self._annotations = Annotations(tree, energy)
 
     def frame(
@@ -376,15 +375,3 @@ class BenchScene(Closing):
             self._names = names
             panels = [Panel(title, tuple(paths)) for title, paths in plots(names, self._roles.units).items()]
             self._link.tell("layout", packed_layout(panels, names))
-
-
-def rated_power_w(machine: Machine) -> float | None:
-    """Return the rated power of the machine's motor (W); None if its configuration has none."""
-    motor = getattr(machine.parameters, "motor", None)
-    found = getattr(motor, "rated_power_w", None)
-    return found if isinstance(found, float) and found > 0.0 else None
-
-
-def body_regimes(machine: Machine) -> tuple[str, ...]:
-    """Return the names of the regimes of the machine's body; empty without a body."""
-    return () if machine.body is None else tuple(machine.body.regimes)
