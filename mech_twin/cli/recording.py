@@ -316,6 +316,7 @@ def _write(
         return
     if numbers["identical"] is None:
         numbers["identical"] = "not certain" if uncertain else "nothing compared"
+    numbers["machine"] = own_name(history.name, history.parameters)
     rows = [(name.replace("_", " "), value) for name, value in numbers.items()]
     print_table(f"{request.bag}: {TITLES[mode]}", ("quantity", "value"), rows)
     say(*(f"step {step}: resumed from the recorded state" for step in verdict.taken_up[:10]))

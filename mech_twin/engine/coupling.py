@@ -58,6 +58,11 @@ def restarted(machine: Machine, step: int) -> LinkageSample:
     return sample._replace(events=(Event(sample.time_s, RESET, "linkage"), *sample.events))
 
 
+def is_reset(sample: LinkageSample) -> bool:
+    """Return whether the run returns at this sample to its initial state, or to a stored one."""
+    return any(event.kind == RESET for event in sample.events)
+
+
 def next_body(role: BodyRole, body: BodySample | None, forces: ForceSample) -> BodySample:
     """Return the body at the step of these forces; at the first step and after a reset it is in its initial state."""
     if body is None or any(load.kind == RESET for load in forces.loads):

@@ -182,13 +182,13 @@ class CrankRun:
         before, now = self._now, self._sums(linkage.time_s, angle, rates)
         if before is not None:
             self._complete_turns(before, self._rates, now, rates)
+            for event in linkage.events:
+                self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
         self._now, self._rates = now, rates
         values = {"drive_torque_{}_nm": torque, "power_{}_w": torque * speed, "crank_speed_{}_rad_per_s": speed, **more}
         for name, value in values.items():
             self._whole.take(name, value)
             self._turn.take(name, value)
-        for event in linkage.events:
-            self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
 
     def _sums(self, time_s: float, angle: float, rates: Rates) -> RunSums:
         work = 0.0 if self._memory is None else self._memory.drive_work_j

@@ -6,6 +6,8 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,7 +16,17 @@ from sensor_msgs.msg import JointState
 from mech_twin.engine.trajectory import StepAssembler, StepSamples
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import CdrError, received_message
-from mech_twin.messages.step_message import SOURCE, MessageError, body, configuration_mark, force, linkage, motor
+from mech_twin.messages.step_message import (
+    ANONYMOUS,
+    SOURCE,
+    MessageError,
+    body,
+    configuration_mark,
+    force,
+    linkage,
+    motor,
+    step_index,
+)
 from mech_twin.messages.topics import (
     BODY_JOINT_STATES,
     DESCRIPTION,
@@ -42,6 +54,8 @@ if TYPE_CHECKING:
 MOST_DESCRIPTIONS = 10_000
 LARGEST_STEP = 1 << 53
 SOURCE_LINE = re.compile(r"^source: (\d{1,17})[ \t]*$", re.MULTILINE)
+FIRST_STEP_LINE = re.compile(r"^from_step: 0[ \t]*$", re.MULTILINE)
+LATER = "of a later run"
 
 
 class StepTopic(NamedTuple):
@@ -114,7 +128,7 @@ class BagSamples:
     has_body : bool
         Whether body samples were recorded.
     unused : Counter
-        Messages not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``.
+        Messages not used, by reason: ``repeated``, ``contradicting``, ``late``, ``malformed``, `LATER`.
     by_signature : dict
         Fields whose messages, of those read so far, have a source number (True) and have none (False).
     """
@@ -155,19 +169,32 @@ class BagSamples:
         return [topic for field, topic in self.topics.items() if field in of_users]
 
     def descriptions(self) -> list[str]:
-        """Return the configurations of the run, in order; without any, the one attached to the bag.
+        """Return the configurations of the first run, in order; without any, the one attached to the bag."""
+        texts = self._runs[0]
+        configuration = self._reader.info.configuration
+        return texts or ([configuration] if configuration else [])
 
-        The description topic may have foreign publishers: only sources that the step messages refer to are used.
+    @cached_property
+    def _runs(self) -> tuple[list[str], list[str]]:
+        """The configurations of the first run, and those of later ones, which begin at step 0 with another source.
+
+        The description topic may have foreign publishers: only sources that the step messages refer to are used, and
+        none that was restarted at step 0.
         """
         texts = self._described()
         sources = {_source_of(text) for text in texts}
-        if texts and sources != {next(self._named_sources("linkage"), None)}:
-            followed = set(self._named_sources("linkage"))
+        if texts and sources != {source for source, _ in islice(self._named("linkage"), 1)}:
+            reached: dict[float, int] = {}
+            for source, step in self._named("linkage"):
+                reached[source] = max(step, reached.get(source, 0))
+            followed = {source for source, step in reached.items() if step > 0} or set(reached)
             if "forces" in self.topics:  # it answers only the linkage that it follows
-                followed &= set(self._named_sources("forces"))
+                followed &= {source for source, _ in self._named("forces")}
             texts = [text for text in texts if _source_of(text) in followed]
-        configuration = self._reader.info.configuration
-        return texts or ([configuration] if configuration else [])
+        first = next(map(_source_of, texts), ANONYMOUS)
+        begun = (n for n, text in enumerate(texts) if _source_of(text) != first and FIRST_STEP_LINE.search(text))
+        end = next(begun, len(texts))
+        return texts[:end], texts[end:]
 
     def _described(self) -> list[str]:
         name = full_name(self.machine, DESCRIPTION)
@@ -182,13 +209,9 @@ class BagSamples:
                     raise NoSamplesError(self._reader.path, f"changes its configuration over {MOST_DESCRIPTIONS} times")
         return texts
 
-    def _named_sources(self, field: str) -> Iterator[float]:
-        """Yield the source number in the configuration mark of each message of a step topic."""
-        for message in self._reader.messages([self.topics[field]]):
-            try:
-                yield configuration_mark(received_message(message.raw)).source
-            except (CdrError, ValueError, OverflowError, LookupError):
-                continue
+    def _named(self, field: str) -> Iterator[tuple[float, int]]:
+        """Yield the source number in the configuration mark, and the step, of each message of a step topic."""
+        return filter(None, map(_named_in, self._reader.messages([self.topics[field]])))
 
     def steps(self) -> Iterator[StepSamples]:
         """Yield the samples of each step, in order of the steps.
@@ -205,10 +228,17 @@ class BagSamples:
         return self._holds(self._scene, SCENE)
 
     def shown(self, drawings: bool = True) -> Iterator[StepSamples | Drawing]:
-        """Yield the steps and the drawings of the mechanism, in order of time."""
+        """Yield the steps and the drawings of the mechanism, in order of time, up to the end of the first run."""
+        later, is_over = {_source_of(text) for text in self._runs[1]}, False
         topics = [*self._steps, *([self._scene] if drawings and self.has_drawings else [])]
         assembler = self._assembler = StepAssembler(self.fields, self.unused)
         for message in self._reader.messages(topics):
+            if later and not is_over and message.topic == self.topics["linkage"]:
+                named = _named_in(message)
+                is_over = named is not None and named[0] in later
+            if is_over:
+                self.unused[LATER] += message.topic != self._scene
+                continue
             if message.topic == self._scene:
                 drawing = self._drawing(message)
                 if drawing is not None:
@@ -264,6 +294,15 @@ def _source_of(description: str) -> float:
     """Return the source number in a description; 0 if it has none, even if the text is not valid."""
     found = SOURCE_LINE.search(description)
     return 0.0 if found is None else float(found.group(1))
+
+
+def _named_in(message: BagMessage) -> tuple[float, int] | None:
+    """Return source number in the configuration mark, and step, of a step message; None of one that is not valid."""
+    try:
+        received = received_message(message.raw)
+        return configuration_mark(received).source, step_index(received) or 0
+    except (CdrError, ValueError, OverflowError, LookupError):
+        return None
 
 
 def bag_samples(path: Path) -> Iterator[StepSamples]:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from mech_twin.declarations.captions import unit_of
 from mech_twin.declarations.configuration_tree import ConfigurationError, configuration_tree
 from mech_twin.declarations.quantity import Parameters
-from mech_twin.engine.coupling import RESET, driven, next_body, restarted
+from mech_twin.engine.coupling import driven, is_reset, next_body, restarted
 from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.parameters.description import Description, description
@@ -330,7 +330,7 @@ def _next(machine: Machine, before: Frame | None, known: StepSamples, verdict: V
 def _linkage(machine: Machine, before: Frame | None, known: StepSamples, verdict: Verdict) -> LinkageSample | None:
     if before is None:
         return machine.linkage.start() if known.step == 0 else known.linkage
-    if known.linkage is not None and any(event.kind == RESET for event in known.linkage.events):
+    if known.linkage is not None and is_reset(known.linkage):
         verdict.resets += 1
         return restarted(machine, known.step)
     return machine.linkage.advance(before.linkage, before.motor, before.body)

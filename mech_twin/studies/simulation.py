@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from mech_twin.declarations.configuration_tree import configuration_tree
+from mech_twin.engine.coupling import is_reset
 from mech_twin.engine.trajectory import Residual, RunInvariants, Trajectory, frame_events
 from mech_twin.roles import Machine
 from mech_twin.samples import Event, Frame
@@ -70,7 +71,9 @@ class RunMetrics:
 
 
 class ChangingObserver:
-    """Metrics of a run whose parameters may change.
+    """Metrics of a run whose parameters may change, and which a reset begins anew.
+
+    A reset returns crank, works and counts to their start while time goes on: no mean or count holds across it.
 
     Parameters
     ----------
@@ -83,7 +86,6 @@ class ChangingObserver:
     def __init__(self, machine: Machine, machine_at: Callable[[int], Machine] | None = None) -> None:
         self._machine, self._observer = machine, machine.observer()
         self._machine_at = machine_at or (lambda step: machine)
-        self.numbers = self._observer.numbers
 
     def observe(self, frame: Frame) -> None:
         """Add one frame."""
@@ -91,7 +93,13 @@ class ChangingObserver:
         if machine is not self._machine:
             self._machine = machine
             machine.goes_on(self._observer)
+        if is_reset(frame.linkage):
+            self._observer = machine.observer()
         self._observer.observe(frame)
+
+    def numbers(self) -> dict[str, float]:
+        """Return the metrics since the start, or since the last reset."""
+        return self._observer.numbers()
 
 
 class Simulation(RunMetrics):

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from mech_twin.capabilities.blow_gauge import RECENT_S, RecentBlows
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
+from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Coordinate, Event, ForceSample, LinkageSample, MotorSample, Shape
 from mech_twin.view.extent import Bounds, round_above, with_prefix
 
@@ -208,15 +209,25 @@ class Banner:
     """
 
     def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:
+        self._rated_power_w: float | None = None
+        self._body_regimes: tuple[str, ...] = ()
+        self._command = math.nan
+        self._linkage: LinkageSample | None = None
+        self.know(tree, energy)
+        self._begin()
+
+    def know(self, tree: FrameTree | None, energy: Callable[[Event], float]) -> None:
+        """Take what needs the machine's frames; see the class."""
         self._energy = energy
-        self.rated_power_w: float | None = None
-        self.body_regimes: tuple[str, ...] = ()
         self._slides: frozenset[str] = frozenset() if tree is None else tree.sliding_joints
         self._known = tree is not None
         self._leading = "" if tree is None else tree.leading  # the first where it is empty
-        self._command = math.nan
-        self._linkage: LinkageSample | None = None
-        self._begin()
+
+    def watch(self, machine: Machine) -> None:
+        """Take what the machine's configuration tells: the motor's rated power, the regimes of the body."""
+        rated = getattr(getattr(machine.parameters, "motor", None), "rated_power_w", None)
+        self._rated_power_w = rated if isinstance(rated, float) and rated > 0.0 else None
+        self._body_regimes = () if machine.body is None else tuple(machine.body.regimes)
 
     def _begin(self) -> None:
         """Forget a run."""
@@ -244,8 +255,8 @@ class Banner:
             self._note_broken(linkage)
         if forces is not None and POWER in forces.quantities.names:
             self._drive(forces.time_s, forces.quantities.as_dict()[POWER])
-        if body is not None and REST in self.body_regimes:
-            self._body.append((body.time_s, body.pressing_force_n, self.body_regimes[body.regime] == REST))
+        if body is not None and REST in self._body_regimes:
+            self._body.append((body.time_s, body.pressing_force_n, self._body_regimes[body.regime] == REST))
             _forget(self._body, body.time_s)
 
     def _follow(self, linkage: LinkageSample) -> None:
@@ -359,7 +370,7 @@ class Banner:
             found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
             name, mean_w = "mean drive power", self._mean_power_w()
-            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", self.rated_power_w))
+            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", self._rated_power_w))
         return found
 
     def _blow_rate(self, now_s: float) -> float:

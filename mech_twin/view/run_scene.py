@@ -106,6 +106,7 @@ class RunScene(Closing):
 
     def watch(self, machine: Machine) -> None:
         """Add what the machine tells; call before the first step."""
+        self._banner.watch(machine)
         if machine.mechanism is not None:
             self.know(machine.mechanism, machine.blow_energy)
 
@@ -116,8 +117,7 @@ class RunScene(Closing):
         """
         energy = lost_energy if blow_energy is None else blow_energy
         self._roles.sliding, self._turning_stops = tree.sliding_joints, tree.turning_stops
-        before, self._banner = self._banner, Banner(tree, energy)
-        self._banner.rated_power_w, self._banner.body_regimes = before.rated_power_w, before.body_regimes
+        self._banner.know(tree, energy)
         self._annotations = Annotations(tree, energy)
 
     def _take(

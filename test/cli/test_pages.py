@@ -103,7 +103,7 @@ def test_a_bag_of_a_page_is_computed_anew_to_the_bit_without_the_page(page, tmp_
     assert told.startswith("spring_hammer, 0.5 s; complete")
     assert "topics below /spring_hammer/" in told  # where `run` publishes them
     page.unlink()
-    answer("replay", bag, "--resimulate")
+    assert re.search(r"^machine +spring_hammer$", answer("replay", bag, "--resimulate"), re.MULTILINE)
 
 
 def test_a_sweep_takes_keys_by_the_page_s_names(page, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -56,7 +57,7 @@ def test_a_node_of_ones_own_is_short_and_needs_nothing_of_ours(program: str) -> 
     tree = ast.parse(PROGRAMS[program])
     imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
     imported |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert imported == {"rclpy", "sensor_msgs.msg"}
+    assert imported == {"rclpy", "rclpy.executors", "sensor_msgs.msg"}
 
 
 @pytest.mark.parametrize("program", REPLACED)
@@ -75,6 +76,8 @@ def test_a_node_of_ones_own_takes_the_place_of_ours(program: str, tmp_path: Path
         total = run.linkage.statistics.total
         assert total[topic.name, "malformed"] == 0
         assert any("~source" not in message.name for message in heard), "only ours was heard"
+        process.send_signal(signal.SIGINT)
+        assert (process.communicate(timeout=20)[1], process.returncode) == (b"", 0)
 
 
 def test_the_page_names_the_topics_of_the_code() -> None:

@@ -20,8 +20,9 @@ from mech_twin.engine.trajectory import StepSamples
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.replay.source import ReplaySource
 from mech_twin.nodes.run.composition import run_in_process
+from mech_twin.parameters.load import machine_parameters
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.recording.bag_samples import BagSamples, bag_samples
+from mech_twin.recording.bag_samples import LATER, BagSamples, bag_samples
 from mech_twin.recording.errors import BagError
 from mech_twin.samples import Drawing, Frame
 
@@ -295,3 +296,44 @@ def test_mutated_messages_are_counted_and_never_fatal(
         played = sum(1 for _ in ReplaySource(reader).messages(0))
         assert len(sound) <= played < len(everything) + len(sound)
     capfd.readouterr()  # the CDR library writes a line of its own for each
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_of_two_runs_in_one_recording_the_first_is_read(tmp_path: Path) -> None:
+    """A recorder of others goes on through the runs: steps of a longer second run were taken for the first one's."""
+    merged: list[Entry] = []
+    for number, yarn_speed in enumerate((5.0, 4.0)):
+        parameters = machine_parameters(DRUM, overrides={"yarn_speed_m_per_s": yarn_speed})
+        options = RunOptions(pace="max", duration_s=0.1 + 0.1 * number, recorder=True, exclusive=False)
+        run_in_process(DRUM, parameters, options, tmp_path / f"run_{number}", None)
+        entries = entries_of(tmp_path / f"run_{number}")
+        merged += [entry._replace(log_time_ns=entry.log_time_ns + number * 10**9) for entry in entries]
+    both, first = written_bag(tmp_path / "both", merged), tmp_path / "run_0"
+    with BagReader(both) as reader, BagReader(first) as of_first:
+        samples, alone = BagSamples(reader), BagSamples(of_first)
+        assert samples.descriptions() == alone.descriptions()
+        assert list(samples.shown()) == list(alone.shown())
+    assert samples.unused == {LATER: 3 * 201}
+    told = mech_twin("replay", both, "--resimulate")
+    assert told.code == 0
+    assert "603 recorded samples not used: of a later run" in told.err
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_a_linkage_restarted_at_step_0_begins_no_other_run(tmp_path: Path) -> None:
+    """It had waited for its peers, which had answered its step 0."""
+    options = RunOptions(pace="max", duration_s=0.1, recorder=True, exclusive=False)
+    run_in_process(DRUM, built(DRUM).parameters, options, tmp_path / "bag", None)
+    entries = entries_of(tmp_path / "bag")
+    killed = [described(entry, 17, "yarn_speed_m_per_s: 5.0") for entry in entries if "/description" in entry.topic]
+
+    def of_the_killed(message: Any) -> None:
+        message.velocity[message.name.index("~revision")] = 17.0
+
+    answered = (STATES, f"/{DRUM}/step/forces")
+    killed += [edited(next(each for each in entries if each.topic == topic), of_the_killed) for topic in answered]
+    bag = written_bag(tmp_path / "restarted", [*killed, *entries])
+    with BagReader(bag) as reader, BagReader(tmp_path / "bag") as of_run:
+        samples, alone = BagSamples(reader), BagSamples(of_run)
+        assert samples.descriptions() == alone.descriptions()
+        assert [step.step for step in samples.steps()] == list(range(101))

@@ -9,9 +9,11 @@ from rrd_tables import rrd_tables
 from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.engine.run import frames
+from mech_twin.engine.trajectory import frame_events
 from mech_twin.errors import RerunSceneError
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
+from mech_twin.view.annotations import Banner
 from mech_twin.view.extent import Bounds, event_line, round_above
 from mech_twin.view.layout import PhasePortrait, SceneContents, blueprint, legend_share, plot
 from mech_twin.view.rerun_scene import RerunScene
@@ -285,3 +287,20 @@ def test_an_event_is_told_in_words():
     told = event_line(Event(1.25, "blow", "tool", 1.58, -0.55, 20.9, 12))
     assert told == "1.250000 s  blow (tool)  +1.58 -> -0.55 m/s  20.9 N s  cycle 12"
     assert event_line(Event(1.0, "reset", "linkage")) == "1.000000 s  reset (linkage)  cycle 0"
+
+
+def test_the_banner_of_a_file_has_the_headline_numbers_of_the_bench(tmp_path):
+    """The file's banner heard nothing of the body: pressing force and contact share were on the bench alone."""
+    machine, path, banner = built_machine("mb10_breaker"), tmp_path / "run.rrd", Banner(None)
+    with RerunScene("mb10_breaker", rrd_path=path) as scene:
+        for shows in (scene, banner):
+            shows.watch(machine)
+            shows.know(machine.mechanism, machine.blow_energy)
+        for now in frames(machine, 0.3):
+            scene.frame(now.motor, now.linkage, now.forces, now.body)
+            banner.add(now.motor, now.linkage, now.forces, now.body)
+            for event in frame_events(now):
+                scene.event(event)
+                banner.strike(event)
+    assert rrd_tables(path)[0]["/banner"]["TextDocument:text"].to_pylist()[-1] == [banner.text()]
+    assert re.search(r"pressing force \d+ N  ·  contact share \d+ %", banner.text())

@@ -15,7 +15,6 @@ from mech_twin.machines.impact_mass.dynamics import (
 from mech_twin.machines.impact_mass.step import MassMemory
 from mech_twin.samples import Event, Frame
 
-RESET = "reset"
 STEADY_PERIODS = 20  # full periods with an impact over which the steady impact speed is taken
 IMPACT_NAME, CHATTER_END_NAME, RELEASE_NAME, SUMMED_NAME = (
     KIND_NAMES[int(kind)] for kind in (IMPACT, CHATTER_END, RELEASE, IMPACTS_SUMMED)
@@ -79,13 +78,11 @@ class EnergyBalance:
         self._work, self._loss, self._change = CompensatedSum(), CompensatedSum(), CompensatedSum()
 
     def observe(self, frame: Frame, memory: MassMemory) -> None:
-        """Update with one frame; a reset counts as work of a change."""
+        """Update with one frame."""
         (velocity,) = frame.linkage.velocity
         kinetic_j = 0.5 * memory.mass_kg * velocity**2
         if self._begin_j is None:
             self._begin_j = kinetic_j
-        elif any(event.kind == RESET for event in frame.linkage.events):
-            self._change.add(kinetic_j - self._last_j)
         else:
             self._work.add(memory.step_drive_work_j)
             self._loss.add(memory.step_stop_loss_j)
@@ -101,6 +98,11 @@ class EnergyBalance:
             "change_work_j": self._change.value,
             "energy_unbalanced_j": self._last_j - (self._begin_j or 0.0) - given,
         }
+
+
+def counts(memory: MassMemory) -> dict[str, float]:
+    """Return the mass's own counts of the run, by the metrics that they lead."""
+    return {"impacts": memory.impacts_1, "periods": memory.anchor_period_1}
 
 
 class MassObserver:
@@ -119,6 +121,7 @@ class MassObserver:
         self._speed_sum = CompensatedSum()
         self._impulse = CompensatedSum()
         self._steady, self._energy = SteadySpeed(), EnergyBalance()
+        self._begin_s: float | None = None
         self._before: dict[str, float] = {}
         self._numbers = {
             "impacts": 0.0,
@@ -143,31 +146,32 @@ class MassObserver:
         """Update with one frame."""
         now, linkage = self._numbers, frame.linkage
         memory = MassMemory(*linkage.memory.values)
-        self._count(memory, linkage.events)
-        for event in linkage.events:
-            self._take_event(event, memory)
+        if self._begin_s is None:  # a recording may begin within a run, its first sample at the end of a step
+            self._begin_s, self._before = linkage.time_s, counts(memory)
+        else:
+            self._take_step(linkage.events, memory)
+            now["mean_stop_force_n"] = now["stop_impulse_ns"] / (linkage.time_s - self._begin_s)
         (position,), (velocity,) = linkage.position, linkage.velocity
         now["velocity_min_m_per_s"] = min(now["velocity_min_m_per_s"], velocity)
         now["velocity_max_m_per_s"] = max(now["velocity_max_m_per_s"], velocity)
         now["gap_max_m"] = max(now["gap_max_m"], self._stop - position)
-        self._impulse.add(memory.step_impulse_m_per_s * memory.mass_kg)
-        now["stop_impulse_ns"] = self._impulse.value
         now["last_period_impacts"] = memory.last_period_impacts_1
-        if linkage.time_s > 0.0:
-            now["mean_stop_force_n"] = now["stop_impulse_ns"] / linkage.time_s
         shown = frame.forces.quantities.as_dict()
         now["peak_contact_force_n"] = max(now["peak_contact_force_n"], shown["peak_contact_force_n"])
         now["longest_contact_time_s"] = max(now["longest_contact_time_s"], shown["contact_time_s"])
         self._energy.observe(frame, memory)
         self._take_rest(linkage.regime, linkage.time_s, memory)
 
-    def _count(self, memory: MassMemory, events: tuple[Event, ...]) -> None:
-        """Count by the mass's own counters, which begin anew at a reset: a sum of impacts is one event."""
-        if any(event.kind == RESET for event in events):
-            self._before = {}
-        for name, counted in (("impacts", memory.impacts_1), ("periods", memory.anchor_period_1)):
-            self._numbers[name] += counted - self._before.get(name, 0.0)
-            self._before[name] = counted
+    def _take_step(self, events: tuple[Event, ...], memory: MassMemory) -> None:
+        """Take what happened since the sample before; counts are the mass's own, as a sum of impacts is one event."""
+        counted = counts(memory)
+        for name, count in counted.items():
+            self._numbers[name] += count - self._before[name]
+        self._before = counted
+        for event in events:
+            self._take_event(event, memory)
+        self._impulse.add(memory.step_impulse_m_per_s * memory.mass_kg)
+        self._numbers["stop_impulse_ns"] = self._impulse.value
 
     def _take_event(self, event: Event, memory: MassMemory) -> None:
         now = self._numbers

@@ -237,6 +237,8 @@ class BreakerObserver:
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account: its events in their order, then the step's end."""
+        if self._state is None:
+            self._body.start_s = frame.linkage.time_s
         own = () if frame.body is None else frame.body.events
         happened = (*frame.linkage.events, *own)
         events = sorted(happened, key=lambda event: event.time_s) if happened else happened

@@ -21,6 +21,8 @@ from mech_twin.capabilities.cycle import (
     gauge_features,
 )
 from mech_twin.capabilities.faults import MachineFault, rod_faults
+from mech_twin.engine.coupling import is_reset
+from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.errors import StudyError
 from mech_twin.machines.crank_run import LAST, Extremes, over_last
 from mech_twin.machines.page.force_laws import PageNumbers
@@ -69,7 +71,7 @@ def faults(page: Page) -> tuple[MachineFault, ...]:
 
 
 class PageRun:
-    """Running numbers of a run, from ``settle_s`` on.
+    """Running numbers of a run, from ``settle_s`` after its start on.
 
     Parameters
     ----------
@@ -88,19 +90,18 @@ class PageRun:
         self._first = self._last = 0.0
         self._work: dict[str, float] = {}
         self._work_before: dict[str, float] = {}
+        self._settled_s = shared.page.settle_s
         self._begun = False
 
     def observe(self, frame: Frame) -> None:
         """Update with one frame."""
         linkage, shared = frame.linkage, self._shared
-        settle_s = shared.page.settle_s
-        if linkage.time_s < settle_s - 1e-9 * shared.page.coupling.step_s:
+        if not self._is_settled(linkage):
             return
-        events = [event for event in linkage.events if event.time_s >= settle_s]
+        events = [event for event in linkage.events if event.time_s >= self._settled_s]
         work = {n: v for n, v in linkage.memory.as_dict().items() if n.endswith("_work_j")}
         if not self._begun:
-            self._begun, self._first = True, linkage.time_s
-            self._work_before = work if settle_s > 0.0 else {}
+            self._begun, self._first, self._work_before = True, linkage.time_s, work
         self._last = linkage.time_s
         slides = shared.assembly.slides
         for name, position, speed in zip(linkage.joints, linkage.position, linkage.velocity, strict=True):
@@ -123,7 +124,14 @@ class PageRun:
                     self._struck[event.contact] = linkage
             elif shared.rods.meets(event):
                 self._passed[event.contact] = self._passed.get(event.contact, 0.0) + 1.0
-        self._work = {name: value - self._work_before.get(name, 0.0) for name, value in work.items()}
+        self._work = {name: value - self._work_before[name] for name, value in work.items()}
+
+    def _is_settled(self, linkage: LinkageSample) -> bool:
+        """Return whether a sample is of the time that counts; a reset to the initial state has a transient again."""
+        page = self._shared.page
+        if is_reset(linkage) and not begins_with_state(linkage):
+            self._settled_s = linkage.time_s + page.settle_s
+        return linkage.time_s >= self._settled_s - 1e-9 * page.coupling.step_s
 
     def _blow(self, contact: str, impulse: float, before: float, after: float) -> None:
         found = self._blows.setdefault(contact, [0.0, 0.0, 0.0, 0.0, 0.0])

@@ -95,7 +95,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     from mech_twin.parameters.load import catalogue_entry, validated
     from mech_twin.view.annotations import Banner
     from mech_twin.view.bench.picture import packed_curves
-    from mech_twin.view.bench.scene import body_regimes, framed
+    from mech_twin.view.bench.scene import framed
     from mech_twin.view.run_scene import RoleCurves
     from mech_twin.view.sending import LIVE
 
@@ -104,7 +104,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     begin = framed(content)
     roles = RoleCurves(frozenset() if machine.mechanism is None else machine.mechanism.sliding_joints)
     banner = Banner(machine.mechanism, *([] if machine.blow_energy is None else [machine.blow_energy]))
-    banner.body_regimes = body_regimes(machine)
+    banner.watch(machine)
     for frame in continued(machine, begin, SPAN_S, begin.motor.command):
         roles.add(frame.motor, frame.linkage, frame.forces, frame.body)
         banner.add(frame.motor, frame.linkage, frame.forces, frame.body)

@@ -98,18 +98,23 @@ def assumed_keys(name: str, parameters: Parameters, path: Path | None = None) ->
         File whose comments tell the origins; that of the installed configuration if absent.
     """
     known = origins(configuration_file(name)) if path is None else origins(path) or origins(configuration_file(name))
-    return keys_of_motion(name, parameters, [key for key in _numbers(parameters) if known.get(key) == ASSUMED])
+    return _of_motion(name, parameters, [key for key in _numbers(parameters) if known.get(key) == ASSUMED])
 
 
 def machine_keys(name: str, parameters: Parameters) -> tuple[str, ...]:
-    """Return the numbers of the machine itself of which it accepts another value, and that its motion depends on.
+    """Return the numbers of the machine itself of which it accepts another value, and that its motion depends on."""
+    return _of_motion(name, parameters, _numbers(parameters))
+
+
+def _of_motion(name: str, parameters: Parameters, keys: Iterable[str]) -> tuple[str, ...]:
+    """Return those of the keys of which the machine accepts another value, and that its equations of motion contain.
 
     The others change no constant of its kernels: keys of a tool in which no waves run, of an excitation of another
     kind.
     """
     whole, build, found = KeyedConfiguration(name, parameters, ()), catalogue_entry(name).build, []
     own = _constants(build(parameters))
-    for key in _numbers(parameters):
+    for key in keys:
         try:
             step = {key: whole.other_value(key)}
         except ConfigurationError:

@@ -159,7 +159,6 @@ class BenchScene(RunScene):
         """Add regimes, and residuals with their limits, and what else the machine tells; call before the first step."""
         super().watch(machine)
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
-        self._banner.rated_power_w, self._banner.body_regimes = rated_power_w(machine), body_regimes(machine)
 
     def frame(
         self,
@@ -283,15 +282,3 @@ class BenchScene(RunScene):
             self._names = names
             panels = [Panel(title, tuple(paths)) for title, paths in plots(names, self._roles.units).items()]
             self._link.tell("layout", packed_layout(panels, names))
-
-
-def rated_power_w(machine: Machine) -> float | None:
-    """Return the rated power of the machine's motor (W); None if its configuration has none."""
-    motor = getattr(machine.parameters, "motor", None)
-    found = getattr(motor, "rated_power_w", None)
-    return found if isinstance(found, float) and found > 0.0 else None
-
-
-def body_regimes(machine: Machine) -> tuple[str, ...]:
-    """Return the names of the regimes of the machine's body; empty without a body."""
-    return () if machine.body is None else tuple(machine.body.regimes)

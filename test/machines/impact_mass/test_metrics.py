@@ -12,7 +12,7 @@ import pytest
 from mech_twin.capabilities.variation import varied
 from mech_twin.engine.compiled_roles import NO_NUMBERS
 from mech_twin.engine.compiled_steps import work_for
-from mech_twin.engine.coupling import complete_frame, next_frame, restarted
+from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.run import frames
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, row_of
 from mech_twin.machines.impact_mass import PARAMETERS, build
@@ -127,23 +127,6 @@ def test_a_motion_of_several_periods_shows_the_spread_of_its_impacts():
     for frame in frames(twin, 3.0):
         observer.observe(frame)
     assert observer.numbers()["steady_impact_speed_spread_m_per_s"] > 1.0
-
-
-def test_a_reset_is_booked_and_counts_go_on():
-    twin = machine("impact_mass")
-    observer, run = twin.observer(), list(frames(twin, 0.2))
-    frame = complete_frame(twin, restarted(twin, 201), None, 1.0)
-    again = [frame]
-    for _ in range(200):
-        frame = next_frame(twin, frame, 1.0)
-        again.append(frame)
-    for frame in (*run, *again):
-        observer.observe(frame)
-    blows = sum(e.kind == "impact" for f in (*run, *again) for e in f.linkage.events)
-    assert observer.numbers()["impacts"] == blows
-    counted = sum(each.linkage.memory["anchor_period_1"] for each in (run[-1], again[-1]))
-    assert observer.numbers()["periods"] == counted > run[-1].linkage.memory["anchor_period_1"]
-    assert abs(observer.numbers()["energy_unbalanced_j"]) < 1e-9
 
 
 def test_summed_impacts_are_counted_one_by_one():

@@ -16,14 +16,14 @@ from mech_twin.parameters.load import machine as machine_of
 from mech_twin.samples import Drawing, Event, Frame
 from mech_twin.view.annotations import RECENT_S, Banner
 from mech_twin.view.bench.link import encoded
-from mech_twin.view.bench.scene import BenchScene, body_regimes, rated_power_w
+from mech_twin.view.bench.scene import BenchScene
 from mech_twin.view.sending import RECORDED
 
 
 def test_the_mean_drive_power_stands_beside_the_rated_power_of_the_motor():
     machine = built("roller_former")
     banner = Banner(machine.mechanism)
-    banner.rated_power_w = rated_power_w(machine)
+    banner.watch(machine)
     for frame in frames(machine, 0.1):
         banner.add(frame.motor, frame.linkage, frame.forces)
     cards = {card.key: card for card in banner.cards()}
@@ -54,7 +54,8 @@ def _power(frame):
 def test_headline_numbers_of_a_run_that_begins_anew_know_nothing_of_the_one_before():
     machine = built("mb10_breaker")
     first, again = Banner(machine.mechanism, machine.blow_energy), Banner(machine.mechanism, machine.blow_energy)
-    first.body_regimes = again.body_regimes = body_regimes(machine)
+    first.watch(machine)
+    again.watch(machine)
     run = list(frames(machine, 3.0))
     for banner, begin in ((first, run), (again, [])):
         for frame in [*begin, *run[:700]]:
@@ -92,7 +93,7 @@ def test_headline_numbers_after_a_reset_know_nothing_of_the_time_before_it(name)
     shown = []
     for reset_s in (0.0, 2.0):
         banner = Banner(machine.mechanism, *filter(None, [machine.blow_energy]))
-        banner.body_regimes = body_regimes(machine)
+        banner.watch(machine)
         again = [later(frame, reset_s) for frame in frames(machine, 1.0)]
         reset = again[0].linkage._replace(events=(Event(reset_s, "reset", "linkage"),))
         run = [*frames(machine, reset_s - machine.coupling_step_s), again[0]._replace(linkage=reset), *again[1:]]
@@ -116,13 +117,19 @@ def test_a_value_that_is_not_finite_is_no_alarm_after_a_reset():
 
 
 def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
-    assert rated_power_w(built("vibration_crank")) is None
+    machine = built("vibration_crank")
+    banner = Banner(machine.mechanism)
+    banner.watch(machine)
+    for frame in frames(machine, 0.1):
+        banner.add(frame.motor, frame.linkage, frame.forces)
+    (power,) = [card for card in banner.cards() if card.key == "mean drive power"]
+    assert power.most is None
 
 
 def test_pressing_force_and_contact_share_are_those_of_the_last_two_seconds():
     machine = built("mb10_breaker")
     banner = Banner(machine.mechanism, machine.blow_energy)
-    banner.body_regimes = body_regimes(machine)
+    banner.watch(machine)
     run = list(frames(machine, 3.0))
     for frame in run:
         banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
