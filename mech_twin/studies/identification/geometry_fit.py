@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, get_args
 
 import numpy as np
@@ -57,7 +58,8 @@ LENGTHENED = 1e-3  # relative change of a key: enough to move the mechanism
 ANGLES = 180  # in a turn, at which the mechanism is solved; interpolated by a periodic cubic spline
 STARTS, TRIED_STARTS = 24, 2  # crank zeros that are compared, and number of fits started from the best
 COARSE_SAMPLES = 150  # of a channel, while starts are compared
-COARSE_EVALUATIONS = 40
+EVALUATIONS = 40  # of a fit: one that needs more creeps along a valley
+KEPT = 32  # positions of the last keys: a change of a zero or lag needs no others
 REFUSED = 1e3  # residual, in standard deviations, of a rejected configuration
 LAG_SCALE_S = 1e-3
 UNSEEN = 1e-6  # of the largest singular value: below it a direction is not observable
@@ -218,7 +220,7 @@ class GeometryProblem:
         weights: Array | None = None,
     ) -> None:
         self._model, self._runs = model, tuple(runs)
-        self._known: tuple[tuple[float, ...], Mapping[str, CubicSpline] | None] | None = None
+        self._curves = lru_cache(maxsize=KEPT)(self._positions)
         self._start = model.values() if fixed_keys is None else fixed_keys
         self._fitted = len(model.keys) if fixed_keys is None else 0
         self._zeros = len(runs) if any(run.crank_zero == PER_RUN for run in runs) else 1
@@ -261,12 +263,7 @@ class GeometryProblem:
         return keys, x[n : n + self._zeros], x[n + self._zeros :] * LAG_SCALE_S
 
     def _least_squares(self, start: Array, *, coarse: bool) -> Any:
-        return least_squares(
-            lambda x: self._residuals(x, coarse),
-            start,
-            x_scale="jac",
-            max_nfev=COARSE_EVALUATIONS if coarse else None,
-        )
+        return least_squares(lambda x: self._residuals(x, coarse), start, x_scale="jac", max_nfev=EVALUATIONS)
 
     def _residuals(self, x: Array, coarse: bool) -> Array:
         found = self._parts(x, coarse=coarse)
@@ -275,7 +272,7 @@ class GeometryProblem:
     def _parts(self, x: Array, *, coarse: bool) -> tuple[tuple[Array, ...], ...]:
         """Return the residuals of each channel in each run over its standard deviation; unknown zeros are removed."""
         keys, zeros, lags = self._unpacked(x)
-        curves = self._curves(keys)
+        curves = self._curves(tuple(keys.tolist()))
         found = []
         for place, run in enumerate(self._runs):
             zero = float(zeros[place if len(zeros) > 1 else 0]) if len(zeros) else 0.0
@@ -298,15 +295,12 @@ class GeometryProblem:
                     parts[i] = parts[i] - mean
         return tuple(tuple(parts) for parts in found)
 
-    def _curves(self, keys: Array) -> Mapping[str, CubicSpline] | None:
-        """Return the positions, None where the keys are rejected; the result for the last keys is cached."""
-        wanted = tuple(keys.tolist())
-        if self._known is None or self._known[0] != wanted:
-            try:
-                self._known = (wanted, self._model.positions(wanted))
-            except ConfigurationError:
-                self._known = (wanted, None)
-        return self._known[1]
+    def _positions(self, keys: tuple[float, ...]) -> Mapping[str, CubicSpline] | None:
+        """Return the positions, None where the keys are rejected."""
+        try:
+            return self._model.positions(keys)
+        except ConfigurationError:
+            return None
 
 
 def unseen(fit: GeometryFit, keys: int) -> Array:
