@@ -138,18 +138,20 @@ class _Side:
     def __init__(self, label: str, machine: Machine, see: See, shown: bool) -> None:
         self._label, self._machine, self._see, self._shown = label, machine, see, shown
         self._simulation = Simulation(machine)
+        self._begin_s: list[float] = []
         self._ends_s: deque[float] = deque(maxlen=2)
 
     def take(self, frame: Frame) -> None:
         """Add a frame."""
         self._simulation.observe(frame)
+        self._begin_s = self._begin_s or [frame.linkage.time_s]
         self._ends_s.append(frame.linkage.time_s)
         if self._shown:
             self._simulation.trajectory.append(frame)
         self._see(self._machine, frame)
 
     def run(self) -> ComparedRun:
-        """Return what is compared; without samples that are shown, its last two times."""
+        """Return what is compared; without samples that are shown, its first and its last two times."""
         simulation, machine = self._simulation, self._machine
         return ComparedRun(
             self._label,
@@ -157,7 +159,7 @@ class _Side:
             configuration_tree(machine.parameters),
             simulation.summary(),
             tuple(broken_lines(simulation.residuals(), machine.coupling_step_s)),
-            simulation.trajectory.columns() if self._shown else {"time_s": list(self._ends_s)},
+            simulation.trajectory.columns() if self._shown else {"time_s": [*self._begin_s, *self._ends_s]},
             shown_units(machine),
         )
 
@@ -206,12 +208,15 @@ def _recorded(bag: Path, see: See, shown: bool) -> ComparedRun:
 
 
 def _of_lengths(sides: Sequence[ComparedRun]) -> str:
-    """Return a line where one side lasts longer than the other, by more than a step of either; else an empty one."""
+    """Return a line where one side begins or ends later, by more than a step of either; else an empty one."""
     times_s = [side.samples["time_s"] for side in sides]
-    first_s, second_s = (float(each[-1]) for each in times_s)
-    if abs(first_s - second_s) <= max(float(each[-1] - each[-2:][0]) for each in times_s):
-        return ""
-    return f"A ends at {first_s:.6g} s, B at {second_s:.6g} s: numbers of the whole run differ by that alone"
+    step_s = max(float(each[-1] - each[-2:][0]) for each in times_s)
+    found = []
+    for word, place in (("begins", 0), ("ends", -1)):
+        first_s, second_s = (float(each[place]) for each in times_s)
+        if abs(first_s - second_s) > step_s:
+            found.append(f"A {word} at {first_s:.6g} s, B at {second_s:.6g} s")
+    return f"{', '.join(found)}: numbers of the whole run differ by that alone" if found else ""
 
 
 def _draw(sides: list[ComparedRun], picture: Path, columns: Sequence[str], *, force: bool) -> None:
