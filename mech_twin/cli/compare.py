@@ -66,8 +66,8 @@ def compare_sides(request: CompareVerb) -> None:
         if request.as_json:
             print_json(_document(found))
         else:
-            _show(found, request.everything)
-        _say_lengths(sides)
+            _show(_named(sides), found, request.everything)
+        say(*filter(None, [_of_lengths(sides)]))
         if overlay is not None:
             overlay.tell(sides, found)
             hold_view(overlay.page)
@@ -138,18 +138,20 @@ class _Side:
     def __init__(self, label: str, machine: Machine, see: See, shown: bool) -> None:
         self._label, self._machine, self._see, self._shown = label, machine, see, shown
         self._simulation = Simulation(machine)
+        self._begin_s: list[float] = []
         self._ends_s: deque[float] = deque(maxlen=2)
 
     def take(self, frame: Frame) -> None:
         """Add a frame."""
         self._simulation.observe(frame)
+        self._begin_s = self._begin_s or [frame.linkage.time_s]
         self._ends_s.append(frame.linkage.time_s)
         if self._shown:
             self._simulation.trajectory.append(frame)
         self._see(self._machine, frame)
 
     def run(self) -> ComparedRun:
-        """Return what is compared; without samples that are shown, its last two times."""
+        """Return what is compared; without samples that are shown, its first and its last two times."""
         simulation, machine = self._simulation, self._machine
         return ComparedRun(
             self._label,
@@ -157,7 +159,7 @@ class _Side:
             configuration_tree(machine.parameters),
             simulation.summary(),
             tuple(broken_lines(simulation.residuals(), machine.coupling_step_s)),
-            simulation.trajectory.columns() if self._shown else {"time_s": list(self._ends_s)},
+            simulation.trajectory.columns() if self._shown else {"time_s": [*self._begin_s, *self._ends_s]},
             shown_units(machine),
         )
 
@@ -205,12 +207,16 @@ def _recorded(bag: Path, see: See, shown: bool) -> ComparedRun:
     return side.run()
 
 
-def _say_lengths(sides: Sequence[ComparedRun]) -> None:
-    """Say where one side lasts longer than the other, by more than a step of either."""
+def _of_lengths(sides: Sequence[ComparedRun]) -> str:
+    """Return a line where one side begins or ends later, by more than a step of either; else an empty one."""
     times_s = [side.samples["time_s"] for side in sides]
-    first_s, second_s = (float(each[-1]) for each in times_s)
-    if abs(first_s - second_s) > max(float(each[-1] - each[-2:][0]) for each in times_s):
-        say(f"A ends at {first_s:.6g} s, B at {second_s:.6g} s: numbers of the whole run differ by that alone")
+    step_s = max(float(each[-1] - each[-2:][0]) for each in times_s)
+    found = []
+    for word, place in (("begins", 0), ("ends", -1)):
+        first_s, second_s = (float(each[place]) for each in times_s)
+        if abs(first_s - second_s) > step_s:
+            found.append(f"A {word} at {first_s:.6g} s, B at {second_s:.6g} s")
+    return f"{', '.join(found)}: numbers of the whole run differ by that alone" if found else ""
 
 
 def _draw(sides: list[ComparedRun], picture: Path, columns: Sequence[str], *, force: bool) -> None:
@@ -236,8 +242,13 @@ def _document(found: Comparison) -> dict[str, Any]:
     return {**head, "tolerance": found.tolerance, "within_tolerance": not found.beyond, **rows}
 
 
-def _show(found: Comparison, all_numbers: bool) -> None:
-    say_result(f"{found.machine}\n  A  {found.labels[0]}\n  B  {found.labels[1]}")
+def _named(sides: Sequence[ComparedRun]) -> str:
+    """Return the name of the machine, of a page its own; two pages may have two."""
+    return " and ".join(dict.fromkeys(str(side.configuration.get("name", side.machine)) for side in sides))
+
+
+def _show(name: str, found: Comparison, all_numbers: bool) -> None:
+    say_result(f"{name}\n  A  {found.labels[0]}\n  B  {found.labels[1]}")
     if found.settings:
         print_table("settings that differ", ("key", "A", "B"), [item[:3] for item in found.settings])
     shown = found.numbers if all_numbers else found.beyond
@@ -306,7 +317,7 @@ class Overlay:
         """Tell what differs, and which times of the two belong to one angle of the cycle."""
         for side in (self.first, self.second):
             side.end()
-        self._tell_machine(found.machine)
+        self._tell_machine(_named(sides))
         machine = self.first.machine
         leading = None if machine is None or machine.mechanism is None else _leading_angle(machine, sides[0])
         pairs = None if leading is None else at_equal_angle(sides[0], sides[1], leading)
@@ -319,6 +330,7 @@ class Overlay:
                 [", ".join(filter(None, caption(each.name))), *map(_shown, each[1:3]), _percent(each.relative)]
                 for each in farthest
             ],
+            "note": _of_lengths(sides),
             "angle": None if pairs is None else [packed(np.asarray(each), "<f8") for each in pairs],
         }
         self._view.tell("comparison", content)

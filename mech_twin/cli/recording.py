@@ -68,7 +68,7 @@ def show_info(request: InfoVerb) -> None:
 
     if request.verify and is_sqlite_bag(bag):
         raise CommandError(f"--verify: {bag} is in sqlite3 storage, which has no checksums")
-    info, described = about_bag(bag, _described, verify=request.verify)
+    info, (described, machines) = about_bag(bag, _described, verify=request.verify)
     document = info_record(info)
     if described is not None:
         document |= {"machine": described.name, "version": ", ".join(described.versions)}
@@ -77,7 +77,8 @@ def show_info(request: InfoVerb) -> None:
     elif request.as_csv:
         print_csv(("topic", "type", "messages", *COUNTERS), [_counted(*item) for item in document["topics"].items()])
     else:
-        name = document["machine"] if described is None else own_name(described.name, described.parameters)
+        known = document["machine"] or ", ".join(machines)
+        name = known if described is None else own_name(described.name, described.parameters)
         _print_head(document, name)
         _print_topics(document["topics"], request.wide)
         _print_files(document["splits"])
@@ -105,15 +106,16 @@ def shared_topics(counters: Mapping[str, Mapping[str, int]]) -> list[str]:
     return [f"{name}: {number} publishers at once; {copied}" for name, number in shared.items()]
 
 
-def _described(reader: RecordingReader) -> ConfigurationHistory | None:
-    """Return the machine of a bag as `replay --resimulate` knows it; None where the bag does not say."""
-    from mech_twin.recording.bag_samples import BagSamples
+def _described(reader: RecordingReader) -> tuple[ConfigurationHistory | None, list[str]]:
+    """Return the machine of a bag as `replay --resimulate` knows it, if it does, and the names of all in the bag."""
+    from mech_twin.recording.bag_samples import BagSamples, recorded_machines
     from mech_twin.recording.errors import BagError
 
+    machines = recorded_machines(reader)
     try:
-        return ConfigurationHistory(BagSamples(reader).descriptions(), str(reader.path))
+        return ConfigurationHistory(BagSamples(reader).descriptions(), str(reader.path)), machines
     except (BagError, ConfigurationError):
-        return None
+        return None, machines
 
 
 def _print_head(document: dict[str, Any], name: str) -> None:

@@ -100,6 +100,13 @@ def is_sqlite_bag(path: Path) -> bool:
     return path.name.removesuffix(ZSTD_SUFFIX).endswith(SQLITE_SUFFIX)
 
 
+def is_named_as_bag(path: Path) -> bool:
+    """Whether a path is named as a recording: a file of one, or a directory with such files; compressed ones too."""
+    if path.is_dir():
+        return bool(parts(path, MCAP_SUFFIX) or parts(path, SQLITE_SUFFIX))
+    return path.name.removesuffix(ZSTD_SUFFIX).endswith((MCAP_SUFFIX, SQLITE_SUFFIX))
+
+
 def parts(directory: Path, suffix: str) -> list[Path]:
     """Return the files of a bag in order of their number; a plain file is preferred to its compressed copy."""
     plain = list(directory.glob(f"*{suffix}"))

@@ -56,6 +56,9 @@ def test_another_length_of_the_run_is_said(tmp_path):
     assert mech_twin("simulate", "compaction_press", "--duration", "0.3", "--bag", bag).code == 0
     assert "A ends at 0.3 s, B at 0.2 s" in mech_twin("compare", bag, "compaction", "--duration", "0.2").err
     assert "ends at" not in mech_twin("compare", bag, "compaction").err
+    kept = altered_bag(bag, tmp_path / "late", lambda entry: [entry] if entry.log_time_ns >= 200_000_000 else [])
+    told = mech_twin("compare", kept, "compaction").err
+    assert "A begins at 0.2 s, B at 0 s: numbers of the whole run differ by that alone" in told
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.parquet"])

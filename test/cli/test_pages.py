@@ -134,7 +134,8 @@ def test_a_page_is_compared_with_a_bag_of_it(page, tmp_path):
     answer("simulate", page, "--duration", "0.3", "--bag", bag)
     found = json.loads(answer("compare", page, bag, "--duration", "0.3", "--json"))
     assert found
-    assert RUNNER.invoke(app, ["compare", str(page), str(bag), "--duration", "0.3"]).exit_code == 0
+    told = RUNNER.invoke(app, ["compare", str(page), str(bag), "--duration", "0.3"])
+    assert (told.exit_code, told.output.splitlines()[0]) == (0, "spring_hammer")
 
 
 def test_a_map_of_a_page_is_of_every_path_of_it(page, tmp_path):

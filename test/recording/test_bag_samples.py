@@ -337,3 +337,9 @@ def test_a_linkage_restarted_at_step_0_begins_no_other_run(tmp_path: Path) -> No
         samples, alone = BagSamples(reader), BagSamples(of_run)
         assert samples.descriptions() == alone.descriptions()
         assert [step.step for step in samples.steps()] == list(range(101))
+
+
+def test_of_a_recording_of_two_machines_info_names_both(frames: list[Frame], tmp_path: Path) -> None:
+    simulated_bag("vibration_crank", 0.05, tmp_path / "crank")
+    both = written_bag(tmp_path / "both", [*entries_of(tmp_path / "bag"), *entries_of(tmp_path / "crank")])
+    assert mech_twin("info", both).out.startswith(f"vibration_crank, {DRUM}, 0.1 s; complete")

@@ -17,7 +17,7 @@ from typing import Any
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import MACHINE_KEY, PAGE_SUFFIXES, file_tree, is_page
 from mech_twin.recording.bag_contents import RecordingReader
-from mech_twin.recording.bag_directory import bag_files
+from mech_twin.recording.bag_directory import bag_files, is_named_as_bag, is_sqlite_bag
 from mech_twin.recording.bag_reader import about_bag, open_bag
 from mech_twin.recording.bag_samples import BagSamples, NoSamplesError, recorded_machine
 from mech_twin.recording.errors import BagError
@@ -29,7 +29,6 @@ from mech_twin.view.bench.link import BEGUN_BY
 OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST = "open", "overlay", "run", "salvage", "download", "list"
 END_S = 10.0  # time limit for a command to end
 SHOWN_LINES = 3  # last lines of stderr that are shown of a failed command
-NOT_FOR_IT = "it holds no samples of a machine"
 
 
 class Hall:
@@ -180,12 +179,9 @@ class Hall:
         return [*self._machines, *own]
 
     def _paths(self) -> list[Path]:
-        found = [
-            path
-            for path in self._folder.iterdir()
-            if path.suffix == ".mcap" or (path.is_dir() and (any(path.glob("*.mcap")) or any(path.glob("*.db3"))))
-        ]
-        return sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)
+        return sorted(
+            filter(is_named_as_bag, self._folder.iterdir()), key=lambda path: path.stat().st_mtime, reverse=True
+        )
 
     def _recordings(self) -> list[dict[str, Any]]:
         rows = []
@@ -205,18 +201,19 @@ def _machine_and_settings(reader: RecordingReader) -> tuple[str, list[list[str]]
 
 
 def _described(path: Path) -> dict[str, Any]:
-    """Return machine, length (s), settings and state of a recording, and whether it opens without recovery."""
-    unknown: dict[str, Any] = {"machine": "", "length_s": None, "opens": False, "settings": []}
+    """Return machine, length (s), settings and state of a recording, and whether it opens, or may be salvaged."""
+    kept = not is_sqlite_bag(path)  # `recover` takes no other
+    unknown: dict[str, Any] = {"machine": "", "length_s": None, "opens": False, "salvages": kept, "settings": []}
     try:
         info, (machine, settings) = about_bag(path, _machine_and_settings)
-    except NoSamplesError:
-        return unknown | {"state": NOT_FOR_IT}
+    except NoSamplesError as error:
+        return unknown | {"salvages": False, "state": f"it {error.reason.partition(';')[0]}"}
     except BagError as error:
         return unknown | {"state": f"damaged: {error}"}
-    known = {"machine": machine, "length_s": round(info.duration_s, 3), "settings": settings}
+    known = unknown | {"machine": machine, "length_s": round(info.duration_s, 3), "settings": settings}
     try:
         with open_bag(path):
             state = "complete" if not info.problems else "closed, but not complete"
             return known | {"opens": True, "state": state}
     except BagError:
-        return known | {"opens": False, "state": "damaged" if info.finished else "not closed"}
+        return known | {"state": "damaged" if info.finished else "not closed"}

@@ -233,11 +233,12 @@ def test_keys_of_time_work_also_where_a_button_or_the_time_was_just_used(told):
 def test_two_runs_that_have_no_common_angle_are_compared_at_equal_time(told):
     page = told.page
     times = ["AAAAAAAAAAAAAAAAAADwPw=="] * 2  # 0 and 1 s
-    told.tell("comparison", settings=[], numbers=[], angle=times)
+    told.tell("comparison", settings=[], numbers=[], note="", angle=times)
     page.locator("#align").select_option("angle")
-    told.tell("comparison", settings=[], numbers=[], angle=None)
+    told.tell("comparison", settings=[], numbers=[], note="A ends at 3 s, B at 2 s", angle=None)
     expect(page.locator("#align")).to_be_disabled()
     expect(page.locator("#align")).to_have_value("time")
+    expect(page.locator("#equal")).to_have_text("0 of 0 numbers are equal. A ends at 3 s, B at 2 s")
 
 
 def test_a_page_that_drops_the_beginning_of_a_run_says_so_once(told):

@@ -5,9 +5,13 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 
 import aiohttp
 import pytest
+from foreign_bags import converted
+from recordings import entries_of, simulated_bag, written_bag
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from served_bench import LIMIT_S, in_loop, served
 
 from mech_twin.nodes.run import bench_hall
@@ -169,3 +173,32 @@ async def test_a_page_opened_later_gets_the_present_values_of_the_live_parameter
                 pass
         assert [each["value"] for each in told["parameters"]] == [0.3, 500.0]
         assert told["settings"] == differing
+
+
+def test_recordings_of_every_kind_are_listed_and_of_one_that_does_not_open_why(tmp_path):
+    """Compressed files were not listed, and of two machines in one recording it said that it had no samples."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    for name in ("winding_drum", "vibration_crank"):
+        simulated_bag(name, 0.05, tmp_path / name)
+    written_bag(folder / "two", [*entries_of(tmp_path / "winding_drum"), *entries_of(tmp_path / "vibration_crank")])
+    converted(tmp_path / "winding_drum", folder / "sqlite")
+    packed = converted(
+        tmp_path / "winding_drum", tmp_path / "packed", storage=StoragePlugin.MCAP, mode=CompressionMode.FILE
+    )
+    shutil.copytree(packed, folder / "packed")
+    shutil.copy(next(packed.glob("*.zstd")), folder / "alone.mcap.zstd")
+    shutil.copy(next((folder / "sqlite").glob("*.db3")), folder / "alone.db3")
+    (folder / "notes.txt").write_text("no recording", encoding="utf-8")
+    told = {}
+
+    def tell(kind, content):
+        told[kind] = content
+
+    asyncio.run(Hall(folder, [], "bench:nowhere", lambda: None, tell, str).look())
+    rows = {row.pop("name"): row for row in told["hall"]["recordings"]}
+    assert rows.keys() == {"two", "sqlite", "packed", "alone.mcap.zstd", "alone.db3"}
+    assert {name for name, row in rows.items() if row["opens"]} == rows.keys() - {"two"}
+    assert rows["packed"]["machine"] == rows["alone.db3"]["machine"] == "winding_drum"
+    assert rows["two"]["state"] == "it holds samples of more than one machine: vibration_crank, winding_drum"
+    assert not rows["two"]["salvages"]

@@ -205,7 +205,7 @@ def test_the_difference_of_two_runs_has_the_peaks_of_both(page):
         told = picture(LENGTH_S) | {"time_s": float(time_s[-1])} | side
         told["curves"] = packed_curves([Curves("square", NAMES["square"], time_s, values)])
         assert page.link.show(told)
-    page.link.tell("comparison", {"settings": [], "numbers": [], "angle": None})
+    page.link.tell("comparison", {"settings": [], "numbers": [], "note": "A ends at 3 s, B at 2 s", "angle": None})
     page.locator("#how").select_option("difference")
     page.wait_for_function("() => window.bench.drawn(1).largest === 77")
     assert page.evaluate("() => window.bench.drawn(1).rows") <= 4001

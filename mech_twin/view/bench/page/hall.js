@@ -36,7 +36,7 @@ function recordingRow(recording) {
     if (run.chosen === recording.name) button("No reference", () => choose(""));
     else button("Reference", () => choose(recording.name));
     if (run.chosen && run.chosen !== recording.name) button("Compare with reference", () => order("overlay", { values: { recording: run.chosen, other: recording.name } }));
-  } else button("Salvage", () => order("salvage", { values: { recording: recording.name } }));
+  } else if (recording.salvages) button("Salvage", () => order("salvage", { values: { recording: recording.name } }));
   button("Download", () => order("download", { values: { recording: recording.name } }));
   if (run.chosen === recording.name) row.classList.add("chosen");
   row.append(text, buttons);

@@ -62,7 +62,7 @@ export function showMetrics(rows) {
 }
 
 // two runs in one view: their names, differences, and alignment
-export function showComparison({ settings, numbers, angle }) {
+export function showComparison({ settings, numbers, note, angle }) {
   other.know(angle);
   find("comparison").hidden = false;
   find("align").disabled = !angle;
@@ -73,7 +73,8 @@ export function showComparison({ settings, numbers, angle }) {
   find("sides").replaceChildren(`A, solid: ${first}`, document.createElement("br"), `B, dashed: ${second}`);
   find("settings").replaceChildren(...rowsOf(settings.length ? settings : [["no setting differs", "", ""]]));
   find("compared").replaceChildren(...rowsOf(numbers.filter((row) => row[3] !== "0 %")));
-  find("equal").textContent = `${numbers.filter((row) => row[3] === "0 %").length} of ${numbers.length} numbers are equal`;
+  const equal = `${numbers.filter((row) => row[3] === "0 %").length} of ${numbers.length} numbers are equal`;
+  find("equal").textContent = [equal, note].filter(Boolean).join(". ");
   shown.drawn = null;
 }
 

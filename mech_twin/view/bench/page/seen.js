@@ -26,7 +26,7 @@ function seen() {
       ...plots.shown.map((plot) => ({ title: two && other.isDifference ? `${plot.title}, A - B` : plot.title, canvas: plot.plot.ctx.canvas, words: plot.names.map((name, place) => [name.replaceAll("_", " "), plot.colours[place]]) })),
     ],
     tables: [
-      ...(two ? [{ title: `Runs: ${drawn}, at equal ${chosen("align")}`, head: ["side", "run"], rows: run.machine.sides.map((name, place) => ["AB"[place], name]) },
+      ...(two ? [{ title: `Runs: ${drawn}, at equal ${chosen("align")}`, head: ["side", "run"], rows: [...run.machine.sides.map((name, place) => ["AB"[place], name]), ["", find("equal").textContent]] },
         { title: "Settings that differ", head: ["key", "A", "B"], rows: cells("settings") },
         { title: "Numbers that differ", head: ["quantity", "A", "B", "apart"], rows: cells("compared") }] : []),
       { title: "Settings that differ from the machine as installed", head: ["key", "installed", "here"], rows: run.machine?.settings ?? [] },
