@@ -6,12 +6,11 @@ recordings of machines outside the catalogue can be shown too.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import rerun as rr
 
-from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.declarations.captions import metrics_table
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
 from mech_twin.view.curves import FIRST_COLOUR, PALETTE, send_rows, series_lines, times
@@ -63,11 +62,6 @@ class RerunScene(RunScene):
         """The contents of the present layout; None before the first one."""
         return self._shown
 
-    def know(self, tree: FrameTree, blow_energy: Callable[[Event], float] | None = None) -> None:
-        """Add what needs the machine's frames; see `RunScene.know`."""
-        super().know(tree, blow_energy)
-        self._marks.turning_stops = tree.turning_stops
-
     def frame(
         self,
         motor: MotorSample | None = None,
@@ -105,7 +99,7 @@ class RerunScene(RunScene):
         if is_logged(event):
             self._has_events = True
             self._events.append((event.time_s, event_line(event, self._turning_stops)))
-        self._marks.add(event)
+        self._marks.add(event, turns=event.contact in self._turning_stops)
         self._strike(event)
 
     def metrics(self, metrics: Mapping[str, float]) -> None:
@@ -198,7 +192,7 @@ class ImpactMarks:
     """Vertical marks of impacts in the plots."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
-        self._stream, self.turning_stops = stream, frozenset[str]()
+        self._stream = stream
         self._contacts: set[str] = set()
         self._marks: dict[str, list[tuple[float, float]]] = {}
 
@@ -207,11 +201,10 @@ class ImpactMarks:
         """Kinds of the marks: ``impulse``, ``speed``."""
         return frozenset(path.split("/")[1] for path in self._contacts)
 
-    def add(self, event: Event) -> None:
-        """Add the mark of an event; one without an impulse has none."""
+    def add(self, event: Event, *, turns: bool) -> None:
+        """Add the mark of an event, whose contact may turn; one without an impulse has none."""
         if event.impulse_ns == 0.0:
             return
-        turns = event.contact in self.turning_stops
         speed = event.pre_velocity_m_per_s
         for kind, unit, value in (("impulse", "N m s", event.impulse_ns), ("speed", "rad/s", speed)):
             if value != 0.0:

@@ -7,6 +7,7 @@ import asyncio
 import json
 import re
 from itertools import islice
+from multiprocessing import active_children
 
 import pytest
 
@@ -69,3 +70,26 @@ def test_a_trial_of_a_value_the_machine_refuses_is_refused_in_its_words():
     assert re.search(r"tool\.restitution.*7", refused["refused"])
     assert "refused" not in answer
     assert answer["cards"]
+
+
+@pytest.mark.slow
+def test_a_trial_whose_process_is_lost_is_refused_the_next_is_answered_and_none_outlives_the_bench():
+    machine = load("mb10_breaker")
+
+    async def tried():
+        trials = Trials("mb10_breaker", configuration_tree(machine.parameters))
+        trials.frame = sent(next(frames(machine, 0.1)))
+        lost = asyncio.create_task(trials.tried({"tool.restitution": 0.3}))
+        while not active_children():
+            await asyncio.sleep(0.01)
+        for process in active_children():
+            process.kill()
+        with pytest.raises(OrderError, match="the trial was ended"):
+            await lost
+        answer = json.loads(await trials.tried({"tool.restitution": 0.3}))
+        await trials.close()
+        return answer, active_children()
+
+    answer, left = asyncio.run(tried())
+    assert answer["cards"]
+    assert left == []
