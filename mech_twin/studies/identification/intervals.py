@@ -22,7 +22,8 @@ because the runs do not identify them, were off by half their value (consider pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -148,6 +149,11 @@ class Linearised:
     def of(self, chosen: npt.NDArray[np.intp]) -> Linearised:
         """Return the same for some of the unknowns, the others fixed where they are."""
         return replace(self, jacobian=self.jacobian[:, chosen], other=self.other[:, chosen])
+
+    def of_channels(self, channels: Sequence[int]) -> Linearised:
+        """Return the same for the rows of some channels, and those that are no samples."""
+        rows = np.isin(self.channels, [-1, *channels])
+        return Linearised(*(getattr(self, each.name)[rows] for each in fields(self)))
 
     def over(self, factors: Array) -> Linearised:
         """Return the same by unknowns over scales that are so many times as large, shape (unknowns,)."""

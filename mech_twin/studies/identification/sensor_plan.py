@@ -14,11 +14,10 @@ from scipy import stats
 
 from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree
 from mech_twin.engine.rollout import column_names, roll_out
-from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import Channel, MeasurementMap
 from mech_twin.measurements.units import joint_column
 from mech_twin.parameters.load import catalogue_entry, validated
-from mech_twin.studies.identification.fit_problem import BEGIN, GAIN, KEY, LAG, ZERO, FitProblem, Weighting, problem_of
+from mech_twin.studies.identification.fit_problem import BEGIN, GAIN, KEY, LAG, ZERO, problem_of
 from mech_twin.studies.identification.fit_quality import Fitted
 from mech_twin.studies.identification.fit_runs import FitChannel, FitRun
 from mech_twin.studies.identification.identification import PREDICTABLE, combined
@@ -174,8 +173,8 @@ def _sampled(
     return replace(run, channels=tuple(each for each in found if len(each.times_s)))
 
 
-def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
-    """Return the problem with measured values, of events too, replaced by the model's."""
+def _as_shown(fitted: Fitted) -> Fitted:
+    """Return the same with measured values, of events too, replaced by the model's."""
     runs = [
         replace(
             run,
@@ -183,9 +182,9 @@ def _as_shown(problem: FitProblem, x: Array) -> FitProblem:
                 replace(channel, values=channel.values - off) for channel, off in zip(run.channels, parts, strict=True)
             ),
         )
-        for run, parts in zip(problem.runs, problem.parts(x), strict=True)
+        for run, parts in zip(fitted.problem.runs, fitted.parts, strict=True)
     ]
-    return problem.over(runs)
+    return replace(fitted, problem=fitted.problem.over(runs))
 
 
 class _Derived:
@@ -193,19 +192,19 @@ class _Derived:
 
     def __init__(self, question: IdentificationQuestion, samples: FitRun) -> None:
         self.question, self._samples = question, samples
-        self._known: dict[float, tuple[FitProblem, Weighting, Array, Array, Array]] = {}
+        self._known: dict[float, tuple[Fitted, Linearised]] = {}
 
-    def over(self, share: float) -> tuple[FitProblem, Weighting, Array, Array, Array]:
-        """Return problem, weighting, derivatives of two step lengths, and the channel of each row (-1: a prior)."""
+    def over(self, share: float) -> tuple[Fitted, Linearised]:
+        """Return the model as configured over an initial share of the run, and derivatives there."""
         if share not in self._known:
             part = self._samples.within(-np.inf, np.inf).first_share(share)
-            problem = problem_of(self.question, [part])
-            sigmas = np.array([channel.noise for channel in part.channels])
-            weighting = Weighting(sigmas, problem.comparison(problem.unknowns.start, sigmas).masks)
-            pair = problem.two_jacobians(problem.unknowns.start, weighting)
-            channels = np.repeat(np.arange(len(sigmas)), [int(mask.sum()) for mask in weighting.masks[0]])
-            rest = np.full(len(pair[0]) - len(channels), -1)
-            self._known[share] = (problem, weighting, *pair, np.concatenate([channels, rest]))
+            problem, sigmas = problem_of(self.question, [part]), np.array([channel.noise for channel in part.channels])
+            x = problem.unknowns.start
+            fitted = Fitted(problem, x, problem.comparison(x, sigmas))
+            jacobian, other = problem.two_jacobians(x, fitted.comparison)
+            counts = [int(mask.sum()) for mask in fitted.comparison.masks[0]]
+            rows = np.repeat([*range(len(counts)), -1], [*counts, len(jacobian) - sum(counts)])  # priors at the end
+            self._known[share] = fitted, Linearised(jacobian, other, np.zeros(len(rows)), rows, rows, rows)
         return self._known[share]
 
 
@@ -219,30 +218,27 @@ def _verdicts(
     """
     question = derived.question
     for share in (1.0, *PREDICTABLE, 1.0):  # the whole run in any case, if no derivatives are reliable
-        problem, weighting, jacobian, other, labels = derived.over(share)
-        rows = slice(None) if channels is None else np.isin(labels, [-1, *channels])
-        jacobian, other = jacobian[rows], other[rows]
-        unknowns, x = problem.unknowns, problem.unknowns.start
+        fitted, line = derived.over(share)
+        line = line if channels is None else line.of_channels(channels)
+        unknowns = fitted.problem.unknowns
         places = unknowns.places(KEY)
-        seen = sensitivity(jacobian, other, places, x[places])
+        seen = sensitivity(line.jacobian, line.other, places, fitted.x[places])
         if not seen.contradicted:
             break
     count = len(question.keys)
     chosen = seen.estimated(range(count))
     kept = np.concatenate([np.array(chosen, dtype=np.intp), unknowns.places(BEGIN, ZERO, GAIN, LAG)])
-    student = float(stats.t.ppf(0.975, max(len(jacobian) - len(kept), 1)))
+    student = float(stats.t.ppf(0.975, max(len(line.residuals) - len(kept), 1)))
     errors, halves = np.full(count, np.nan), np.full(count, np.inf)
-    own = np.sqrt(np.diag(inverse_information(jacobian[:, kept])))
-    for place, i in enumerate(chosen):
-        errors[i] = own[place] * unknowns.scales[i]
-        halves[i] = errors[i] * student
+    own = np.sqrt(np.diag(inverse_information(line.jacobian[:, kept])))
+    errors[chosen] = own[: len(chosen)] * unknowns.scales[chosen]
+    halves[chosen] = errors[chosen] * student
     values, no_bounds = question.keyed.values(), np.tile([[-np.inf], [np.inf]], count)
     fixed = frozenset(set(range(count)) - set(chosen))
     both = np.array([halves, halves])
     found: list[Combination] = []
     if together:
-        line = Linearised(jacobian, other, np.zeros(len(jacobian)), *(np.zeros(len(jacobian), dtype=np.int64),) * 3)
-        refits = Refits(Fitted(_as_shown(problem, x), x, weighting), line, 1.0)
+        refits = Refits(_as_shown(fitted), line, 1.0)
         found = combined(question, refits, seen, chosen, both)
     scales = unknowns.scales[:count]
     evidence = KeyEvidence(question.keys, values, values, errors, both, no_bounds, scales, seen, fixed, None, found)
