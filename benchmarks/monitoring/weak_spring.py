@@ -80,10 +80,11 @@ def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "mech_twin", *map(str, words)]
 
 
-def told(*words: object) -> None:
-    """Run a command to its end, showing it."""
+def run(*words: object) -> None:
+    """Run a command to its end, showing it; without its result the story cannot go on."""
     print("$ mech-twin", *words, flush=True)
-    subprocess.run(command(*words), check=False, timeout=LIMIT_S)
+    if subprocess.run(command(*words), check=False, timeout=LIMIT_S).returncode != 0:
+        raise SystemExit(1)
 
 
 @contextmanager
@@ -231,14 +232,14 @@ def story(healthy_s: float) -> None:
             operator.clock_s = 0.0
         if not Path("found").exists():
             free = ("--free", "body.inertia_kg_m2", "--free", "tool.restitution")
-            told("identify", NAME, "start", "--map", "map.yaml", *free, "--out", "found")
+            run("identify", NAME, "start", "--map", "map.yaml", *free, "--out", "found")
         at_end.enter_context(beside(plant("--pace", "realtime")))
         operator.until(lambda: operator.clock_s >= 3.0, "the run-up")
         config = ("--config", f"found/{NAME}.yaml")
         if not Path("healthy").exists():
             with listening(operator, "healthy", *config):
                 operator.runs(healthy_s)
-        told(
+        run(
             "monitor", NAME, "healthy", "--map", "map.yaml", *config, "--baseline", "healthy", "--arl0", "0.5",
             "--skip", "0.5", "--save-baseline", "healthy.json", "--force",
         )  # fmt: skip
@@ -321,13 +322,13 @@ def pictures(folder: Path, out: Path) -> None:
     channels = {channel.name: (channel.times_s, channel.values) for channel in run.channels}
     vectors = feed_channels(FeatureFeed(ask(machine_parameters(NAME)), list(channels)), channels)
     setup = SETUP.validate_json((folder / "healthy.json").read_bytes())
-    monitor, told_ = Monitor(setup), json.loads((folder / "diary.json").read_text(encoding="utf-8"))
+    monitor, written = Monitor(setup), json.loads((folder / "diary.json").read_text(encoding="utf-8"))
     found = [monitor.observe(vector) for vector in vectors]
     times = np.array([vector.end_s for vector in vectors])
     figure, (upper, lower) = plt.subplots(2, 1, sharex=True, figsize=(9.0, 5.2), layout="constrained")
     values = [1e3 * vector.values[vector.names.index(FIGURE)] for vector in vectors]
     upper.plot(times, values, ".", ms=3, color="tab:blue")
-    upper.axhline(1e3 * told_["wanted"], color="tab:green", lw=1, label="wanted")
+    upper.axhline(1e3 * written["wanted"], color="tab:green", lw=1, label="wanted")
     upper.set_ylabel("body off its seat, mrad")
     charts = np.array([[np.nan] * 3 if f.charts is None else f.charts.statistics for f in found])
     for column, (name, limit) in enumerate(zip(("cusum", "glr", "chi-square"), setup.limits.alarm, strict=True)):
@@ -337,7 +338,7 @@ def pictures(folder: Path, out: Path) -> None:
     lower.set_xlabel("the machine's time, s")
     marks = (("the spring weakens", "spring"), ("acknowledged", "yes: seen"), ("accepted", "yes: preload"))
     for word, label in marks:
-        at_s = next((at for at, text in told_["diary"] if word in text), None)
+        at_s = next((at for at, text in written["diary"] if word in text), None)
         for axes in (upper, lower):
             if at_s is not None:
                 axes.axvline(at_s, color="tab:red", lw=1)
