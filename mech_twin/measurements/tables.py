@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 PARQUET_MAGIC = b"PAR1"
+BAG_SUFFIXES = (".mcap", ".db3")
 BAG_MAGICS = (b"\x89MCAP", b"SQLite format 3")
 HEAD_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 20
@@ -41,8 +42,8 @@ MOST_NAMED = 12  # columns listed in an error message
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file is a table, by its content; if it cannot be read, by its suffix."""
-    if path.is_dir():
+    """Return whether a file is a table: not one named as a recording, else by its content, or unread by its suffix."""
+    if path.is_dir() or path.suffix.lower() in BAG_SUFFIXES:
         return False
     try:
         head = _head(path)
