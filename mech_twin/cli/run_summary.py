@@ -75,13 +75,15 @@ def show_residuals(residuals: Mapping[str, Mapping[str, Any]]) -> None:
     say_result(f"{holding} of {len(rows)} checks within their limits")
 
 
-def show_events(events: Sequence[Event], numbers: Mapping[str, Any] = NO_NUMBERS, *, everything: bool) -> None:
-    """Write how many events of which kind there were, and the last that matter, or all; units as in the numbers."""
+def show_events(
+    events: Sequence[Event], counts: Counter[str], numbers: Mapping[str, Any] = NO_NUMBERS, *, everything: bool
+) -> None:
+    """Write how many events of which kind there were, and the last that matter or all kept; units as in the numbers."""
     if not events:
         return
-    counts = Counter(event.kind for event in events)
     kinds = ", ".join(f"{count} {kind}" for kind, count in counts.most_common())
-    say_result(f"{len(events)} event{'s' if len(events) > 1 else ''}: {kinds}")
+    kept = f"; the newest {len(events)} are kept" if counts.total() > len(events) else ""
+    say_result(f"{counts.total()} event{'s' if counts.total() > 1 else ''}: {kinds}{kept}")
     matter = events if everything else [event for event in events if is_notable(event)]
     shown = matter if everything else matter[-SHOWN_EVENTS:]
     left = len(events) - len(shown)

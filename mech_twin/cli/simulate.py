@@ -92,7 +92,7 @@ def simulate_machine(request: SimulateVerb) -> None:
         how = () if beside is None else (beside.step_s, beside.failure)
         say_result(digits_note(machine.coupling_step_s, *how))
         show_residuals(document["residuals"])
-        show_events(simulation.events, document["summary"], everything=request.everything)
+        show_events(simulation.events, simulation.event_counts, document["summary"], everything=request.everything)
     say(*(f"warning: {remark}" for remark in simulation.remarks()))
     broken = broken_lines(simulation.residuals(), machine.coupling_step_s)
     if broken:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a run gives, collected frame by frame: of one in progress, and of a whole one."""
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -36,6 +36,7 @@ class RunMetrics:
     def begin_anew(self) -> None:
         """Clear everything for a new run."""
         self.events: deque[Event] = deque(maxlen=self.kept_events)
+        self.event_counts = Counter[str]()  # by kind, of all events
         self.frames = 0
         self.last: Frame | None = None
         self._observer: ChangingObserver | None = None
@@ -49,6 +50,7 @@ class RunMetrics:
         self._observer.observe(frame)
         events = frame_events(frame)
         self.events.extend(events)
+        self.event_counts.update(event.kind for event in events)
         return events
 
     def summary(self) -> dict[str, float]:

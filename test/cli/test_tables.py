@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -194,13 +195,19 @@ def event(speed: float, impulse: float, kind: str = "impact") -> Event:
 def test_the_end_of_a_dying_series_is_left_out_unless_asked_for(capsys) -> None:
     blow, whisper, change = event(1.5, 2.0, "blow"), event(5e-4, 1e-4), event(0.0, 0.0, "release")
     assert [is_notable(one) for one in (blow, whisper, change)] == [True, False, True]
-    show_events([blow, whisper, change], everything=False)
+    counts = Counter(one.kind for one in (blow, whisper, change))
+    show_events([blow, whisper, change], counts, everything=False)
     short = capsys.readouterr().out
     assert "3 events: 1 blow, 1 impact, 1 release" in short
     assert "1 more with --all" in short
     assert "0.0005" not in short
-    show_events([blow, whisper, change], everything=True)
+    show_events([blow, whisper, change], counts, everything=True)
     assert "0.0005" in capsys.readouterr().out
+
+
+def test_events_that_a_long_run_no_longer_keeps_are_counted(capsys) -> None:
+    show_events([event(1.5, 2.0, "blow")], Counter(blow=30_000, release=1), everything=True)
+    assert "30001 events: 30000 blow, 1 release; the newest 1 are kept" in capsys.readouterr().out
 
 
 def test_a_residual_that_is_no_number_is_broken(capsys) -> None:

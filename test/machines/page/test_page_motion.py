@@ -63,7 +63,7 @@ def test_a_stop_of_a_pin_is_told_as_angular_speed_angular_impulse_and_moment(cap
     assert numbers["rest_impact_moment_mean_nm"] == pytest.approx(0.6 * speed / 0.5, rel=1e-9)
     assert numbers["rest_moment_max_nm"] == pytest.approx(2.0 * 9.81 * 0.5 * math.cos(math.radians(80.0)), rel=1e-9)
     assert not [name for name in numbers if name.startswith("rest_") and name.endswith(("_m_per_s", "_ns", "_n"))]
-    show_events(simulation.events, numbers, everything=True)
+    show_events(simulation.events, simulation.event_counts, numbers, everything=True)
     assert f"{speed:.4g} rad/s" in capsys.readouterr().out
     tree = mechanism(PageModel(page(PENDULUM, contacts=REST)))
     line = event_line(impacts(simulation)[0], tree.turning_stops)
