@@ -17,6 +17,7 @@ import numpy as np
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.compiled_machine import CompiledMachine, compiled_machine
+from mech_twin.engine.compiled_roles import held
 from mech_twin.engine.compiled_steps import Indices, Models, Widths, run_steps
 from mech_twin.engine.rollout import roll_out
 from mech_twin.engine.sample_vectors import Array, Places
@@ -40,21 +41,29 @@ class BankStep(NamedTuple):
     events: Array
 
 
+class BankModel(NamedTuple):
+    """What `step_rows` needs of a machine: the arguments of `engine.compiled_steps.run_steps` of these names."""
+
+    models: Models
+    at: Places
+    widths: Widths
+    step_s: float
+
+
 @released_kernel
-def step_rows(
-    models: Models, at: Places, widths: Widths, first: int, step_s: float, target: float, rows: Array
-) -> tuple[Indices, Indices, Array]:
+def step_rows(bank: Any, first: int, target: float, rows: Array) -> tuple[Indices, Indices, Array]:
     """Advance each row by one step, in place; return numbers of events, failure codes, and the first row's events.
 
     Parameters
     ----------
-    models, at, widths, first, step_s
-        As in `engine.compiled_steps.run_steps`.
+    bank : Held
+        The `BankModel`, in compiled memory: converting it at each call took longer than the step.
     target : float
         Requested fraction of rated supply frequency.
     rows : (m, w) array
         Frames at step ``first``.
     """
+    models, at, widths, step_s = bank.model
     count = len(rows)
     event_counts, failed = np.zeros(count, np.int64), np.zeros(count, np.int64)
     targets, picked, columns = np.full(1, target), np.zeros(0, np.int64), np.zeros((1, 0))
@@ -84,13 +93,12 @@ class StepBank:
         self.compiled: CompiledMachine = compiled
         self.columns = compiled.layout.columns
         self.step_s = float(machine.coupling_step_s)
+        self._held = held(BankModel(compiled.models, compiled.layout.places, compiled.widths, self.step_s))
 
     def advanced(self, step: int, rows: Array, target: float) -> BankStep:
         """Return rows (m, w) of frames advanced by one step."""
-        compiled, later = self.compiled, np.array(rows, dtype=np.float64, order="C")
-        event_counts, failed, events = step_rows(
-            compiled.models, compiled.layout.places, compiled.widths, step, self.step_s, float(target), later
-        )
+        later = np.array(rows, dtype=np.float64, order="C")
+        event_counts, failed, events = step_rows(self._held, step, float(target), later)
         return BankStep(later, event_counts, failed, events)
 
     def events(self, table: Array) -> tuple[Event, ...]:
