@@ -71,7 +71,7 @@ trial_cycles: 20
 dry_run: false
 """
 BEFORE_S, AFTER_S = 6.0, 2.0  # of the story, in the shortened recording
-LISTENERS = 3  # operator, shadow, recorder
+LISTENERS = 2  # operator and shadow
 LIMIT_S = 1800.0  # of the wall clock, for anything that is waited for
 
 
@@ -210,7 +210,7 @@ class Operator:
 
 @contextmanager
 def listening(operator: Operator, name: str, *words: str) -> Iterator[None]:
-    """Follow and record the machine's sensors; the block begins when the shadow and its recorder listen."""
+    """Follow and record the machine's sensors; the block begins when the shadow listens."""
     asked = command("shadow", NAME, "--from", "plant", "--map", "map.yaml", "--record", name, "--force", *words)
     with beside(asked):
         operator.until(lambda: operator.node.count_subscribers(SENSORS) >= LISTENERS, f"the shadow of {name}")

@@ -104,7 +104,7 @@ def test_features_of_events_are_judged_live_as_of_the_recording(tmp_path: Path) 
             "joints": bench.client.create_publisher(JointState, "/plant/joints", DATA),
             "impacts": bench.client.create_publisher(Vector3Stamped, "/plant/impacts", DATA),
         }
-        bench.until(lambda: all(each.get_subscription_count() >= 2 for each in publishers.values()))
+        bench.until(lambda: all(each.get_subscription_count() >= 1 for each in publishers.values()))
         for sent, (_, topic, message) in enumerate(messages_of(seen(5.0, 2)), 1):
             publishers[topic].publish(message)
             if sent % BURST == 0:

@@ -113,7 +113,7 @@ class MonitoredPlant(ShadowBench):
 
     def __enter__(self) -> MonitoredPlant:
         self.sent = 0
-        self.until(lambda: self.wheel.get_subscription_count() >= 3)
+        self.until(lambda: self.wheel.get_subscription_count() >= 1)
         return self
 
 

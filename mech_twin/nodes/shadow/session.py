@@ -19,6 +19,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DIAGNOSTICS, ESTIMATED, EVERY, RESIDUALS, TWIN, Topic, shadow_topics, type_name
 from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
+from mech_twin.nodes.exchange.hand_over import HandedBytes, ReceivedBytes
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
@@ -26,7 +27,7 @@ from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.identifier_node import IdentifierNode
 from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
-from mech_twin.nodes.shadow.shadow_node import FOLLOWED, ShadowNode, ShadowSetup
+from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.interruption import StopSignal
@@ -60,7 +61,9 @@ class ShadowTopics(NamedTuple):
 
 
 class ShadowListener(TwinNode):
-    """Subscribes to the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
+    """Hears the topics of the machine and of its shadow; see `TwinNode` for the other arguments.
+
+    The shadow passes on what it receives from the machine (`hear`), so each message is received once.
 
     The log time of a message is its stamp if that is accepted (`FollowedClock`) and not earlier than the newest one,
     else the newest.  Rejected stamps are counted; until one is accepted, messages are held.
@@ -68,7 +71,7 @@ class ShadowListener(TwinNode):
     Parameters
     ----------
     topics : ShadowTopics
-        Topics to subscribe to.
+        Topics to hear.
     """
 
     def __init__(
@@ -86,9 +89,10 @@ class ShadowListener(TwinNode):
         self._lags_ns = {each.topic.name: round(each.lag_s * SECOND_NS) for each in topics.followed}
         self.topics = {self.resolve_topic_name(topic.name): topic for topic in (*topics.own, DIAGNOSTICS, *followed)}
         self.described = description_text(machine_name, self.initial_parameters)
-        for full, topic in self.topics.items():
-            received = partial(self._on_message, full, type_name(topic))
-            self.subscribe(topic, received, qos=FOLLOWED if topic in followed else EVERY, raw=True)
+        self._kinds = {full: type_name(topic) for full, topic in self.topics.items()}
+        for topic in (*topics.own, DIAGNOSTICS):
+            received = partial(self._on_own, self.resolve_topic_name(topic.name))
+            self.listen(topic, received, received, qos=EVERY)
         self.every(TICK_S, self.tick_writer)
 
     def take(self, message: RecentMessage) -> None:
@@ -120,9 +124,13 @@ class ShadowListener(TwinNode):
         for found in self.admission.released():
             self._keep(found)
 
-    def _on_message(self, full: str, kind: str, raw: bytes) -> None:
+    def _on_own(self, full: str, message: HandedBytes | ReceivedBytes) -> None:
+        self.hear(full, message.raw)
+
+    def hear(self, full: str, raw: bytes) -> None:
+        """Store a message of the topic of this full name."""
         now_s = time.monotonic()
-        led_ns = self._led_ns(full, kind, raw, now_s)
+        led_ns = self._led_ns(full, self._kinds[full], raw, now_s)
         for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
             self._keep(found)
             if found.item.led_ns is not None and not found.believed:
@@ -397,6 +405,7 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         found.append(viewer)
     if company.record is not None:  # after all that may refuse: a failed start leaves no recording
         found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
+    node.at_message += [each.hear for each in found if isinstance(each, ShadowListener)]
     if identifier is not None:
         identifier.on_taken = partial(taken_over, (node, *found))
     return found

@@ -231,6 +231,7 @@ class ShadowNode(TwinNode):
         self.level = "model"
         self.setup = setup
         self.is_obeyed: Callable[[], bool] = lambda: False
+        self.at_message: list[Callable[[str, bytes], None]] = []
         self.at_sample: list[Callable[[SeenSample], None]] = []
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.at_other_time: list[Callable[[], None]] = []
@@ -254,7 +255,8 @@ class ShadowNode(TwinNode):
         self.followed = followed_topics(given, setup.namespace)
         self._has_stamps = any(followed.has_stamps for followed in self.followed)
         for followed in self.followed:
-            self.subscribe(followed.topic, with_info(partial(self._on_message, followed)), qos=FOLLOWED, raw=True)
+            call = partial(self._on_message, followed, self.resolve_topic_name(followed.topic.name))
+            self.subscribe(followed.topic, with_info(call), qos=FOLLOWED, raw=True)
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
         self.subscribe(command, self._on_command)
 
@@ -268,8 +270,10 @@ class ShadowNode(TwinNode):
 
     # -- following --------------------------------------------------------------------------------------------------
 
-    def _on_message(self, followed: FollowedTopic, raw: bytes, info: Mapping[str, Any]) -> None:
+    def _on_message(self, followed: FollowedTopic, full: str, raw: bytes, info: Mapping[str, Any]) -> None:
         arrived_s = time.monotonic()
+        for hear in self.at_message:
+            hear(full, raw)
         waited_s = self._waited_s(followed.topic.name, arrived_s, info["received_timestamp"] / SECOND_NS)
         try:
             contents = followed.values(raw)
