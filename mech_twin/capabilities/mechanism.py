@@ -123,7 +123,7 @@ class FrameTree(NamedTuple):
     """The tree, parents before children; its opened loops; shapes and masses of its links.
 
     ``lengths`` are joints of linkage and motor without a frame whose positions are lengths (m).  ``inertias`` are the
-    machine's masses; those of one link add up.  ``untold`` are remarks on unknown masses of links.  ``leading`` is the
+    machine's masses; those of one link add up.  ``mass_remarks`` are about unknown masses of links.  ``leading`` is the
     joint that the drive leads; empty for the first of the linkage.  ``turning_stops``: their gap is an angle.
     """
 
@@ -132,7 +132,7 @@ class FrameTree(NamedTuple):
     bars: tuple[Bar, ...] = ()
     lengths: tuple[str, ...] = ()
     inertias: tuple[Inertia, ...] = ()
-    untold: tuple[str, ...] = ()
+    mass_remarks: tuple[str, ...] = ()
     leading: str = ""
     turning_stops: frozenset[str] = frozenset()
 
@@ -250,8 +250,8 @@ def urdf(name: str, mechanism: FrameTree) -> str:
     robot = Element("robot", name=name)
     for loop in mechanism.loops:
         robot.append(ElementTree.Comment(f" closed chain, opened here: {loop.first} and {loop.second} are one pin "))
-    for untold in (PLANAR, *mechanism.untold):
-        robot.append(ElementTree.Comment(f" {untold} "))
+    for remark in (PLANAR, *mechanism.mass_remarks):
+        robot.append(ElementTree.Comment(f" {remark} "))
     for frame in mechanism.frames:
         link = SubElement(robot, "link", name=frame)
         masses = [one for one in mechanism.inertias if one.link == frame and one.mass_kg > 0.0]

@@ -27,7 +27,7 @@ from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.measurements.model_turn import ModelTurn, following, model_turn, turning_column
 from mech_twin.measurements.plausibility import implausible, pairs_with_crank
-from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels, untold_unit
+from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels, unknown_unit
 from mech_twin.measurements.quality import Quality
 from mech_twin.measurements.runs import MeasuredRun, channel_qualities, read_run
 from mech_twin.measurements.units import machine_columns, shown_units
@@ -109,8 +109,8 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     if known is None:
         raise CommandError(f"{measurements[0]}: every channel of {built.name} is constant at 0; expected a motion")
     for each in channels:
-        if each.surety > UNSURE and (untold := untold_unit(each)):
-            problems.append(f"{each.source.label}: its unit {untold}; {columns[each.column]} is assumed: give a gain")
+        if each.surety > UNSURE and (unknown := unknown_unit(each)):
+            problems.append(f"{each.source.label}: its unit {unknown}; {columns[each.column]} is assumed: give a gain")
     kept = {channel.source for channel in known.channels}
     chosen = [channel.source in kept for channel in proposed.channels]
     qualities = {path: tuple(compress(each, chosen)) for path, each in qualities.items()}

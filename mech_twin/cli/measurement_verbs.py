@@ -46,7 +46,7 @@ class ShadowVerb(Configured, answer="shadow:shadow_machine"):
     )
     view: str = option("measured and model over each other: web, none or file NAME.rrd", "none", metavar="VIEW")
     view_port: int = option("port of the page; 0: a free one", 0, ge=0, le=65535)
-    mqtt: str | None = option("broker that is told each fault (extra: alerts)", metavar="HOST:PORT")
+    mqtt: str | None = option("broker that receives each fault (extra: alerts)", metavar="HOST:PORT")
     prometheus: str | None = option("serve the faults as metrics there; :9464 is this host alone", metavar="HOST:PORT")
 
 

@@ -171,7 +171,7 @@ def _namespace_of(target: str) -> str:
 def tell_nodes(request: TellVerb) -> None:
     """Tell the nodes and print what they answer."""
     settle_domain()
-    from mech_twin.nodes.run.telling import ORDERS, tell
+    from mech_twin.nodes.run.person_commands import ORDERS, tell
 
     target, what, fault = _namespace_of(request.target), request.what, request.fault
     order = None if "=" in what[0] else what[0]

@@ -57,7 +57,7 @@ def digits_note(step_s: float, shorter_s: float | None = None, failure: str = ""
     if shorter_s is None:
         return f"one run in steps of {step_s * 1e3:g} ms: the last digits depend on the step; `simulate` tells how many"
     steps = f"steps of {step_s * 1e3:g} ms and of {shorter_s * 1e3:.3g} ms"
-    return f"digits told are those that {steps} have in common, else both numbers; --json has all digits of both"
+    return f"digits shown are those that {steps} have in common, else both numbers; --json has all digits of both"
 
 
 def show_groups(title: str, groups: Mapping[str, Mapping[str, Any]]) -> None:

@@ -140,7 +140,7 @@ class SimulateVerb(Configured, answer="simulate:simulate_machine"):
         complete="live_settings",
     )
     seed: int = option("seed of the noise, jitter and losses of the sensors", 0, ge=0)
-    one_step: bool = option("one run alone, in a third of the time: the last digits told depend on the step", False)
+    one_step: bool = option("one run alone, in a third of the time: the last digits depend on the step", False)
     samples: bool = option("with --json: include every sample, as columns", False)
     everything: Everything = False
     as_csv: Csv = False

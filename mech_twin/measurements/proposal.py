@@ -210,7 +210,7 @@ def map_text(
         lead = "  # " if each.surety == UNSURE else "  "
         remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)
         lines += [*_source(lead, each.source), *_comment(f"{lead}  ", remark), f"{lead}  is: {each.column}"]
-        assumed = f"unit: {untold_unit(each) or 'the name tells none'}; {columns[each.column]} is assumed"
+        assumed = f"unit: {unknown_unit(each) or 'the name tells none'}; {columns[each.column]} is assumed"
         lines += [f"{lead}  unit: {each.unit}"] if each.unit else _comment(f"{lead}  ", assumed)
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
@@ -221,7 +221,7 @@ def map_text(
     return "\n".join(lines) + "\n"
 
 
-def untold_unit(each: ProposedChannel) -> str | None:
+def unknown_unit(each: ProposedChannel) -> str | None:
     """Return what is said of a unit in the channel's name that is none of a map's; None without one."""
     word = None if each.unit else unread_unit(each.source.column or "")
     return word and f"{word!r} is none of a map's"

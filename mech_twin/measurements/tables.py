@@ -159,8 +159,8 @@ class TableReader:
             else:
                 yield from self._text.batches(names)
         except (pa.ArrowException, OSError) as error:
-            told = str(error) if self._text is None else self._text.told(str(error))
-            raise MeasurementError(self.path, f"cannot be read as a table: {_first_line(told)}") from error
+            text = str(error) if self._text is None else self._text.explained(str(error))
+            raise MeasurementError(self.path, f"cannot be read as a table: {_first_line(text)}") from error
 
 
 class _TextForm:
@@ -232,7 +232,7 @@ class _TextForm:
             stream.seek(-min(HEAD_BYTES, stream.seek(0, SEEK_END)), SEEK_END)
             return re.split(r"[\r\n]", stream.read().decode("utf-8", "replace"))[-1] or None
 
-    def told(self, error: str) -> str:
+    def explained(self, error: str) -> str:
         """Return what is said of an error of Arrow: the column and line of a cell, where it is about one."""
         text = ROW.sub(lambda row: f"line {self._line(int(row[1]))}", error)
         found = WRONG_CELL.search(text)

@@ -303,24 +303,24 @@ def motor_command_slope(motor: MotorConstants, speed_rad_per_s: float, command: 
 
 
 class MotorInStep(NamedTuple):
-    """A motor during one coupling step: what it told as the step began, and its curve from there (`torque_in_step`).
+    """A motor during one coupling step: its torque as the step began, and its curve from there (`torque_in_step`).
 
-    ``told_nm`` is the told torque less that of the curve (N m): 0 of the motor of this curve, and the torque of one
-    that takes efforts (command 0).  The supply goes from ``begin_command`` at a rate (1/s) to the command that was
-    told, which it reaches as the step ends.
+    ``offset_nm`` is the torque as the step began less that of the curve (N m): 0 of the motor of this curve, and the
+    torque of one that takes efforts (command 0).  The supply goes from ``begin_command`` at a rate (1/s) to the asked
+    command, which it reaches as the step ends.
     """
 
     curve: MotorConstants
     command: float
-    told_nm: float
+    offset_nm: float
     begin_command: float
     command_per_s: float
 
 
 @kernel
-def supplied_motor(curve: MotorConstants, command: float, told_nm: float = 0.0) -> MotorInStep:
+def supplied_motor(curve: MotorConstants, command: float, offset_nm: float = 0.0) -> MotorInStep:
     """Return a motor under a steady supply."""
-    return MotorInStep(curve, command, told_nm, command, 0.0)
+    return MotorInStep(curve, command, offset_nm, command, 0.0)
 
 
 @kernel
@@ -338,14 +338,14 @@ def motor_in_step(
     rotor_rad_per_s : float
         Speed of the rotor as the step begins, by the shaft that it drives.
     torque_nm, command : float
-        What the motor told then.
+        The motor's answer then.
     step_s : float
         Coupling step (s).
     """
     if command == 0.0:
         return supplied_motor(curve, 0.0, torque_nm)
-    told = torque_nm - motor_torque(curve, rotor_rad_per_s, command)
-    return MotorInStep(curve, command, told, before, (command - before) / step_s)
+    offset_nm = torque_nm - motor_torque(curve, rotor_rad_per_s, command)
+    return MotorInStep(curve, command, offset_nm, before, (command - before) / step_s)
 
 
 @embedded_kernel
@@ -357,4 +357,4 @@ def command_in_step(motor: MotorInStep, t: float) -> float:
 @embedded_kernel
 def torque_in_step(motor: MotorInStep, t: float, rotor_rad_per_s: float) -> float:
     """Return the torque (N m) at a time of the step (s) and a speed of the rotor."""
-    return motor.told_nm + motor_torque(motor.curve, rotor_rad_per_s, command_in_step(motor, t))
+    return motor.offset_nm + motor_torque(motor.curve, rotor_rad_per_s, command_in_step(motor, t))

@@ -10,7 +10,7 @@ from catalogue import built
 
 from mech_twin.measurements.blocks import SourceColumn
 from mech_twin.measurements.measurement_map import Source, TimeSource
-from mech_twin.measurements.proposal import MOST_LEFT_OUT, UNSURE, WIDTH, map_text, proposed_channels, untold_unit
+from mech_twin.measurements.proposal import MOST_LEFT_OUT, UNSURE, WIDTH, map_text, proposed_channels, unknown_unit
 from mech_twin.measurements.units import UNITS, machine_columns, unit_in
 
 FOREIGN = {  # headers of other people's tables, and what they are
@@ -72,7 +72,7 @@ def test_a_unit_that_no_map_knows_is_named_beside_the_one_assumed() -> None:
     foreign, plain = proposed_channels(offered, columns)
     text = map_text("vibration_crank", TimeSource(), [foreign, plain], {}, columns)
     assert "# unit: 'inch' is none of a map's; m is assumed" in text
-    assert (untold_unit(foreign) is not None, untold_unit(plain)) == (True, None)
+    assert (unknown_unit(foreign) is not None, unknown_unit(plain)) == (True, None)
     weeks = map_text("vibration_crank", TimeSource(column="Time [weeks]"), [plain], {}, columns)
     assert "# unit: 'weeks' is none of a map's; s is assumed" in weeks and yaml.safe_load(weeks)["time"]
 

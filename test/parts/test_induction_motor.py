@@ -296,7 +296,7 @@ def test_a_rated_slip_is_that_of_a_motor():
 def test_a_motor_in_a_step_follows_its_curve_from_the_torque_it_told():
     """Its own curve moves what another motor tells; a supply that rises adds its share; one without supply is held."""
     own = motor_in_step(KLOSS, 0.9, 70.0, motor_torque(KLOSS, 70.0, 0.9), 0.9, 1e-3)
-    assert own.told_nm == 0.0
+    assert own.offset_nm == 0.0
     assert torque_in_step(own, 5e-4, 95.0) == motor_torque(KLOSS, 95.0, 0.9)
     rising = motor_in_step(KLOSS, 0.899, 70.0, motor_torque(KLOSS, 70.0, 0.9), 0.9, 1e-3)
     for t, command in ((0.0, 0.899), (1e-3, 0.9)):

@@ -147,5 +147,5 @@ def mechanism(b: Breaker, striker_angle_deg: float) -> FrameTree:
             Inertia("rocker", b.rocker.mass_kg, (b.rocker.along_m, b.rocker.across_m), b.rocker.inertia_kg_m2),
             Inertia("tool", b.tool_mass_kg),
         ),
-        untold=(f"body: {b.body_inertia_kg_m2:g} kg m2 about the crank axis, its mass is not known",),
+        mass_remarks=(f"body: {b.body_inertia_kg_m2:g} kg m2 about the crank axis, its mass is not known",),
     )

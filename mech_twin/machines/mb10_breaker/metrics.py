@@ -172,15 +172,15 @@ def rated_wave_numbers(b: Breaker, q: float, closing: float) -> dict[str, float]
     """Return what the rated blow as a wave gives, the body at rest."""
     mass = impact_direction(b, q, 0.0, True, b.held).effective_kg
     found = rod_blow(b.wave, mass, closing, 0.0, True, NO_CURVE, NO_FORCES)
-    told = rod_numbers(b.wave, found)
+    rod = rod_numbers(b.wave, found)
     parting = found.tool_momentum_ns / b.tool_mass_kg - closing + found.impulse_ns / mass
     return {
         "striker_mass_kg": mass,
         "tool_mass_kg": b.tool_mass_kg,
         "striker_energy_j": found.striker_energy_j,
-        **{name: told[name] for name in ("incident_energy_j", "transmitted_energy_j", "blow_efficiency")},
+        **{name: rod[name] for name in ("incident_energy_j", "transmitted_energy_j", "blow_efficiency")},
         "restitution_effective": parting / closing,
-        **{name: told[name] for name in ("peak_force_n", "peak_stress_pa", "peak_tension_pa", "blow_contact_time_s")},
+        **{name: rod[name] for name in ("peak_force_n", "peak_stress_pa", "peak_tension_pa", "blow_contact_time_s")},
     }
 
 

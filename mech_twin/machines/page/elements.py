@@ -334,7 +334,7 @@ class LoadElement(Parameters):
         "deg, N m", "moment against the motion, over the angle; of a table of 360 deg each turn", default=None
     )
     against: Literal["both", "forward", "backward"] | None = choice(
-        "the motion that a table over travel or angle resists; both where it is not told", default=None
+        "the motion that a table over travel or angle resists; both if absent", default=None
     )
     table_m_per_s_n: TableRows | None = table("m/s, N", "force along growing travel, over the speed", default=None)
     table_rpm_nm: TableRows | None = table("rpm, N m", "moment along a growing angle, over the speed", default=None)
@@ -385,10 +385,10 @@ class LoadElement(Parameters):
 
 
 class Output(Parameters):
-    """A number of the motion that is told beside the joints: a point's place, a distance, an angle."""
+    """A number of the motion beside the joints: the position of a point, a distance, an angle."""
 
-    point: str | None = choice("point whose place is told", default=None)
-    distance: tuple[str, str] | None = choice("two points whose distance is told", default=None)
+    point: str | None = choice("point whose position is reported", default=None)
+    distance: tuple[str, str] | None = choice("two points whose distance is reported", default=None)
     angle: tuple[str, str] | None = choice("two bodies: the angle of the second in the first's frame", default=None)
 
     @model_validator(mode="after")

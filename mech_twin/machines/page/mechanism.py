@@ -118,14 +118,14 @@ def mechanism(shared: PageModel) -> FrameTree:
     masses = tuple(
         Inertia(frame_of(n), b.mass_kg, (b.centre_m[0], b.centre_m[1]), b.inertia_kg_m2) for n, b in page.bodies.items()
     )
-    untold = tuple(
+    mass_remarks = tuple(
         f"{name}: {body.inertia_kg_m2:g} kg m2 without a mass, of which no link has an inertia"
         for name, body in page.bodies.items()
         if body.inertia_kg_m2 > 0.0 == body.mass_kg
     )
     driven = sorted((drive.joint for drive in page.drives.values()), key=lambda n: page.joints[n].kind != REVOLUTE)
     return FrameTree(
-        tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, untold,
+        tuple(frames.joints), tuple(loops), _bars(shared), (*lengths, *sliders), masses, mass_remarks,
         next(iter(driven), ""), shared.turning_stops,
     )  # fmt: skip
 

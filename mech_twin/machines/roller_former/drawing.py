@@ -95,7 +95,7 @@ def mechanism(former: Former) -> FrameTree:
         tuple(Loop(f"rod_end_{number}", f"cart_pin_{number}") for number in range(1, len(offsets) + 1)),
         tuple(bar for number, offset in enumerate(offsets, 1) for bar in _bars(former, number, offset)),
         inertias=tuple(mass for number in range(1, len(offsets) + 1) for mass in _masses(former, number)),
-        untold=(
+        mass_remarks=(
             f"drive: {former.motor_inertia_kg_m2:g} kg m2 at the crank, its mass is not known",
             f"crank: {len(offsets)} times {former.bank.crank_inertia_kg_m2:g} kg m2 about the shaft, no mass known",
         ),

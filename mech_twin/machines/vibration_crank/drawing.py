@@ -122,5 +122,5 @@ def mechanism(s: SliderCrank) -> FrameTree:
     )
     turning_masses = Inertia("crank", s.rotating_mass, (s.crank_m, 0.0)), Inertia("counterweight", s.counter_mass)
     return FrameTree(
-        tuple(joints), tuple(loops), (*crank, *bars), inertias=(*turning_masses, *masses), untold=(HALVES,)
+        tuple(joints), tuple(loops), (*crank, *bars), inertias=(*turning_masses, *masses), mass_remarks=(HALVES,)
     )

@@ -101,5 +101,5 @@ def mechanism(package: Package, largest_radius_m: float) -> FrameTree:
             Bar("yarn_exit", (-4.0 * package.core_m, 0.0), (0.0, 0.0), 0.002, (60, 90, 180)),
         ),
         ("yarn", "motor"),
-        untold=("drum: its mass is not known; that of the yarn on it changes while it winds",),
+        mass_remarks=("drum: its mass is not known; that of the yarn on it changes while it winds",),
     )

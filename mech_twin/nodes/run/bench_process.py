@@ -156,7 +156,7 @@ class Orders(threading.Thread):
 
     def run(self) -> None:
         """Execute orders until closed."""
-        from mech_twin.nodes.run.telling import Teller
+        from mech_twin.nodes.run.person_commands import Teller
 
         with Teller(self._namespace, SERVICE_S, lambda: self._is_over) as teller:
             teller.watch_parameters(self._changed)
@@ -171,7 +171,7 @@ class Orders(threading.Thread):
 def carried_out(teller: Any, message: Mapping[str, Any]) -> tuple[str, bool]:
     """Return the machine's answer to an order, and whether it succeeded."""
     from mech_twin.nodes.run.domain import UnansweredError
-    from mech_twin.nodes.run.telling import ORDERS
+    from mech_twin.nodes.run.person_commands import ORDERS
 
     name, values = message["name"], message.get("values", {})
     carry = {

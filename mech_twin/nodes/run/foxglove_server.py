@@ -24,7 +24,7 @@ from rclpy.subscription import Subscription
 from mech_twin.messages.topics import DIAGNOSTICS
 from mech_twin.nodes.run.bench_process import GO_ON, carried_out
 from mech_twin.nodes.run.domain import UnansweredError
-from mech_twin.nodes.run.telling import Teller
+from mech_twin.nodes.run.person_commands import Teller
 from mech_twin.recording.errors import UnknownTypeError
 from mech_twin.recording.schemas import message_schema
 

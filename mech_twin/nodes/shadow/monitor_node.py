@@ -77,7 +77,7 @@ class MqttOutlet:
     """Publishes each fault as a retained JSON message, and removes it when the fault is cleared.
 
     What an earlier shadow has left there of this machine is removed as well, once there is something to say.  To a
-    broker that comes back everything is told again.
+    broker that comes back everything is sent again.
 
     Parameters
     ----------
@@ -110,9 +110,9 @@ class MqttOutlet:
 
     def send(self, alerts: Sequence[Alert]) -> None:
         """Publish the changed alerts."""
-        told = {mqtt_topic(each): json.dumps(each._asdict()).encode() for each in alerts if each.state != "cleared"}
-        for topic in (*told, *(known for known in tuple(self._sent) if known not in told)):
-            payload = told.get(topic, b"")
+        payloads = {mqtt_topic(each): json.dumps(each._asdict()).encode() for each in alerts if each.state != "cleared"}
+        for topic in (*payloads, *(known for known in tuple(self._sent) if known not in payloads)):
+            payload = payloads.get(topic, b"")
             if self._sent.get(topic, b"") != payload:
                 self._sent[topic] = payload
                 self._client.publish(topic, payload, qos=1, retain=True)

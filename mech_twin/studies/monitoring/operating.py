@@ -323,7 +323,7 @@ class OperatingTrack:
             self._weight = max(self._weight / (1.0 + self._weight), SMOOTHED)
             self._smooth = self._smooth + self._weight * (u - self._smooth)
         if self._is_known:
-            drawn = self._told(self._smooth, np.ones_like(u))  # never farther off: a healthy point at an end stays in
+            drawn = self._values(self._smooth, np.ones_like(u))  # never farther off: a healthy point at an end stays in
             judged = zip(self.values(), self._far, drawn, strict=True)
             self.outside = tuple(value for value, is_far, kept in judged if is_far and kept.is_outside)
         far = float(np.linalg.norm(self._smooth))
@@ -333,9 +333,9 @@ class OperatingTrack:
         """Return the smoothed variables with their 95 % intervals."""
         if self._smooth is None:
             return ()
-        return self._told(*self.surface.freed(self._smooth, 2.0 / self._weight - 1.0))
+        return self._values(*self.surface.freed(self._smooth, 2.0 / self._weight - 1.0))
 
-    def _told(self, point: Array, factor: Array) -> tuple[OperatingValue, ...]:
+    def _values(self, point: Array, factor: Array) -> tuple[OperatingValue, ...]:
         surface = self.surface
         half = 1.96 * factor * surface.wander * max(1.0, (self._weight / SMOOTHED) ** 0.5)
         low, high = (point - half) * surface.ranges, (point + half) * surface.ranges
