@@ -43,6 +43,7 @@ from mech_twin.nodes.run.domain import NameInUseError
 from mech_twin.nodes.run.name_guard import NameGuard
 from mech_twin.nodes.shadow.inputs import own_map, sensed_channels
 from mech_twin.nodes.shadow.session import Company, followed_namespace
+from mech_twin.nodes.shadow.shadow_node import FOLLOWED
 from mech_twin.nodes.shadow.viewer_node import ShadowState, channel_title, state_line
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.bag_reader import open_bag
@@ -239,6 +240,17 @@ def test_the_latency_of_an_estimate_counts_the_wait_of_its_sample() -> None:
         assert set_back == [pytest.approx(0.4)] * 2
         assert waited_s(10.8, 90.0) == 0.0
     assert 450.0 < float(told) < 5000.0
+
+
+def test_messages_that_are_not_taken_in_time_are_counted() -> None:
+    with FollowedMachine() as bench:
+        bench.play(ROWS[:2])
+        for _ in range(FOLLOWED.depth + 100):
+            bench.show(ROWS[2])
+        time.sleep(0.5)  # all have arrived, and the oldest have given place
+        bench.show(ROWS[3])
+        bench.until(lambda: bench.shadow.statistics.total["/plant/wheel", "missing"] > 0)
+        assert bench.shadow.statistics.total["/plant/wheel", "missing"] == 101
 
 
 def test_garbage_on_a_followed_topic_is_counted_and_changes_nothing() -> None:

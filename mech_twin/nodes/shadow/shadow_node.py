@@ -167,7 +167,7 @@ def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> bytes:
     return wrench_bytes(stamp, sensor.frame, *(0.0 if place is None else float(row[place]) for place in places))
 
 
-# best effort matches both kinds of publishers; messages not taken in time are lost and counted as a gap in time
+# best effort matches both kinds of publishers; messages that are lost on the way or not taken in time are counted
 FOLLOWED = QoSProfile(
     depth=2000,
     history=HistoryPolicy.KEEP_LAST,
@@ -241,6 +241,8 @@ class ShadowNode(TwinNode):
         self._counted: dict[str, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
         self._waits: dict[str, Wait] = {}
+        self._sequence: dict[str, int] = {}  # newest sequence number by topic
+        self._publisher_counts: dict[str, Callable[[], int]] = {}
         self._received_s: float | None = None
         self._listens_from_s = time.monotonic()
         self._stale = False
@@ -256,7 +258,8 @@ class ShadowNode(TwinNode):
         self._has_stamps = any(followed.has_stamps for followed in self.followed)
         for followed in self.followed:
             call = partial(self._on_message, followed, self.resolve_topic_name(followed.topic.name))
-            self.subscribe(followed.topic, with_info(call), qos=FOLLOWED, raw=True)
+            subscription = self.subscribe(followed.topic, with_info(call), qos=FOLLOWED, raw=True)
+            self._publisher_counts[followed.topic.name] = subscription.handle.get_publisher_count
         command = SPEED_COMMAND._replace(name=f"{setup.namespace}/{SPEED_COMMAND.name}")
         self.subscribe(command, self._on_command)
 
@@ -275,6 +278,7 @@ class ShadowNode(TwinNode):
         for hear in self.at_message:
             hear(full, raw)
         waited_s = self._waited_s(followed.topic.name, arrived_s, info["received_timestamp"] / SECOND_NS)
+        self._count_lost(followed.topic.name, info["publication_sequence_number"])
         try:
             contents = followed.values(raw)
         except (CdrError, ValueError) as error:
@@ -302,6 +306,14 @@ class ShadowNode(TwinNode):
         waited_s = max(0.0, before.waited_s + passed_s - (apart_s if apart_s > 0.0 else passed_s))
         self._waits[topic] = Wait(taken_s, received_s, waited_s)
         return waited_s
+
+    def _count_lost(self, topic: str, number: int | None) -> None:
+        """Count the messages lost since the newest one by its sequence number; only one publisher's go on by 1."""
+        if number is None:
+            return
+        lost, self._sequence[topic] = number - self._sequence.get(topic, number) - 1, number
+        if lost > 0 and self._publisher_counts[topic]() <= 1:
+            self.statistics.count(topic, "missing", f"{lost} messages lost on the way or not taken in time", lost)
 
     def _count_stamp(self, message: ReceivedMessage) -> None:
         shown_s = (message.contents.led_ns or 0) / SECOND_NS
