@@ -155,7 +155,8 @@ def _write(request: RunVerb, parameters: Parameters, outcome: Outcome, directory
         return
     events = [event_record(event) for event in outcome.metrics.events]
     head = {"machine": request.machine, "config": configuration_tree(parameters), "summary": numbers, "events": events}
-    print_json({**head, "recording": directory, "messages_sent": outcome.sent})
+    sent = {"recording": directory, "messages_sent": outcome.sent}
+    print_json({**head, "event_counts": outcome.metrics.event_counts, **sent})
 
 
 def _namespace_of(target: str) -> str:

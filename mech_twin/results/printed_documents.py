@@ -33,12 +33,13 @@ class PrintedDocument(BaseModel):
 
 
 class RunReport(PrintedDocument, verb="run"):
-    """Document of `run`: results of the nodes, and messages sent."""
+    """Document of `run`: results of the nodes, the newest events, the number of all by kind, and messages sent."""
 
     machine: str
     config: Mapping[str, Any]
     summary: Mapping[str, Any]
     events: tuple[Event, ...]
+    event_counts: Mapping[str, int] = MappingProxyType({})
     recording: Path | None
     messages_sent: Mapping[str, int]
 
