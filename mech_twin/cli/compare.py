@@ -151,7 +151,7 @@ class _Side:
         self._see(self._machine, frame)
 
     def run(self) -> ComparedRun:
-        """Return what is compared; without samples that are shown, its first and its last two times."""
+        """Return the compared run; if samples are not shown, it has only its first and its last two times."""
         simulation, machine = self._simulation, self._machine
         return ComparedRun(
             self._label,
@@ -314,7 +314,7 @@ class Overlay:
             stack.callback(side.scene.close)
 
     def tell(self, sides: Sequence[ComparedRun], found: Comparison) -> None:
-        """Tell what differs, and which times of the two belong to one angle of the cycle."""
+        """Send the differences, and the pairs of times at equal angles of the cycle."""
         for side in (self.first, self.second):
             side.end()
         self._tell_machine(_named(sides))

@@ -136,7 +136,7 @@ def print_tables(*tables: ShownTable) -> None:
 
 
 def _fitting(columns: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> int:
-    """Return how many columns fit side by side, two at least; long words may be folded."""
+    """Return the number of columns that fit side by side, at least two; long words may be folded."""
     taken = 0
     for i, column in enumerate(columns):
         taken += 2 + min(LONGEST_WORD, max([len(column), *(len(row[i]) for row in cells)]))
@@ -205,7 +205,7 @@ def estimating(title: str, least_s: float = 0.0) -> Callable[[int, int], None]:
 
 @contextmanager
 def bar(title: str, *columns: str, total: float | None = None) -> Iterator[Callable[..., None] | None]:
-    """Give what updates a bar on a terminal; None where no terminal listens.
+    """Yield the function that updates a progress bar; None without a terminal.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class CompileProgress(logging.Handler):
             self._end = on_compile(self.compiling)
 
     def compiling(self, kernel: str, count: int) -> None:
-        """Say which number the kernel has that is compiled now, where a line is due."""
+        """Print the number of the kernel being compiled, if a line is due."""
         spent_s = self._clock() - self._begun_s
         if spent_s >= self._due_s:
             self._due_s = GROWTH * spent_s
@@ -327,7 +327,7 @@ class CommandError(OneLineError):
 
 
 def report_losses(*recordings: Path | None, known: Sequence[str] = ()) -> None:
-    """Say what recordings just made have lost, and end with an exit code of its own if anything."""
+    """Print the losses of new recordings, and exit with a code of its own if there are any."""
     made = [recording for recording in recordings if recording is not None]
     losses = list(known)
     if made:
@@ -376,7 +376,7 @@ def report_cli_errors() -> Iterator[None]:
 
 
 def _line_of(error: Exception) -> str | None:
-    """Return what is said of an error in the input; None of an internal one."""
+    """Return the message of an input error; None for an internal one."""
     if isinstance(error, ImportError):
         return missing_extra(error)
     if isinstance(error, FileNotFoundError):

@@ -157,7 +157,7 @@ def _map(request: IdentifyVerb) -> MeasurementMap | None:
 
 
 def _motion(request: IdentifyVerb, given: MeasurementMap, turn: ModelTurn | None) -> str:
-    """Return what moves the model: the measured crank, where it leads all that is measured and that is no effort."""
+    """Return what drives the model: the measured crank if it leads all measured joints, else the simulation."""
     if request.motion != "auto":
         return request.motion
     names = [channel.quantity for channel in given.channels]

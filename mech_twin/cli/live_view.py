@@ -44,7 +44,7 @@ class OpenedView(NamedTuple):
 
 
 def compile_status(link: BenchLink, most: int) -> Callable[[str, int], None]:
-    """Return what says on the page which kernel is compiled, and how many were, of so many at most (0: not known)."""
+    """Return a function that shows on the page which of at most ``most`` kernels is compiled (0: unknown)."""
     begun_s: float | None = None
 
     def compiling(kernel: str, count: int) -> None:
@@ -71,7 +71,7 @@ def check_view(view: str, port: int, *, force: bool) -> None:
 def opened_view(
     view: str, port: int, stack: ExitStack, *, open_to_other_hosts: bool = False, kernels: int = 0
 ) -> OpenedView:
-    """Return where the view goes, its bench started and left to the stack; it counts to so many kernels at most."""
+    """Return the view with its bench started; the stack closes it."""
     if view == NO_VIEW:
         return OpenedView(None)
     if view != WEB_VIEW:
@@ -104,7 +104,7 @@ def opened_bench(
 
 
 def machine_message(name: str, namespace: str, orders: Sequence[str], parameters: Parameters | None) -> dict[str, Any]:
-    """Return what the page has to know to command: where the machine is, which orders it takes, its live parameters."""
+    """Return what the page needs for commands: namespace, orders, and live parameters of the machine."""
     from mech_twin.nodes.exchange.parameter_bridge import live_keys
 
     keys = [] if parameters is None else live_keys(parameters)

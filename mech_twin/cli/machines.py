@@ -67,7 +67,7 @@ def write_page(request: NewVerb) -> None:
 
 
 def check_page(request: CheckVerb) -> None:
-    """Say what a page amounts to: freedoms, closures, masses, the pose at the start; draw it if asked."""
+    """Print a page's freedoms, closures, masses and start pose; draw it if asked."""
     page, picture = request.page, request.picture
     if not is_page(page):
         raise CommandError(f"{page}: expected the path of a page, ending in {' or '.join(PAGE_SUFFIXES)}")
@@ -99,7 +99,7 @@ def _as_on_page(value: float, unit: str) -> tuple[str, str]:
 
 
 def _page_record(shared: Any) -> dict[str, Any]:
-    """Return what a page amounts to as plain values."""
+    """Return the page's freedoms, closures, masses and start pose as plain values."""
     from mech_twin.machines.page import start_numbers
     from mech_twin.machines.page.drawing import real
 

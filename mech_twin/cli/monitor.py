@@ -100,7 +100,7 @@ def monitor_machine(request: MonitorVerb) -> None:
 
 
 def _say_left_out(given: MeasurementMap) -> None:
-    """Say which sensors are not looked at: of several of one quantity, all but the first."""
+    """Name the sensors left out: of several for one quantity, all but the first."""
     first = first_channels(given)
     others = [channel for channel in given.channels if first[channel.quantity] is not channel]
     for each in others:
@@ -298,7 +298,7 @@ def rank_fleet(request: FleetVerb) -> None:
 
 
 def judged_folder(request: FleetVerb, sister: MonitorSetup | None, folder: Path) -> FleetMember:
-    """Return what the baseline of a machine says of its recordings, or why it cannot."""
+    """Return the verdict of a machine's baseline on its recordings, or the reason why there is none."""
     return _judged(request, sister, folder)[0]
 
 
@@ -369,7 +369,7 @@ def _show_fleet(fleet: Fleet, request: FleetVerb, took_s: float) -> None:
 
 
 def _limits(fleet: Fleet) -> str:
-    """Return how far apart a machine must be, which the fewer sisters tell the farther."""
+    """Return the text on the limits, which are wider for fewer machines."""
     if not isfinite(fleet.limit):
         return "too few sisters to compare them; expected five or more with the same features"
     known = f"with {len(fleet.sisters)} machines a finding is confirmed beyond {fleet.confirming:.3g}"

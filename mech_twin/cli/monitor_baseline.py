@@ -167,7 +167,7 @@ def featured_run(request: MonitorVerb | FleetVerb, path: Path) -> FeaturedRun:
 
 
 def _no_cycle(feed: FeatureFeed, parts: Sequence[MeasuredRun]) -> str:
-    """Return what the reference does after the run-up, in the longest part of a run without a complete cycle."""
+    """Return the reason why no cycle is complete: the range of the reference after the run-up."""
     column, kind, begin, _ = feed.declared.reference
     values = max((seen_of_run(part, feed.run_up_s)[column][1] for part in parts), key=len)
     head = f"no complete cycle of {column} after {feed.run_up_s:g} s"

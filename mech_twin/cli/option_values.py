@@ -39,7 +39,7 @@ def assigned(
     read: Callable[[str], Value],
     demand: tuple[str, Callable[[Value], bool]] | None = None,
 ) -> dict[str, Value]:
-    """Return what stands behind each ``NAME=`` as ``read`` has it, which raises a ValueError where it cannot.
+    """Return the value of each ``NAME=VALUE``, read by ``read``, which raises ValueError for a wrong one.
 
     A demand is what else is expected, and whether a value meets it.
     """

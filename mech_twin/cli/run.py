@@ -124,7 +124,7 @@ def _run(
 
 
 def run_options(request: RunVerb, *, recorder: bool, viewer: bool) -> RunOptions:
-    """Return how the nodes are run: what an option says, else what the group ``run`` of the configuration says."""
+    """Return the options of the nodes: the command's, else those of the group ``run`` of the configuration."""
     from mech_twin.nodes.exchange.base_node import RunOptions
 
     configured = {"pace": "realtime"} | run_group(request.machine, request.config, assignments(request.settings))

@@ -27,7 +27,7 @@ TURNING = "rad/s", "rad/s", "N m s"  # units of a stop of a turning joint
 
 
 def shorter_record(shorter: InShorterSteps | None) -> dict[str, Any]:
-    """Return what a JSON document says of shorter steps: nothing where there were none."""
+    """Return the part of a JSON document on shorter steps; empty without them."""
     return {} if shorter is None else {"shorter_steps": {"step_s": shorter.step_s, "summary": dict(shorter.numbers)}}
 
 
@@ -221,7 +221,7 @@ def _span(name: str) -> int:
 
 
 def _stem(name: str) -> str:
-    """Return what a number is of, whatever span it is taken over."""
+    """Return the quantity of a number, without the span it is taken over."""
     first, _, rest = name.partition("_")
     return rest if first in SPANS else name
 

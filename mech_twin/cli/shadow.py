@@ -122,7 +122,7 @@ def _free_keys(request: ShadowVerb, parameters: Parameters) -> tuple[tuple[str, 
 
 
 def _outlets(request: ShadowVerb, own: str) -> list[AlertOutlet]:
-    """Return where alerts go beside the diagnostics."""
+    """Return the outlets of alerts beside the diagnostics."""
     from mech_twin.nodes.shadow.monitor_node import MqttOutlet, PrometheusOutlet
 
     pages = [] if request.prometheus is None else [PrometheusOutlet(request.prometheus)]
@@ -131,7 +131,7 @@ def _outlets(request: ShadowVerb, own: str) -> list[AlertOutlet]:
 
 
 def _wish(path: Path, request: ShadowVerb, sensors: MeasurementMap) -> AdviceWish:
-    """Return what an advisor is for, of a YAML file, checked against machine and channels."""
+    """Return an advisor's wish from a YAML file, checked against machine and channels."""
     columns, tree = [channel.quantity for channel in sensors.channels], document_tree(path)
     try:
         wish = AdviceWish.model_validate(tree)

@@ -141,7 +141,7 @@ def draw_energy(request: SimulateVerb, books: EnergyBooks, picture: Path) -> Non
 def opened_outputs(
     stack: ExitStack, request: SimulateVerb, machine: Machine, changing: ChangingMachine
 ) -> list[Output]:
-    """Return what takes each frame of the run; the stack closes it."""
+    """Return the outputs that take each frame of the run; the stack closes their files."""
     stack.enter_context(closed_first())
     if request.sensors is not None:
         return [_sensors(stack, request, machine, given_map(request.sensors, machine))]

@@ -111,7 +111,7 @@ def progress_of(title: str) -> Iterator[None]:
 
 
 def notes_of(**request: object) -> list[str]:
-    """Return what a written file says of itself: the command, and what was asked; what is None is left out."""
+    """Return the header of a written file: the command and its options other than None."""
     command = f"  {shlex.join(['mech-twin', *sys.argv[1:]])}"
     return [command, *(f"{name}: {_listed(value)}" for name, value in request.items() if value is not None)]
 
@@ -167,7 +167,7 @@ def numbers_beside(shorter: InShorterSteps | None) -> Mapping[str, float]:
 
 
 def constraint_rows(answer: Sizing) -> list[tuple[Any, ...]]:
-    """Return what is asked and reached, the margin and its unit, and whether it binds, of each constraint."""
+    """Return limit, value, margin with unit, and whether it binds, for each constraint."""
     beside = numbers_beside(answer.in_shorter_steps)
     rows = []
     for c in answer.constraints:

@@ -117,7 +117,7 @@ class Verb(BaseModel):
 
 
 def _stamp(path: Path) -> int:
-    """Return what changes when a file is written: its time, 0 where there is none."""
+    """Return the time of a file's last change; 0 if there is no file."""
     return path.stat().st_mtime_ns if path.exists() else 0
 
 
@@ -187,13 +187,13 @@ def argument(meaning: str, default: Any = ..., *, metavar: str | None = None, co
 
 
 def declared(field: FieldInfo) -> dict[str, Any]:
-    """Return what `option` or `argument` declared of a field."""
+    """Return the declaration of a field by `option` or `argument`."""
     extra = field.json_schema_extra
     return extra if isinstance(extra, dict) else {}
 
 
 def flags_of(name: str, field: FieldInfo) -> tuple[str, ...]:
-    """Return how an option is written on the command line; of an argument the word in the help."""
+    """Return an option as written on the command line, or an argument's word in the help."""
     said = declared(field)
     if said.get("argument"):
         return (said.get("metavar") or name.upper(),)

@@ -113,7 +113,7 @@ class RollOut:
         return found
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process gets: the events themselves in place of what lists them."""
+        """Return the state to pickle, with the events in place of the function that lists them."""
         return {**vars(self), "_listed_events": partial(list, self.stepped_events), "_numbers": None}
 
     def __getitem__(self, column: str) -> Array:
@@ -197,7 +197,7 @@ class CompiledRun:
         return [Stretch(targets[a:b], self.columns[a:b]) for a, b in pairwise(ends)]
 
     def take(self, view: CompiledMachine, end: RunEnd, error: MotionError | None) -> None:
-        """Take what a machine did in a stretch; the row and the columns are filled."""
+        """Add a stretch of the run; row and columns are filled."""
         self._tables.append(end.events[: end.event_count])
         self.step, self._view, self.error = self.step + end.steps, view, error
 
@@ -354,6 +354,6 @@ def _run_by_roles(
 
 
 def layout_of(frame: Frame) -> FrameLayout:
-    """Return where the numbers of a frame stand in a row, from the names it carries."""
+    """Return the indices of a frame's numbers in a row, by their names."""
     roles = [(LAYOUTS[type(sample)], sample) for sample in frame if sample is not None]
     return FrameLayout(*[layout(*layout.of(sample)) for layout, sample in roles])

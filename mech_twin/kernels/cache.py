@@ -189,7 +189,7 @@ def directories() -> tuple[Path, ...]:
 
 
 def load(folder: str, name: str) -> bytes | None:
-    """Return what is stored under a name, None if there is nothing or it is not whole."""
+    """Return the content stored under a name; None if absent or incomplete."""
     for root in directories():
         try:
             content = (root / folder / name).read_bytes()

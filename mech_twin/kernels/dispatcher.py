@@ -234,7 +234,7 @@ class KernelDispatcher(_Dispatcher):  # type: ignore[misc]
         self._for_kernel = False
 
     def get_call_template(self, arguments: Any, keywords: Any) -> Any:
-        """Return how a kernel that is being compiled calls this one: for any value, also where it is known."""
+        """Return the template of a call from another kernel: literal types become general ones."""
         with self._called_by_kernel():
             known = {name: _types.unliteral(kind) for name, kind in keywords.items()}
             return super().get_call_template(tuple(map(_types.unliteral, arguments)), known)

@@ -96,7 +96,7 @@ def _packets(run: MeasuredRun) -> list[str]:
 
 
 def _no_cycle(crank: MeasuredChannel, turned_rad: float, turn: ModelTurn) -> str:
-    """Say how far the crank has turned; with the unit in which that is one turn, or about as far as the model's."""
+    """Return the remark on the crank's turn, with the unit that makes it one turn or the model's range."""
     turned = f"no cycle: {crank.name} moves through {turned_rad / TURN:.3g} of a turn, expected a whole one"
     usual_rad = abs(turn.speed_rad_per_s) * float(crank.times_s[-1] - crank.times_s[0])
     if turned_rad > usual_rad / SPEED_FACTOR:

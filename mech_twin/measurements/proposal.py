@@ -222,7 +222,7 @@ def map_text(
 
 
 def unknown_unit(each: ProposedChannel) -> str | None:
-    """Return what is said of a unit in the channel's name that is none of a map's; None without one."""
+    """Return the remark on a unit in the channel's name that no map has; None without one."""
     word = None if each.unit else unread_unit(each.source.column or "")
     return word and f"{word!r} is none of a map's"
 

@@ -233,7 +233,7 @@ class _TextForm:
             return re.split(r"[\r\n]", stream.read().decode("utf-8", "replace"))[-1] or None
 
     def explained(self, error: str) -> str:
-        """Return what is said of an error of Arrow: the column and line of a cell, where it is about one."""
+        """Return the message for an Arrow error, with column and line if it is about a cell."""
         text = ROW.sub(lambda row: f"line {self._line(int(row[1]))}", error)
         found = WRONG_CELL.search(text)
         if found is None:

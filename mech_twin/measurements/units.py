@@ -125,7 +125,7 @@ def time_unit_in(text: str) -> str | None:
 
 
 def unread_unit(text: str) -> str | None:
-    """Return what is in the last brackets of a header, if it names no unit that is known here."""
+    """Return the text in the last brackets of a header if it is no known unit."""
     words = re.findall(BRACKETED, text)
     return words[-1] if words and unit_in(text) is None else None
 

@@ -134,7 +134,7 @@ class ReducedSystem:
         return dot(scalar.row, self.rates.speeds)
 
     def correction(self) -> tuple[list[Number], list[Number], list[Number]]:
-        """Return what the dependent coordinates lack, what the closures miss, and how regular they are."""
+        """Return the error of the dependent coordinates, the error of the closures, and their regularity."""
         if not self.split.dependent:
             return [], [], []
         missed = [c.value for c in self.closures]

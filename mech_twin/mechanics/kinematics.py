@@ -124,7 +124,7 @@ class Kinematics:
             self.frames[branch.child] = place(joint, branch.coordinate)
 
     def arm(self, joint: PlanarJoint, place: int) -> Vector:
-        """Return where a joint's second point lies in the frame of its first body."""
+        """Return the position of a joint's second point in the frame of its first body."""
         x, y = joint.first_at
         if joint.kind == SLIDER:
             return x + joint.axis[0] * self.s[place], y + joint.axis[1] * self.s[place]
@@ -192,7 +192,7 @@ class Kinematics:
         )
 
     def along(self, vector: Vector, start: MovingPoint, end: MovingPoint) -> Scalar:
-        """Return how far ``end`` lies from ``start`` along a vector in the frame of the body of ``start``."""
+        """Return the distance from ``start`` to ``end`` along a vector in the frame of the body of ``start``."""
         body = start.body
         frame = self.frames[body]
         x, y = frame.turned(vector)
@@ -252,7 +252,7 @@ class Kinematics:
         return []
 
     def closures(self) -> list[Scalar]:
-        """Return what is zero where the loops are closed: of each loop places, then the angle; then of each gear."""
+        """Return the closure errors: positions and angle of each loop, then of each gear."""
         found = []
         for number in self.structure.loops:
             joint = self.structure.joints[number]

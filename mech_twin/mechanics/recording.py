@@ -273,7 +273,7 @@ class Generated(NamedTuple):
     size: int
 
     def address(self) -> int:
-        """Return where the compiled code stands in this process."""
+        """Return the address of the compiled code in this process."""
         self.compiled.compile(SIGNATURE)
         found = self.compiled.overloads[SIGNATURE]
         place = int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))

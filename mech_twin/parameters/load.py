@@ -330,7 +330,7 @@ def document_tree(path: Path) -> dict[str, Any]:
 
 
 def text_document(text: str, source: str) -> Any:
-    """Return what stands in a YAML text, refused in one line where it is none."""
+    """Return the content of a YAML text; invalid text is refused in one line."""
     try:
         return document_of(text)
     except (yaml.YAMLError, ValueError, RecursionError) as error:

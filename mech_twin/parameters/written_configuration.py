@@ -109,7 +109,7 @@ def _of_catalogue(key: str, wanted: Mapping[str, Any]) -> bool:
 
 
 def _line_of(text: str, place: TextPlace) -> TextPlace:
-    """Return where the words begin of the line on which a value stands."""
+    """Return the index of the first word of the line that holds a value."""
     start = text.rfind("\n", 0, place.begin) + 1
     begin = start + len(text[start:]) - len(text[start:].lstrip())
     return TextPlace(begin, begin, place.column, flow=False)

@@ -85,7 +85,7 @@ def _force_slope(damping_ratio: float, fading: float, tau: float) -> float:
 
 @kernel
 def _bisected(damping_ratio: float, fading: float, low: float, high: float, of_slope: bool) -> float:
-    """Return where the force, or its slope, falls through zero between two times."""
+    """Return the time between two others at which the force, or its slope, falls through zero."""
     for _ in range(60):
         middle = 0.5 * (low + high)
         value = _force_slope(damping_ratio, fading, middle) if of_slope else _force(damping_ratio, fading, middle)

@@ -108,7 +108,7 @@ def configured_map(path: Path, config: Path | None) -> MeasurementMap:
 
 
 def recorded_to(bag: Path, machine: Machine) -> FrameRecorder:
-    """Return what records the frames of a machine's run, in place of a recording that is there."""
+    """Return the recorder of a run's frames, which replaces an existing recording."""
     settle_domain()
     from mech_twin.recording.bag_metadata import remove_recording
     from mech_twin.recording.frame_recorder import FrameRecorder

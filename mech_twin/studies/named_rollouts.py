@@ -70,11 +70,11 @@ class NamedRollOut(RollOut):
         return self.samples.to_arrow()
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process gets; it builds the machines anew from their configurations."""
+        """Return the state to pickle: configurations, from which the other process builds the machines."""
         return {**super().__getstate__(), "machines": [(last, one.parameters) for last, one in self.machines]}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take what another process sent."""
+        """Restore a pickled state."""
         build = catalogue_entry(state["name"]).build
         vars(self).update(state, machines=tuple((last, build(parameters)) for last, parameters in state["machines"]))
 

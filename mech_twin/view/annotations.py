@@ -217,14 +217,14 @@ class Banner:
         self._begin()
 
     def know(self, tree: FrameTree | None, energy: Callable[[Event], float]) -> None:
-        """Take what needs the machine's frames; see the class."""
+        """Take the features that need the machine's frames; see the class."""
         self._energy = energy
         self._slides: frozenset[str] = frozenset() if tree is None else tree.sliding_joints
         self._known = tree is not None
         self._leading = "" if tree is None else tree.leading  # the first where it is empty
 
     def watch(self, machine: Machine) -> None:
-        """Take what the machine's configuration tells: the motor's rated power, the regimes of the body."""
+        """Take the motor's rated power and the body's regimes from the configuration."""
         rated = getattr(getattr(machine.parameters, "motor", None), "rated_power_w", None)
         self._rated_power_w = rated if isinstance(rated, float) and rated > 0.0 else None
         self._body_regimes = () if machine.body is None else tuple(machine.body.regimes)

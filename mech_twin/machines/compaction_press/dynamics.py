@@ -107,7 +107,7 @@ def is_pressed(regime: int) -> bool:
 
 @embedded_kernel
 def loaded_offset(press: Press, at: Position) -> tuple[float, float]:
-    """Return where the loaded point is from A (m)."""
+    """Return the position of the loaded point relative to A (m)."""
     r1 = press.bar.coupler_m
     x = (press.along_m * at.u_x - press.across_m * at.u_y) / r1
     return x, (press.along_m * at.u_y + press.across_m * at.u_x) / r1

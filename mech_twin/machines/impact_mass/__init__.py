@@ -56,7 +56,7 @@ def build(p: ImpactMass) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what the machine answers beside running."""
+    """Return the machine's capabilities beyond running."""
     from mech_twin.capabilities.long_run import RegimeQuestion, SynthesisQuestion
     from mech_twin.machines.impact_mass import long_run_answers, metrics, published
 

@@ -49,7 +49,7 @@ def build(p: BreakerParameters) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what the machine answers beside running."""
+    """Return the machine's capabilities beyond running."""
     from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.mb10_breaker import metrics, plots, published, sizing
 

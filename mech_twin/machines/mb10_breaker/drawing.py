@@ -83,7 +83,7 @@ def drawing(b: Breaker, striker_angle_deg: float) -> Callable[[LinkageSample, Bo
 
 
 def _standing(b: Breaker, face: Point, far: Point, n: Point) -> tuple[Shape, ...]:
-    """Return what the motion leaves where it is: tool, wall, and the ground of the spring."""
+    """Return the fixed shapes: tool, wall, and the ground of the spring."""
     held = _spring_end(b, n)
     across = (n[1], -n[0])
     low, high = _moved(far, across, -WALL_HALF_M), _moved(far, across, WALL_HALF_M)

@@ -169,7 +169,7 @@ def energy_given(b: Breaker, q: float, u: float, hit: Blow) -> float:
 
 
 def rated_wave_numbers(b: Breaker, q: float, closing: float) -> dict[str, float]:
-    """Return what the rated blow as a wave gives, the body at rest."""
+    """Return the numbers of the rated blow as a wave, with the body at rest."""
     mass = impact_direction(b, q, 0.0, True, b.held).effective_kg
     found = rod_blow(b.wave, mass, closing, 0.0, True, NO_CURVE, NO_FORCES)
     rod = rod_numbers(b.wave, found)

@@ -279,7 +279,7 @@ class BreakerObserver:
         return MotorState(motor_torque(self._motor, speed, command), speed, field - speed)
 
     def _places(self, linkage: LinkageSample) -> tuple[int, int]:
-        """Return where crank and body stand among the joints."""
+        """Return the indices of crank and body among the joints."""
         if linkage.joints is not self._joints:
             self._joints = linkage.joints
             self._crank_and_body = linkage.joints.index("crank"), linkage.joints.index("body")

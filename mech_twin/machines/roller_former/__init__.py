@@ -51,7 +51,7 @@ def build(p: RollerFormer) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what the machine answers beside running."""
+    """Return the machine's capabilities beyond running."""
     from mech_twin.capabilities.sizing import SizingQuestion
     from mech_twin.machines.roller_former import metrics, published, sizing
 

@@ -173,7 +173,7 @@ def sides_of_travel(bank: CartBank, crank_rad: float, sides: NDArray[np.float64]
 def plain_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
-    """Return what `shaft_terms` does, for exact kinematics and signed friction.
+    """Return `shaft_terms` for exact kinematics and signed friction.
 
     Without a branch in the loop that the compiler could not lift out: twice as fast.
     """
@@ -205,7 +205,7 @@ def plain_terms(
 def branching_terms(
     bank: CartBank, crank_rad: float, sides: NDArray[np.float64], direction: float
 ) -> tuple[float, float, float]:
-    """Return what `shaft_terms` does, for every kinematics and friction."""
+    """Return `shaft_terms` for any kinematics and friction."""
     inertia, slope, moment = bank.crank_inertia_kg_m2, 0.0, 0.0
     shaft_sine, shaft_cosine = sin(crank_rad), cos(crank_rad)
     for cart in range(bank.offset_rad.size):

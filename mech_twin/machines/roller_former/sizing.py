@@ -287,7 +287,7 @@ def stiffness_and_damping(
 def nominal_edge(
     parameters: RollerFormer, limits: Mapping[str, float], objective: str, table: Table
 ) -> dict[str, float]:
-    """Return what the sizes would be without tolerances."""
+    """Return the sizes without tolerances."""
     edge = sizing(parameters, limits, objective, table, 0.0)
     sizes = {f"nominal_{key.split('.')[1]}": value for key, value in edge.sizes.items() if not isinstance(value, str)}
     motor = edge.parameters.motor  # type: ignore[attr-defined]

@@ -40,7 +40,7 @@ def build(parameters: WindingDrum) -> Machine:
 
 
 def capabilities() -> Capabilities:
-    """Return what the machine answers beside running."""
+    """Return the machine's capabilities beyond running."""
     from mech_twin.machines.winding_drum import metrics, published
 
     return Capabilities(

@@ -225,6 +225,6 @@ def total_energy(chain: Chain, state: ChainState) -> float:
 
 @borrowing_kernel
 def contact_loss(chain: Chain, state: ChainState, contact: int) -> float:
-    """Return what a contact or wall has kept for good (J): its work less the elastic energy in it."""
+    """Return the energy lost in a contact or wall (J): its work less its elastic energy."""
     law = law_of(chain, contact)
     return float(state.work_j[contact] - stored(law, state.most_m[contact], state.compression_m[contact]))

@@ -125,13 +125,13 @@ def strain_per_n(grid: WaveGrid) -> float:
 
 
 def gauge_numbers(grid: WaveGrid, found: RodBlow) -> tuple[float, ...]:
-    """Return what the gauge tells of a blow, in the order of `GAUGE_UNITS`."""
+    """Return the gauge's numbers of a blow, in the order of `GAUGE_UNITS`."""
     energies = found.incident_energy_j, found.forward_energy_j, found.reflected_energy_j
     return *energies, found.gauge_peak_n, found.gauge_peak_n * strain_per_n(grid), found.gauge_tension_n
 
 
 def rod_numbers(grid: WaveGrid, found: RodBlow) -> dict[str, float]:
-    """Return what a blow tells of the rods, the contacts and the wall, by name with unit."""
+    """Return the numbers of a blow for rods, contacts and wall, by name with unit."""
     return {
         "incident_energy_j": found.incident_energy_j,
         "transmitted_energy_j": found.transmitted_energy_j,

@@ -54,7 +54,7 @@ class FitCause(NamedTuple):
 def likely_cause(
     question: IdentificationQuestion, fitted: Fitted, whole: Fitted, line: Linearised, *, is_refuted: bool
 ) -> str:
-    """Return what of sensors, clock or priors would explain the residuals of a fit, with its size; empty without.
+    """Return the errors of sensors, clock or priors that would explain a fit's residuals, with sizes; maybe none.
 
     Parameters
     ----------

@@ -379,7 +379,7 @@ class ModelRuns:
         return ModelRuns(self.keyed, runs, self._longest_begin_s, self._cores)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what another process gets: the same with one thread, without the simulations."""
+        """Return the state to pickle: one thread, no simulations."""
         return ModelRuns, (self.keyed, self.runs, self._longest_begin_s, 1)
 
     def at(self, values: Array) -> Curves | None:

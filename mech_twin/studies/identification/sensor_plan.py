@@ -129,7 +129,7 @@ def _help(what: str, before: Sequence[KeyVerdict], after: Sequence[KeyVerdict]) 
 
 
 def _best_first(found: Sequence[Help]) -> list[Help]:
-    """Return what finds a further key or narrows intervals."""
+    """Return sensors and manoeuvres that identify a further key or narrow intervals."""
     helps = [each for each in found if each.identified or each.narrowed > 1.0]
     return sorted(helps, key=lambda each: (len(each.identified), each.narrowed), reverse=True)
 
