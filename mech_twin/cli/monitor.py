@@ -33,6 +33,7 @@ from mech_twin.errors import MeasurementError, StudyError
 from mech_twin.files.output_file import written_file
 from mech_twin.files.report_page import page, section, versions
 from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.recording.errors import BagError
 from mech_twin.results.opened_runs import given_map
 from mech_twin.studies.monitoring.design import (
@@ -56,7 +57,7 @@ from mech_twin.studies.monitoring.report import (
     known_fault,
 )
 from mech_twin.studies.monitoring.sensing import MonitoredMachine, first_channels
-from mech_twin.studies.spreading import available_cores, spread
+from mech_twin.studies.spreading import available_cores, check_scheduler, spread
 
 HEALTHY_SHARE = 0.4  # of the first run, where no baseline is given
 
@@ -281,6 +282,9 @@ def rank_fleet(request: FleetVerb) -> None:
     folders = sorted(each for each in _listed(request.folder) if each.is_dir())
     if not folders:
         raise CommandError(f"{request.folder}: no folder in it; expected one for each machine, its recordings in it")
+    check_scheduler(request.scheduler)  # before the first machine, which is judged here
+    if request.map_file is not None:  # as all read it: its error is none of a single machine
+        given_map(request.map_file, catalogue_entry(request.machine).build(request.parameters))
     members, others, sister = list[FleetMember](), folders, None
     while others and sister is None:  # the first that can be judged: what its roll-outs tell serves the others
         (first, sister), others = _judged(request, None, others[0]), others[1:]

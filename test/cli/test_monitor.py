@@ -92,13 +92,21 @@ def test_a_fault_in_a_run_is_found_named_and_sized(plant: Plant, tmp_path: Path)
     assert refused[0] == 2 and "fault 'gone': expected one of " in refused[2] and "first_level" in refused[2]
 
 
-def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(plant: Plant, tmp_path: Path) -> None:
+def test_a_fleet_is_ranked_each_machine_by_its_own_baseline_and_its_sisters(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     hall, page, first = tmp_path / "hall", tmp_path / "fleet.html", tmp_path / "hall" / "m0"
     words = ("fleet", "impact_mass", hall, "--map", plant.map, "--set", OFF_BEAT, "--arl0", 1.0, "--cores", 1)
     assert "hall: cannot be listed" in mech_twin(*words)[2]
     first.mkdir(parents=True)
     copytree(plant.healthy, first / "a")
     copyfile(plant.faulty, first / "b.csv")
+    foreign = mech_twin("fleet", "winding_drum", hall, "--map", plant.map)  # before any machine is judged
+    assert foreign[0] == 2 and "value 'impact_mass': expected 'winding_drum'" in foreign[2]
+    assert "not judged" not in foreign[1] + foreign[2]
+    monkeypatch.setattr("mech_twin.studies.spreading.CONNECT_S", 1.0)
+    away = mech_twin(*words[:-2], "--save-baselines", "--scheduler", "tcp://127.0.0.1:9")
+    assert away[0] == 2 and "no connection" in away[2] and not (first / "baseline.json").exists()
     code, _, err = mech_twin(*words, "--save-baselines")
     assert code == 1 and (first / "baseline.json").exists() and "too few sisters" in err
     for name in ("m1", "m2", "m3", "m4", "m5"):

@@ -34,8 +34,8 @@ FALSELY_APART = 0.01  # chance of any outlier in a healthy fleet, for normally d
 NORMAL = 1.4826  # standard deviation of a normal quantity over its median absolute deviation
 EFFICIENCY = 0.37  # of the median absolute deviation, relative to the standard deviation of normal values
 PASSING = "passing"
-Verdict = Literal["confirmed", "apart", "unconfirmed", ""]
-ORDER: tuple[Verdict, ...] = ("confirmed", "apart", "unconfirmed", "")  # the most suspect first
+Verdict = Literal["confirmed", "apart", "alone", "unconfirmed", ""]
+ORDER: tuple[Verdict, ...] = ("confirmed", "apart", "alone", "unconfirmed", "")  # the most suspect first
 
 
 class FleetMember(NamedTuple):
@@ -79,8 +79,8 @@ class Sister(NamedTuple):
     apart : float
         z of that feature; nan with too few sisters.
     verdict : str
-        ``confirmed`` (a finding, and an outlier), ``apart`` (an outlier without a finding), ``unconfirmed`` (a finding,
-        but no outlier), or empty.
+        ``confirmed`` (a finding, and an outlier), ``apart`` (an outlier without a finding), ``alone`` (a finding,
+        and too few sisters to compare with), ``unconfirmed`` (a finding, but no outlier), or empty.
     """
 
     member: FleetMember
@@ -91,7 +91,7 @@ class Sister(NamedTuple):
     @property
     def is_suspect(self) -> bool:
         """Whether the machine should be inspected."""
-        return self.verdict in ("confirmed", "apart") or (bool(self.member.finding) and not isfinite(self.apart))
+        return self.verdict in ("confirmed", "apart", "alone")
 
 
 class Fleet(NamedTuple):
@@ -162,7 +162,7 @@ def fleet_of(members: Sequence[FleetMember]) -> Fleet:
     shifts = np.array([[member.shift[name] for name in names] for member in known]).reshape(len(known), len(names))
     if len(known) < LEAST_SISTERS or not names:
         nan = float("nan")
-        alone = [Sister(member, "", nan, "unconfirmed" if member.finding else "") for member in known]
+        alone = [Sister(member, "", nan, "alone" if member.finding else "") for member in known]
         return Fleet(tuple(sorted(alone, key=_order)), refused, nan, nan, {})
     middle = np.median(shifts, axis=0)
     apart = (shifts - middle) / _spread(shifts - middle)

@@ -60,4 +60,4 @@ def test_a_few_machines_are_not_compared() -> None:
     members[1] = members[1]._replace(finding="spring_weak")
     fleet = fleet_of(members)
     assert isnan(fleet.limit)
-    assert [(sister.verdict, sister.is_suspect) for sister in fleet.sisters[:2]] == [("unconfirmed", True), ("", False)]
+    assert [(sister.verdict, sister.is_suspect) for sister in fleet.sisters[:2]] == [("alone", True), ("", False)]
