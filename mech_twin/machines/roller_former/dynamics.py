@@ -15,11 +15,12 @@ as printed.
 Source: LoveikinRoller2018 eq. (40); the friction of the shaft and the rule of the gear are ours.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import rod_weight_energy, shaft_terms
@@ -72,15 +73,25 @@ class Former(NamedTuple):
 class Modes(NamedTuple):
     """Discrete state: directions of rotation of crank and drive (0: sticking), load, time below stall speed (s).
 
-    ``load_share`` rises from 0 to 1 after the load is applied; ``slow_s`` is -1 above the stall threshold.
+    The share of the load rises from 0 to 1 after it is applied; ``slow_s`` is -1 above the stall threshold.
     """
 
-    direction: float
-    drive_direction: float
-    load_on: bool
-    load_share: float
-    slow_s: float
-    stalled: bool
+    direction_1: float = 1.0
+    drive_direction_1: float = 1.0
+    load_on_1: float = 0.0
+    load_share_1: float = 0.0
+    slow_s: float = -1.0
+    stalled_1: float = 0.0
+
+
+MODES = record_of(Modes)
+LOADED = Modes(load_on_1=1.0, load_share_1=1.0)
+
+
+@borrowing_kernel
+def modes_of(row: Array, place: int) -> Any:
+    """Return the modes at a place of an array as a record that shares its numbers."""
+    return record_at(row, place, MODES)
 
 
 @embedded_kernel

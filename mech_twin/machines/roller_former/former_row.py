@@ -24,6 +24,7 @@ from mech_twin.machines.roller_former.dynamics import (
     fill_state,
     geared,
     holds_at_rest,
+    modes_of,
     shaft_torque,
     state_of,
     stored_energy,
@@ -62,27 +63,27 @@ class ShaftMotion(NamedTuple):
 
 
 class FormerMemory(NamedTuple):
-    """State besides the joints.
+    """State besides the joints; the first are `Modes`.
 
     Works are those since the start; ``stored_energy_j`` is the energy at the sample; ``change_work_j`` is the energy
     added by live changes of parameters.  The balance error and the turnover (sum of the magnitudes of all works) are
     reset with every turn of the crank, so that a long run or a large sum hides no error.
     """
 
-    direction_1: float = 1.0
-    drive_direction_1: float = 1.0
-    load_on_1: float = 0.0
-    load_share_1: float = 0.0
-    slow_s: float = -1.0
-    stalled_1: float = 0.0
-    motor_work_j: float = 0.0
-    damping_work_j: float = 0.0
-    load_work_j: float = 0.0
-    friction_work_j: float = 0.0
-    change_work_j: float = 0.0
-    stored_energy_j: float = 0.0
-    turn_balance_error_j: float = 0.0
-    turn_turnover_j: float = 0.0
+    direction_1: float
+    drive_direction_1: float
+    load_on_1: float
+    load_share_1: float
+    slow_s: float
+    stalled_1: float
+    motor_work_j: float
+    damping_work_j: float
+    load_work_j: float
+    friction_work_j: float
+    change_work_j: float
+    stored_energy_j: float
+    turn_balance_error_j: float
+    turn_turnover_j: float
 
 
 class FormerResiduals(NamedTuple):
@@ -94,7 +95,7 @@ class FormerResiduals(NamedTuple):
 
 SHAFT = record_of(ShaftMotion)
 MEMORY = np.dtype((np.record, [(name, np.float64) for name in (*FormerMemory._fields, *FormerResiduals._fields)]))
-CARTS_AT = len(ShaftMotion._fields)
+CARTS_AT, MODES_SIZE = len(ShaftMotion._fields), len(Modes._fields)
 
 
 @borrowing_kernel
@@ -117,21 +118,21 @@ class CoupledFormer(NamedTuple):
 
 
 @borrowing_kernel
-def load_in_force(former: Former, now: FormerState, modes: Modes) -> tuple[float, float]:
+def load_in_force(former: Former, now: FormerState, modes: Any) -> tuple[float, float]:
     """Return direction and share of the load that acts; at rest the share that balances the other moments."""
-    if modes.direction != 0.0:
-        return modes.direction, modes.load_share
+    if modes.direction_1 != 0.0:
+        return modes.direction_1, modes.load_share_1
     rest = coupling_moment(former, now) - rod_weight_moment(former.bank, now.crank_rad)
     rest -= min(max(rest, -former.coulomb_nm), former.coulomb_nm)  # friction of the shaft carries first
     direction = 1.0 if rest >= 0.0 else -1.0
     if not holds_at_rest(former.bank):
-        return direction, modes.load_share
+        return direction, modes.load_share_1
     limit = load_moment(former.bank, now.crank_rad, direction)
-    return direction, min(rest / limit, modes.load_share) if limit != 0.0 else 0.0
+    return direction, min(rest / limit, modes.load_share_1) if limit != 0.0 else 0.0
 
 
 @borrowing_kernel
-def fill_carts(former: Former, y: Array, modes: Modes, out: Array) -> float:
+def fill_carts(former: Former, y: Array, modes: Any, out: Array) -> float:
     """Fill position, velocity and effort of carts and rods; return the largest relative error of a rod's length.
 
     The effort of a cart is the force of process and guide friction along x (N).
@@ -157,21 +158,8 @@ def fill_carts(former: Former, y: Array, modes: Modes, out: Array) -> float:
 
 
 @borrowing_kernel
-def modes_of(memory: Any) -> Modes:
-    """Return the modes stored in a memory."""
-    return Modes(
-        memory.direction_1,
-        memory.drive_direction_1,
-        memory.load_on_1 > 0.0,
-        memory.load_share_1,
-        memory.slow_s,
-        memory.stalled_1 > 0.0,
-    )
-
-
-@borrowing_kernel
-def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float, after: Any) -> None:
-    """Fill the memory after a step: modes, works, and the energy balance of the step.
+def book_step(past: Any, y: Array, begun_j: float, stored_j: float, after: Any) -> None:
+    """Fill the memory after a step, but for its modes: works, and the energy balance of the step.
 
     Parameters
     ----------
@@ -187,9 +175,6 @@ def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float
     error = stored_j - past.stored_energy_j - put_in + loss - changed
     losses = abs(works.damping_work_j) + abs(works.load_work_j) + abs(works.friction_work_j)
     turnover = abs(put_in) + losses + abs(changed)
-    after.direction_1, after.drive_direction_1 = modes.direction, modes.drive_direction
-    after.load_on_1, after.load_share_1 = 1.0 if modes.load_on else 0.0, modes.load_share
-    after.slow_s, after.stalled_1 = modes.slow_s, 1.0 if modes.stalled else 0.0
     after.motor_work_j = past.motor_work_j + put_in
     after.damping_work_j = past.damping_work_j + works.damping_work_j
     after.load_work_j = past.load_work_j + works.load_work_j
@@ -199,32 +184,30 @@ def book_step(past: Any, modes: Modes, y: Array, begun_j: float, stored_j: float
 
 
 @borrowing_kernel
-def fill_row(former: Former, y: Array, modes: Modes, shaft_nm: float, command: float, out: Array) -> None:
+def fill_row(former: Former, y: Array, shaft_nm: float, command: float, out: Array) -> None:
     """Fill a linkage row whose memory is in place; ``shaft_nm`` is the motor's torque at its step (N m)."""
-    now, shaft = state_of(y), shaft_of(out)
-    transmitted = coupling_moment(former, now)
-    shaft.drive_nm = transmitted if modes.drive_direction == 0.0 else geared(former, shaft_nm, modes.drive_direction)
-    shaft.regime = STALLED if modes.stalled else HELD if modes.direction == 0.0 else RUNNING
+    now, shaft, memory = state_of(y), shaft_of(out), memory_of(out, former.bank.offset_rad.size)
+    transmitted, drive = coupling_moment(former, now), memory.drive_direction_1
+    shaft.drive_nm = transmitted if drive == 0.0 else geared(former, shaft_nm, drive)
+    shaft.regime = STALLED if memory.stalled_1 > 0.0 else HELD if memory.direction_1 == 0.0 else RUNNING
     shaft.command = command
     shaft.drive_rad = now.crank_rad + now.twist_rad
     shaft.drive_rad_per_s = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
     shaft.crank_rad, shaft.crank_rad_per_s, shaft.crank_nm = now.crank_rad, now.crank_speed_rad_per_s, transmitted
     shaft.twist_rad, shaft.twist_rad_per_s = now.twist_rad, now.twist_rate_rad_per_s
     shaft.twist_nm = former.stiffness_nm_per_rad * now.twist_rad
-    memory = memory_of(out, former.bank.offset_rad.size)
     memory.energy_balance = memory.turn_balance_error_j / (former.scales.motor_work_j + memory.turn_turnover_j)
-    memory.rod_length = fill_carts(former, y, modes, out)
+    memory.rod_length = fill_carts(former, y, memory, out)
 
 
 @kernel
-def start_row(former: Former, y: Array, modes: Modes, command: float, out: Array) -> None:
+def start_row(former: Former, y: Array, modes: Array, command: float, out: Array) -> None:
     """Fill the row of the machine in its initial state."""
-    out[:] = 0.0
+    at = CARTS_AT + 6 * former.bank.offset_rad.size
+    out[:], out[at : at + len(modes)] = 0.0, modes
     memory = memory_of(out, former.bank.offset_rad.size)
-    memory.direction_1, memory.drive_direction_1, memory.slow_s = modes.direction, 1.0, -1.0
-    memory.load_on_1, memory.load_share_1 = 1.0 if modes.load_on else 0.0, modes.load_share
     memory.stored_energy_j = stored_energy(former, state_of(y), np.ones(former.bank.offset_rad.size))
-    fill_row(former, y, modes, 0.0, command, out)
+    fill_row(former, y, 0.0, command, out)
 
 
 @step_of(work_room, CoupledFormer, borrowing_kernel)
@@ -256,18 +239,20 @@ def former_step(
     for cart in range(carts):
         sides[cart] = 1.0
     begun = stored_energy(former, state_of(y), sides)
-    times = begin_s, (step + 1) * model.step_s
+    times, at = (begin_s, (step + 1) * model.step_s), CARTS_AT + 6 * carts
     numbers = work.numbers[STATE_SIZE + carts :]
-    done = advance_in(former, torque, times, np.inf, y, modes_of(past), log, numbers, work.marks)
+    for i in range(MODES_SIZE):
+        out[at + i] = linkage[at + i]
+    done = advance_in(former, torque, times, np.inf, y, modes_of(out, at), log, numbers, work.marks)
     if done.status < 0:
         return done.status if done.status == LOG_FULL else -1 if done.status == UNSTEADY else -2
     stored = stored_energy(former, state_of(y), sides)
     after = memory_of(out, carts)
-    book_step(past, done.modes, y, begun, stored, after)
+    book_step(past, y, begun, stored, after)
     if math.floor(state_of(y).crank_rad / TURN) == math.floor(crank_rad / TURN):
         after.turn_balance_error_j = after.turn_balance_error_j + past.turn_balance_error_j
         after.turn_turnover_j = after.turn_turnover_j + past.turn_turnover_j
     now = state_of(y)
     shaft_nm = shaft_torque(former, torque, model.step_s, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
-    fill_row(former, y, done.modes, shaft_nm, command, out)
+    fill_row(former, y, shaft_nm, command, out)
     return done.status

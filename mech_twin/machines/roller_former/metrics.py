@@ -29,7 +29,7 @@ from mech_twin.machines.roller_former.cart_statics import (
 from mech_twin.machines.roller_former.dynamics import Former, at_motor
 from mech_twin.machines.roller_former.former_row import FormerMemory
 from mech_twin.machines.roller_former.parameters import RollerFormer, longest_step_s
-from mech_twin.machines.roller_former.roles import FormerQuantities, joints_of
+from mech_twin.machines.roller_former.roles import QUANTITIES, FormerQuantities, joints_of
 from mech_twin.machines.roller_former.steady import TURN, SteadyTurn, closed_extremes, start_up, steady_turn
 from mech_twin.samples import Frame
 
@@ -225,7 +225,6 @@ def former_metrics(parameters: RollerFormer, former: Former) -> dict[str, float]
     return metrics
 
 
-QUANTITIES = len(FormerQuantities._fields)
 WHOLE_TURN = 0.95 * TURN  # what is less was begun within a turn, or went to and fro
 EXTREMES = (
     "elastic_moment_nm",

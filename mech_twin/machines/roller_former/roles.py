@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mech_twin.engine.compiled_roles import CompiledLinkage
-from mech_twin.engine.compiled_steps import Work, force_step, step_of, work_room
+from mech_twin.engine.compiled_steps import Work, force_step, step_of
 from mech_twin.engine.sample_vectors import BODY_MOMENT, PINS, EventLayout, ForceLayout, LinkageLayout
-from mech_twin.kernels.kernel import borrowing_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel
 from mech_twin.machines.roller_former.cart_parameters import REVERSING, CartBank
 from mech_twin.machines.roller_former.cart_statics import cart_motion, guide_reactions, rod_force, rod_weight_moment
 from mech_twin.machines.roller_former.dynamics import Array, Former, Modes, at_motor, may_stick, state_array
@@ -35,6 +35,7 @@ from mech_twin.machines.roller_former.former_row import (
 from mech_twin.machines.roller_former.motion import EVENT_KINDS
 from mech_twin.samples import LinkageSample
 
+PULLS_AT = CARTS_AT + 2  # along x, of one cart after the other
 MOST_MISSED = 0.2  # by the expansion's transfer function, of r (r/l)^3
 REGIMES = ("running", "held", "stalled")  # by the numbers of `former_row`
 
@@ -59,14 +60,7 @@ class FormerQuantities(NamedTuple):
     load_power_w: float
 
 
-class CartForces(NamedTuple):
-    """Forces of each cart (N), shape (carts,): along the rod, on the guides, of the rod on its crank pin."""
-
-    rod: Array
-    front: Array
-    rear: Array
-    crank_pin_x: Array
-    crank_pin_y: Array
+QUANTITIES = len(FormerQuantities._fields)
 
 
 class ShaftForces(NamedTuple):
@@ -96,16 +90,17 @@ def loaded_bodies(count: int) -> tuple[str, ...]:
 
 
 @borrowing_kernel
-def load_sums(former: Former, crank: float, pulls: Array) -> tuple[float, float, float]:
+def load_sums(former: Former, crank: float, linkage: Array) -> tuple[float, float, float]:
     """Return J_p2, half its derivative, and the load moment of the forces on the carts (N, along x)."""
     bank = former.bank
     inertia, slope, load = bank.crank_inertia_kg_m2, 0.0, 0.0
-    for cart in range(pulls.size):
+    for cart in range(bank.offset_rad.size):
         sine, cosine = math.sin(crank + bank.offset_rad[cart]), math.cos(crank + bank.offset_rad[cart])
         motion = cart_motion(bank, sine, cosine)
         inertia += bank.mass_kg[cart] * motion.x1 * motion.x1
         slope += bank.mass_kg[cart] * motion.x1 * motion.x2
-        load += pulls[cart] / motion.rod_cosine * bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
+        pull = linkage[PULLS_AT + 6 * cart]
+        load += pull / motion.rod_cosine * bank.crank_m * sine * (motion.rod_cosine + bank.ratio * cosine)
     return inertia, slope, load
 
 
@@ -119,30 +114,32 @@ def friction_moment(former: Former, speed: float, driving: float) -> float:
 
 @borrowing_kernel
 def fill_cart_forces(
-    former: Former, crank: float, speed: float, acceleration: float, pulls: Array, forces: CartForces
+    former: Former, crank: float, speed: float, acceleration: float, linkage: Array, out: Array
 ) -> ShaftForces:
-    """Fill the forces of each cart; return the resulting forces on shaft and frame.
+    """Fill pins and rod force of each cart in the row of the forces; return the forces on shaft and frame.
 
     The weight of a rod's half at the crank pin is part of the force on that pin.
     """
-    bank = former.bank
+    bank, at, rods = former.bank, PINS + 3, PINS + 3 + 12 * former.bank.offset_rad.size + QUANTITIES
     moment, inertia_nm, shaft_x, shaft_y, shake_x, shake_y = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for cart in range(pulls.size):
-        mass, half = bank.mass_kg[cart], bank.rod_half_kg[cart]
+    for cart in range(bank.offset_rad.size):
+        mass, half, pull = bank.mass_kg[cart], bank.rod_half_kg[cart], linkage[PULLS_AT + 6 * cart]
         psi = crank + bank.offset_rad[cart]
         sine, cosine = math.sin(psi), math.cos(psi)
         motion = cart_motion(bank, sine, cosine)
         inertia_x = mass * (motion.x1 * acceleration + motion.x2 * speed * speed)
-        force = (pulls[cart] - inertia_x) / motion.rod_cosine
-        sense = -1.0 if bank.load == REVERSING and pulls[cart] < 0.0 else 1.0
+        force = (pull - inertia_x) / motion.rod_cosine
+        sense = -1.0 if bank.load == REVERSING and pull < 0.0 else 1.0
         static = rod_force(bank, cart, motion.rod_sine, motion.rod_cosine, sense)
-        share = min(abs(pulls[cart] / (static * motion.rod_cosine)), 1.0) if static != 0.0 else 0.0
-        forces.rod[cart] = force
-        forces.front[cart], forces.rear[cart] = guide_reactions(
-            bank, cart, motion.rod_sine, force, sense, share, static
-        )
-        pin_x, pin_y = force * motion.rod_cosine, -force * motion.rod_sine - half * bank.gravity_m_per_s2
-        forces.crank_pin_x[cart], forces.crank_pin_y[cart] = pin_x, pin_y
+        share = min(abs(pull / (static * motion.rod_cosine)), 1.0) if static != 0.0 else 0.0
+        front, rear = guide_reactions(bank, cart, motion.rod_sine, force, sense, share, static)
+        weight = half * bank.gravity_m_per_s2
+        pin_x, pin_y = force * motion.rod_cosine, -force * motion.rod_sine - weight
+        for i in range(12):
+            out[at + i] = 0.0
+        out[at], out[at + 1], out[at + 3], out[at + 4] = pin_x, pin_y, -pin_x, -(pin_y + weight)
+        out[at + 7], out[at + 10], out[rods + cart] = -front, -rear, force
+        at += 12
         moment += bank.crank_m * (cosine * pin_y - sine * pin_x)
         inertia_nm += bank.crank_m * abs(inertia_x)
         end_x = half * bank.crank_m * (-sine * acceleration - cosine * speed * speed)
@@ -154,69 +151,10 @@ def fill_cart_forces(
     return ShaftForces(moment, inertia_nm, shaft_x, shaft_y, shake_x, shake_y)
 
 
-@kernel
-def former_forces(
-    former: Former, crank: float, speed: float, drive_speed: float, efforts: tuple[float, float, float], pulls: Array,
-    forces: CartForces,
-) -> tuple[ShaftForces, FormerQuantities, float]:  # fmt: skip
-    """Fill the forces of the carts; return those of the shaft, the quantities, and the difference of two routes.
-
-    The routes lead to the coupling moment.
-
-    ``efforts`` are the motor's moment at the crank, the moment in the coupling and its elastic part (N m).
-    """
-    motor, transmitted, elastic = efforts
-    inertia, slope, load = load_sums(former, crank, pulls)
-    weight = rod_weight_moment(former.bank, crank)
-    driving = transmitted - load - weight - speed * speed * slope
-    friction = friction_moment(former, speed, driving)
-    acceleration = (driving - friction) / inertia
-    shaft = fill_cart_forces(former, crank, speed, acceleration, pulls, forces)
-    residual = transmitted - friction + shaft.moment_nm - former.bank.crank_inertia_kg_m2 * acceleration
-    scale = former.motor.breakdown_torque_nm * former.ratio + abs(transmitted) + abs(load) + abs(friction)
-    scale += abs(weight) + speed * speed * abs(slope) + inertia * abs(acceleration)
-    if former.bank.expanded:  # misses its transfer function cart by cart, also where the sum of all carts is zero
-        scale += shaft.inertia_nm
-    drive_acceleration = (motor - transmitted) / former.motor_inertia_kg_m2
-    quantities = FormerQuantities(
-        motor,
-        transmitted,
-        elastic,
-        at_motor(former, transmitted, 1.0 if drive_speed >= 0.0 else -1.0),
-        load,
-        friction,
-        weight,
-        inertia * acceleration + speed * speed * slope,
-        inertia,
-        acceleration,
-        drive_acceleration - acceleration,
-        shaft.shaking_x_n,
-        shaft.shaking_y_n,
-        motor * drive_speed,
-        load * speed,
-    )
-    return shaft, quantities, residual / scale
-
-
 class LoadedFormer(NamedTuple):
     """Constants of the force analysis."""
 
     former: Former
-
-
-@inline_kernel
-def cart_forces_in(numbers: Array, carts: int) -> CartForces:
-    """Return the forces of the carts as views of an array of five times their number."""
-    return CartForces(
-        numbers[:carts], numbers[carts : 2 * carts], numbers[2 * carts : 3 * carts], numbers[3 * carts : 4 * carts],
-        numbers[4 * carts : 5 * carts],
-    )  # fmt: skip
-
-
-@step_of(work_room, LoadedFormer, borrowing_kernel)
-def room_of_forces(model: LoadedFormer) -> tuple[int, int]:
-    """Return the lengths of the work arrays of `fill_forces`."""
-    return 6 * model.former.bank.offset_rad.size, 0
 
 
 @step_of(force_step, LoadedFormer, borrowing_kernel)
@@ -227,33 +165,41 @@ def fill_forces(
 
     The two routes to the moment in the coupling: the reduced equation of motion, and the crank-pin forces' moments.
     """
-    former, carts = model.former, model.former.bank.offset_rad.size
-    pulls, forces = work.numbers[:carts], cart_forces_in(work.numbers[carts:], carts)
-    for cart in range(carts):
-        pulls[cart] = linkage[CARTS_AT + 6 * cart + 2]
-    now = shaft_of(linkage)
-    efforts = (now.drive_nm, now.crank_nm, now.twist_nm)
-    shaft, quantities, residual = former_forces(
-        former, now.crank_rad, now.crank_rad_per_s, now.drive_rad_per_s, efforts, pulls, forces
+    former, now = model.former, shaft_of(linkage)
+    crank, speed, motor, transmitted = now.crank_rad, now.crank_rad_per_s, now.drive_nm, now.crank_nm
+    inertia, slope, load = load_sums(former, crank, linkage)
+    weight = rod_weight_moment(former.bank, crank)
+    driving = transmitted - load - weight - speed * speed * slope
+    friction = friction_moment(former, speed, driving)
+    acceleration = (driving - friction) / inertia
+    shaft = fill_cart_forces(former, crank, speed, acceleration, linkage, out)
+    residual = transmitted - friction + shaft.moment_nm - former.bank.crank_inertia_kg_m2 * acceleration
+    scale = former.motor.breakdown_torque_nm * former.ratio + abs(transmitted) + abs(load) + abs(friction)
+    scale += abs(weight) + speed * speed * abs(slope) + inertia * abs(acceleration)
+    if former.bank.expanded:  # misses its transfer function cart by cart, also where the sum of all carts is zero
+        scale += shaft.inertia_nm
+    quantities = FormerQuantities(
+        motor,
+        transmitted,
+        now.twist_nm,
+        at_motor(former, transmitted, 1.0 if now.drive_rad_per_s >= 0.0 else -1.0),
+        load,
+        friction,
+        weight,
+        inertia * acceleration + speed * speed * slope,
+        inertia,
+        acceleration,
+        (motor - transmitted) / former.motor_inertia_kg_m2 - acceleration,
+        shaft.shaking_x_n,
+        shaft.shaking_y_n,
+        motor * now.drive_rad_per_s,
+        load * speed,
     )
-    out[BODY_MOMENT] = 0.0
-    out[PINS], out[PINS + 1], out[PINS + 2] = -shaft.x_n, -shaft.y_n, quantities.coupling_moment_nm
-    at = PINS + 3
-    for cart in range(carts):
-        weight = former.bank.rod_half_kg[cart] * former.bank.gravity_m_per_s2
-        pin_x, pin_y = forces.crank_pin_x[cart], forces.crank_pin_y[cart]
-        for i in range(12):
-            out[at + i] = 0.0
-        out[at], out[at + 1] = pin_x, pin_y
-        out[at + 3], out[at + 4] = -pin_x, -(pin_y + weight)
-        out[at + 7], out[at + 10] = -forces.front[cart], -forces.rear[cart]
-        at += 12
-    for i in range(len(quantities)):
-        out[at + i] = quantities[i]
-    at += len(quantities)
-    for cart in range(carts):
-        out[at + cart] = forces.rod[cart]
-    out[at + carts] = residual
+    carts = former.bank.offset_rad.size
+    out[BODY_MOMENT], out[PINS], out[PINS + 1], out[PINS + 2] = 0.0, -shaft.x_n, -shaft.y_n, transmitted
+    for i in range(QUANTITIES):
+        out[PINS + 3 + 12 * carts + i] = quantities[i]
+    out[PINS + 3 + 13 * carts + QUANTITIES] = residual / scale
     return 0
 
 
@@ -325,13 +271,12 @@ class FormerLinkage(CompiledLinkage):
         """Return the machine in its initial state: untwisted, the load on or still off as configured."""
         y = state_array(self.start_crank_rad, self.start_speed_rad_per_s)
         former, out = self.model.former, np.empty(self.layout.size)
-        start_row(former, y, start_modes(former, self.start_speed_rad_per_s), self.start_command, out)
+        start_row(former, y, np.array(start_modes(former, self.start_speed_rad_per_s)), self.start_command, out)
         return self.layout.sample(step, step * self.step_s, out.tolist(), ())
 
 
 def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
     """Return the initial modes: load on or off; a crank at rest under load or friction sticks."""
     loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
-    modes = Modes(1.0, 1.0, loaded, float(loaded), -1.0, False)
     held = speed_rad_per_s == 0.0 and may_stick(former, loaded)
-    return modes._replace(direction=0.0) if held else modes
+    return Modes(0.0 if held else 1.0, load_on_1=float(loaded), load_share_1=float(loaded))
