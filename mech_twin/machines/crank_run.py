@@ -12,7 +12,7 @@ of the heat is too, for a duty cycle short against the thermal time constant.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
 from typing import NamedTuple
@@ -161,10 +161,19 @@ class CrankRun:
     ----------
     motor : MotorConstants or None
         The motor, if there is one: its load is then also given relative to its rating.
+    further : callable
+        ``further(frame)``: numbers whose minimum and maximum are told too; the braces of a name stand for min and max.
+    last : callable
+        ``last(numbers, memory)``: numbers of the machine beside those found, by the memory of its last frame.
     """
 
-    def __init__(self, motor: MotorConstants | None) -> None:
-        self._motor = motor
+    def __init__(
+        self,
+        motor: MotorConstants | None,
+        further: Callable[[Frame], dict[str, float]],
+        last: Callable[[dict[str, float], Memory], dict[str, float]],
+    ) -> None:
+        self._motor, self._further, self._last = motor, further, last
         self._whole, self._turn, self._last_turn = Extremes(), Extremes(), Extremes()
         self._first: RunSums | None = None
         self._now: RunSums | None = None
@@ -173,8 +182,8 @@ class CrankRun:
         self._memory: Memory | None = None
         self._counts: dict[str, int] = {}
 
-    def observe(self, frame: Frame, **more: float) -> None:
-        """Update with one frame, and with further numbers whose minimum and maximum are wanted."""
+    def observe(self, frame: Frame) -> None:
+        """Update with one frame."""
         linkage = frame.linkage
         angle, speed, torque = linkage.joint("crank")
         self._memory = Memory(*linkage.memory.values)
@@ -185,8 +194,8 @@ class CrankRun:
             for event in linkage.events:
                 self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
         self._now, self._rates = now, rates
-        values = {"drive_torque_{}_nm": torque, "power_{}_w": torque * speed, "crank_speed_{}_rad_per_s": speed, **more}
-        for name, value in values.items():
+        values = {"drive_torque_{}_nm": torque, "power_{}_w": torque * speed, "crank_speed_{}_rad_per_s": speed}
+        for name, value in (values | self._further(frame)).items():
             self._whole.take(name, value)
             self._turn.take(name, value)
 
@@ -236,7 +245,7 @@ class CrankRun:
         if len(self._turns) > 2:
             one, two = (TURN / (self._turns[i].time_s - self._turns[i - 1].time_s) for i in (-2, -1))
             out["turn_is_settled"] = 1.0 if abs(two - one) <= SETTLED * abs(two) else 0.0
-        return out
+        return out | self._last(out, self._memory)
 
     def _means(self, prefix: str, first: RunSums, last: RunSums) -> dict[str, float]:
         span, way = last.time_s - first.time_s, last.angle_rad - first.angle_rad

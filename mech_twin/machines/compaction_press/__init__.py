@@ -7,9 +7,9 @@ from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
-from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics
+from mech_twin.machines.compaction_press.dynamics import ACTS_ON, FORCES, LoadedPress, press_linkage
+from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics, press_run
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.roles import ACTS_ON, FORCES, LoadedPress, press_linkage
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress
@@ -27,7 +27,6 @@ def build(p: CompactionPress) -> Machine:
         start_speed,
         command,
         p.direction,
-        "top" if stroke.contact == stroke.top else "contact",
         transmission,
         p.shaft_friction,
         p.working_force.gives_back,
@@ -44,7 +43,7 @@ def build(p: CompactionPress) -> Machine:
         lambda sample, _: drawing(press, sample),
         partial(cycle_metrics, p),
         partial(position_metrics, p),
-        lambda: PressObserver(p.motor_curve),
+        partial(press_run, p.motor_curve),
         mechanism(press),
         remarks=p.speed_remarks,
     )

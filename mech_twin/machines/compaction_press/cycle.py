@@ -12,22 +12,25 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.dynamics import (
     CONTACT,
     CONTACT_REVERSED,
     FREE,
+    TURN,
     Press,
+    Stroke,
+    gains,
     layer_work,
     loaded_height,
-    loaded_offset,
     press_pins,
     press_reduced,
     press_weights,
+    regime_at,
 )
-from mech_twin.machines.compaction_press.parameters import LEAST_TRANSMISSION_DEG, Stroke
+from mech_twin.machines.compaction_press.parameters import LEAST_TRANSMISSION_DEG
 from mech_twin.parts.flywheel import (
     exact_inertia,
     mertsalov_inertia,
@@ -36,7 +39,7 @@ from mech_twin.parts.flywheel import (
     textbook_inertia,
     wittenbauer,
 )
-from mech_twin.parts.four_bar import acute_angles, position
+from mech_twin.parts.four_bar import position
 
 SAMPLES = 96  # of each part of the turn; more where a small transmission angle makes peaks narrow
 SHARP = math.radians(20.0)  # transmission angle from which on peaks are narrower than usual
@@ -45,8 +48,6 @@ SECTIONS = 45  # golden ones: the bracket shrinks to 4e-10 of itself, a smooth m
 GOLDEN = 0.6180339887498949
 NEAR = 1e-2  # of a curve's range: a local maximum this close to the largest sample may lie above it
 GAMMA, TORQUE, TORQUE_REVERSED, UPPER, LOWER_REVERSED = range(5)
-Array = NDArray[np.float64]
-TURN = 2.0 * pi
 POSITIONS = 3600
 WORK_POSITIONS = 36000
 
@@ -186,15 +187,6 @@ def asked_flywheel(found: CycleExtremes, turn: Turn) -> float:
     return (found.upper_j - found.lower_j) / (0.5 * (turn.fast * turn.fast - turn.slow * turn.slow))
 
 
-def regime_at(stroke: Stroke, f: float, direction: float) -> int:
-    """Return the regime at crank angle ``f`` (rad) turning in ``direction`` (+1, -1)."""
-    if direction >= 0.0:
-        inside = (f - stroke.contact) % TURN < (stroke.bottom - stroke.contact) % TURN
-        return CONTACT if inside else FREE
-    inside = (stroke.contact_reversed - f) % TURN < (stroke.contact_reversed - stroke.bottom) % TURN
-    return CONTACT_REVERSED if inside else FREE
-
-
 class PressCycle(NamedTuple):
     """Columns in the order of motion, shape (n,): crank angle (rad), torques (N m), energies (J), inertia (kg m2).
 
@@ -321,24 +313,6 @@ def flywheel_metrics(press: Press, stroke: Stroke, speed: float, delta: float) -
         "energy_range_j": float(np.ptp(fine.work_j)),
         "start_speed_with_flywheel_rad_per_s": start_speed(*curve, max(0.0, cuts.inertia_kg_m2)),
     }
-
-
-@kernel
-def gains(press: Press, f: float) -> tuple[float, float, float, float]:
-    """Return k1, k2 = R1/a, exact gain of a load normal to the plate, exact gain of a vertical load.
-
-    k1 k2 is the paper's, Q = P k1 k2; it holds only while B is at rest.  The exact gains are inverse velocity ratios
-    and grow without bound at the dead centres (kept below 1e300).
-    """
-    at = position(press.bar, f)
-    r, r1 = press.bar.crank_m, press.bar.coupler_m
-    # velocities of A and B per unit crank speed; B's from the loop
-    g2 = -(-at.a_y * at.v_x + at.a_x * at.v_y) / at.det
-    x, y = loaded_offset(press, at)
-    normal = (-at.a_y - g2 * y) * (-at.u_y / r1) + (at.a_x + g2 * x) * (at.u_x / r1)
-    vertical = loaded_height(press, f)[1]
-    k1, k2 = 1.0 / max(np.cos(acute_angles(at)[0]), 1e-300), r1 / max(r1 - press.along_m, 1e-300)
-    return k1, k2, 1.0 / max(abs(normal) / r, 1e-300), 1.0 / max(abs(vertical) / r, 1e-300)
 
 
 @kernel

@@ -100,13 +100,6 @@ def state_of(y: Array) -> FormerState:
     return FormerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
 
 
-@borrowing_kernel
-def fill_state(y: Array, state: FormerState) -> None:
-    """Write a state into an array (8,)."""
-    for i in range(STATE_SIZE):
-        y[i] = state[i]
-
-
 def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:
     """Return the state of an untwisted machine, all works zero."""
     return np.array(FormerState(crank_rad, 0.0, crank_speed_rad_per_s, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -122,6 +115,13 @@ def holds_at_rest(bank: CartBank) -> bool:
 def may_stick(former: Former, load_on: bool) -> bool:
     """Return whether the crank may be held at rest: by the load, or by friction of the shaft."""
     return former.coulomb_nm > 0.0 or (load_on and holds_at_rest(former.bank))
+
+
+def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
+    """Return the initial modes: load on or off; a crank at rest under load or friction sticks."""
+    loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
+    held = speed_rad_per_s == 0.0 and may_stick(former, loaded)
+    return Modes(0.0 if held else 1.0, load_on_1=float(loaded), load_share_1=float(loaded))
 
 
 @borrowing_kernel

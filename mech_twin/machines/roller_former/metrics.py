@@ -27,9 +27,8 @@ from mech_twin.machines.roller_former.cart_statics import (
     sides_of_travel,
 )
 from mech_twin.machines.roller_former.dynamics import Former, at_motor
-from mech_twin.machines.roller_former.former_row import FormerMemory
 from mech_twin.machines.roller_former.parameters import RollerFormer, longest_step_s
-from mech_twin.machines.roller_former.roles import QUANTITIES, FormerQuantities, joints_of
+from mech_twin.machines.roller_former.roles import QUANTITIES, FormerMemory, FormerQuantities, joints_of
 from mech_twin.machines.roller_former.steady import TURN, SteadyTurn, closed_extremes, start_up, steady_turn
 from mech_twin.samples import Frame
 

@@ -27,12 +27,12 @@ from mech_twin.machines.roller_former.dynamics import (
     geared,
     modes_of,
     shaft_torque,
+    start_modes,
     state_array,
     state_of,
 )
 from mech_twin.machines.roller_former.motion import Advance, advance_motion, ending, twist_acceleration
 from mech_twin.machines.roller_former.parameters import RollerFormer
-from mech_twin.machines.roller_former.roles import start_modes
 from mech_twin.parts.induction_motor import limited_command, supplied_motor
 
 TURN = 2.0 * pi

@@ -7,10 +7,9 @@ from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS, CrankLinkage
 from mech_twin.engine.sample_vectors import ForceLayout
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
-from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
+from mech_twin.machines.vibration_crank.metrics import crank_run, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
-from mech_twin.machines.vibration_crank.roles import QUANTITIES, LoadedCrank, ShakingCrank
-from mech_twin.machines.vibration_crank.slider_crank import BOOM
+from mech_twin.machines.vibration_crank.slider_crank import BOOM, QUANTITIES, LoadedCrank
 from mech_twin.roles import Capabilities, LinkageRole, Machine
 
 PARAMETERS = VibrationCrank
@@ -23,7 +22,7 @@ def build(p: VibrationCrank) -> Machine:
     start_speed, command = p.start_speed_and_command()
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
     linkage: LinkageRole = CrankLinkage(
-        ShakingCrank(s),
+        s,
         p.coupling.step_s,
         0.0,
         start_speed,
@@ -55,7 +54,7 @@ def build(p: VibrationCrank) -> Machine:
         lambda sample, _: drawing(s, sample),
         partial(cycle_metrics, p, s),
         partial(position_metrics, s, p.drive.speed_rad_per_s),
-        lambda: VibrationCrankObserver(p.motor_curve),
+        partial(crank_run, p.motor_curve),
         mechanism(s),
         remarks=p.speed_remarks,
     )

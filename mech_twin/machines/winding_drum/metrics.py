@@ -36,7 +36,6 @@ from mech_twin.capabilities.faults import (
     varying_key,
 )
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.winding_drum.drum_row import DrumMemory
 from mech_twin.machines.winding_drum.dynamics import (
     Package,
     drive_torque,
@@ -49,7 +48,7 @@ from mech_twin.machines.winding_drum.dynamics import (
     wound_at,
 )
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import place_of
+from mech_twin.machines.winding_drum.roles import DrumMemory
 from mech_twin.samples import Frame
 
 DRUM, YARN, TORQUE = "linkage.drum.position", "linkage.yarn.position", "linkage.drum.effort"
@@ -256,11 +255,10 @@ class DrumObserver:
         torque, _, _ = linkage.effort
         now["torque_max_nm"] = max(now["torque_max_nm"], torque)
         now["torque_min_nm"] = min(now["torque_min_nm"], torque)
-        at, memory = place_of(linkage), DrumMemory(*linkage.memory.values)
-        now["speed_max_rad_per_s"] = max(now["speed_max_rad_per_s"], at.drum_rad_per_s)
-        now["turns"] = at.drum_rad / (2.0 * pi)
-        now["yarn_run_m"] = at.yarn_m
-        now["package_radius_m"] = at.package_radius_m
+        drum_rad, now["yarn_run_m"], now["package_radius_m"] = linkage.position
+        memory = DrumMemory(*linkage.memory.values)
+        now["speed_max_rad_per_s"] = max(now["speed_max_rad_per_s"], linkage.velocity[0])
+        now["turns"] = drum_rad / (2.0 * pi)
         now["drive_work_j"] = memory.drive_work_j
         now["friction_loss_j"] = memory.friction_loss_j
         (shaft,) = frame.forces.wrenches

@@ -17,10 +17,10 @@ from scipy.integrate import solve_ivp
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
-from mech_twin.machines.roller_former.dynamics import Modes, state_array
+from mech_twin.machines.roller_former.dynamics import Modes, start_modes, state_array
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import joints_of, start_modes
+from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.machines.roller_former.steady import start_motion, steady_turn, turned
 from mech_twin.parts.induction_motor import motor_torque
 from mech_twin.roles import Machine
