@@ -202,27 +202,15 @@ class PressCycle(NamedTuple):
     inertia_kg_m2: Array
 
 
-class TurnTorques(NamedTuple):
-    """Columns over crank angles: reduced moment, drive torque (N m), potential, layer's work (J), inertia (kg m2)."""
-
-    moment_nm: Array
-    drive_nm: Array
-    weights_j: Array
-    layer_j: Array
-    inertia_kg_m2: Array
-
-
 @kernel
-def _columns(press: Press, angles: Array, regimes: Array, w: float) -> TurnTorques:
-    n = angles.size
-    table = TurnTorques(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+def _columns(press: Press, angles: Array, regimes: Array, w: float) -> Array:
+    """Return reduced moment, drive torque (N m), potential, layer's work (J), inertia (kg m2) over angles (rad)."""
+    table = np.empty((5, angles.size))
     for i in range(angles.size):
         now = press_reduced(press, angles[i], int(regimes[i]))
-        table.moment_nm[i] = now.moment
-        table.drive_nm[i] = press_pins(press, angles[i], w, 0.0, now.force).moment
-        table.weights_j[i] = press_weights(press, angles[i])
-        table.layer_j[i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
-        table.inertia_kg_m2[i] = now.inertia
+        table[0, i], table[1, i] = now.moment, press_pins(press, angles[i], w, 0.0, now.force).moment
+        table[2, i], table[4, i] = press_weights(press, angles[i]), now.inertia
+        table[3, i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
     return table
 
 
@@ -242,23 +230,15 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     before_bottom, met = way < bottom_way, way >= entry_way
     inside = (met | before_bottom) if started_inside else (met & before_bottom)
     regimes = np.where(inside, CONTACT if sign > 0 else CONTACT_REVERSED, FREE).astype(np.float64)
-    table = _columns(press, np.asarray(sign * way, dtype=np.float64), regimes, speed)
+    angles = np.asarray(sign * way, dtype=np.float64)
+    moment, drive, weights, pressed, inertia = _columns(press, angles, regimes, speed)
     whole = layer_work(press.load, stroke.bottom_y_m)
     # the layer's work so far along the motion, from position 0 on
-    layer = np.where(inside, table.layer_j, 0.0) + np.where(before_bottom, 0.0, whole)
+    layer = np.where(inside, pressed, 0.0) + np.where(before_bottom, 0.0, whole)
     if started_inside:
-        layer -= table.layer_j[0]
-    loads = -(table.weights_j - table.weights_j[0]) - layer
-    mean = whole / TURN
-    work = mean * way + loads
-    return PressCycle(
-        np.asarray(sign * way, dtype=np.float64),
-        table.moment_nm,
-        table.drive_nm,
-        work,
-        0.5 * table.inertia_kg_m2 * speed * speed,
-        table.inertia_kg_m2,
-    )
+        layer -= pressed[0]
+    work = whole / TURN * way + (-(weights - weights[0]) - layer)
+    return PressCycle(angles, moment, drive, work, 0.5 * inertia * speed * speed, inertia)
 
 
 def layer_work_on_the_way(press: Press, stroke: Stroke, f: float, direction: float) -> float:

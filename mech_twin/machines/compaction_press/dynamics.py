@@ -15,18 +15,15 @@ The force of a compacted layer grows with the depth of the stroke and is zero on
 
 import math
 from math import nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mech_twin.engine.compiled_steps import Work, force_step, step_of
-from mech_twin.engine.crank_linkage import FORCE_RESIDUALS, CrankLinkage, route_miss
+from mech_twin.engine.crank_linkage import FORCE_RESIDUALS, route_miss
 from mech_twin.engine.crank_state import (
-    NO_FRICTION,
     Boundary,
     Resisting,
-    ShaftFriction,
-    Transmission,
     mechanism_drive_moment,
     mechanism_load_speed,
     mechanism_load_work,
@@ -361,6 +358,7 @@ def regime_at(stroke: Stroke, f: float, direction: float) -> int:
 
 # every pin force from one equilibrium of the dyad, then the crank; pins named as in every four-bar
 FORCES = ForceLayout(("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing"), QUANTITIES, FORCE_RESIDUALS)
+JOINTS = ("crank", "plate", "pendulum")
 ACTS_ON = ("crank", "plate", "plate", "pendulum")
 
 
@@ -391,31 +389,11 @@ def press_boundaries(stroke: Stroke, gives_back: bool = True) -> tuple[Boundary,
     )
 
 
-def press_linkage(
-    press: Press,
-    stroke: Stroke,
-    step_s: float,
-    speed: float,
-    command: float,
-    direction: float,
-    transmission: Transmission | None,
-    friction: ShaftFriction = NO_FRICTION,
-    gives_back: bool = True,
-) -> CrankLinkage:
-    """Return the linkage role: crank at angle 0 and this speed (rad/s), the layer's boundaries along its turn."""
-    return CrankLinkage(
-        press,
-        step_s,
-        0.0,
-        speed,
-        command,
-        ("crank", "plate", "pendulum"),
-        "plate",
-        REGIMES,
-        regime_at(stroke, 0.0, direction),
-        press_boundaries(stroke, gives_back),
-        transmission,
-        friction,
-        size_m=press.bar.coupler_m + press.bar.rocker_m,
-        resisting={} if gives_back else SET_LAYER,
-    )
+def layer_regimes(stroke: Stroke, direction: float, gives_back: bool = True) -> dict[str, Any]:
+    """Return what the layer makes of a crank linkage that starts at angle 0: regimes, boundaries along its turn."""
+    return {
+        "regimes": REGIMES,
+        "start_regime": regime_at(stroke, 0.0, direction),
+        "boundaries": press_boundaries(stroke, gives_back),
+        "resisting": {} if gives_back else SET_LAYER,
+    }

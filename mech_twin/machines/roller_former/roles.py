@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.addresses import record_at, record_of
+from mech_twin.engine.addresses import record_at
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import LOG_FULL, Work, copy_numbers, force_step, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
@@ -72,25 +72,6 @@ FAILURES = (
 )
 
 
-class ShaftMotion(NamedTuple):
-    """First numbers of the row: regime, command of the motor; angle, rate, effort of drive, crank and twist.
-
-    Position, velocity and effort of cart and rod of each crank follow.
-    """
-
-    regime: float
-    command: float
-    drive_rad: float
-    drive_rad_per_s: float
-    drive_nm: float
-    crank_rad: float
-    crank_rad_per_s: float
-    crank_nm: float
-    twist_rad: float
-    twist_rad_per_s: float
-    twist_nm: float
-
-
 class FormerMemory(NamedTuple):
     """State besides the joints; the first are `Modes`.
 
@@ -115,16 +96,15 @@ class FormerMemory(NamedTuple):
     turn_turnover_j: float
 
 
-class FormerResiduals(NamedTuple):
-    """Residuals, zero but for rounding: energy balance, and length of the rods."""
-
-    energy_balance: float
-    rod_length: float
-
-
-SHAFT = record_of(ShaftMotion)
-MEMORY = np.dtype((np.record, [(name, np.float64) for name in (*FormerMemory._fields, *FormerResiduals._fields)]))
-CARTS_AT = len(ShaftMotion._fields)
+# first numbers of the row; position, velocity and effort of cart and rod of each crank follow
+MOTION = (
+    "regime", "command", "drive_rad", "drive_rad_per_s", "drive_nm", "crank_rad", "crank_rad_per_s", "crank_nm",
+    "twist_rad", "twist_rad_per_s", "twist_nm",
+)  # fmt: skip
+RESIDUALS = ("energy_balance", "rod_length")  # zero but for rounding
+SHAFT = np.dtype((np.record, [(name, np.float64) for name in MOTION]))
+MEMORY = np.dtype((np.record, [(name, np.float64) for name in (*FormerMemory._fields, *RESIDUALS)]))
+CARTS_AT = len(MOTION)
 PULLS_AT = CARTS_AT + 2  # along x, of one cart after the other
 
 
@@ -431,26 +411,10 @@ def force_limits(bank: CartBank) -> dict[str, float]:
     return {"drive_torque_routes": max(1e-10, MOST_MISSED * bank.ratio**3 if bank.expanded else 0.0)}
 
 
-class FormerJoints(NamedTuple):
-    """Positions, velocities or efforts of the joints by name: motor side at the crank, crank, twist, carts, rods."""
-
-    drive: float
-    crank: float
-    twist: float
-    carts: tuple[float, ...]
-    rods: tuple[float, ...]
-
-
 def joint_names(count: int) -> tuple[str, ...]:
     """Return the joints: motor side at the crank, crank, twist between them, then cart and rod of each crank."""
     carts = tuple(name for i in range(1, count + 1) for name in (f"cart_{i}", f"rod_{i}"))
     return ("drive", "crank", "twist", *carts)
-
-
-def joints_of(values: tuple[float, ...]) -> FormerJoints:
-    """Return the values of a sample's joints by name."""
-    drive, crank, twist, *carts_and_rods = values
-    return FormerJoints(drive, crank, twist, tuple(carts_and_rods[::2]), tuple(carts_and_rods[1::2]))
 
 
 @dataclass(frozen=True)
@@ -476,9 +440,7 @@ class FormerLinkage(CompiledLinkage):
     @cached_property
     def layout(self) -> LinkageLayout:
         """Row of the samples."""
-        return LinkageLayout(
-            self.joints, FormerMemory._fields, FormerResiduals._fields, EventLayout(EVENT_KINDS, ("crank",))
-        )
+        return LinkageLayout(self.joints, FormerMemory._fields, RESIDUALS, EventLayout(EVENT_KINDS, ("crank",)))
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the machine in its initial state: untwisted, the load on or still off as configured."""

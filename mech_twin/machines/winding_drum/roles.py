@@ -81,25 +81,6 @@ FAILURES = (
 )
 
 
-class DrumMotion(NamedTuple):
-    """First numbers of the row: regime, command of the motor; position, rate, effort of each joint.
-
-    The joints are the drum, the yarn that has run, and the radius of the package.
-    """
-
-    regime: float
-    command: float
-    drum_rad: float
-    drum_rad_per_s: float
-    drum_nm: float
-    yarn_m: float
-    yarn_m_per_s: float
-    yarn_n: float
-    radius_m: float
-    radius_m_per_s: float
-    radius_n: float
-
-
 class DrumMemory(NamedTuple):
     """State of the linkage besides its joints."""
 
@@ -111,14 +92,14 @@ class DrumMemory(NamedTuple):
     largest_energy_j: float
 
 
-class DrumResiduals(NamedTuple):
-    """Residuals, zero but for rounding: area of the layers against the yarn, energy balance."""
-
-    area_balance: float
-    energy_balance: float
-
-
-NAMES = (*DrumMotion._fields, *DrumMemory._fields, *DrumResiduals._fields)
+# regime, command of the motor; position, rate, effort of drum, yarn that has run, radius of the package
+MOTION = (
+    "regime", "command", "drum_rad", "drum_rad_per_s", "drum_nm", "yarn_m", "yarn_m_per_s", "yarn_n",
+    "radius_m", "radius_m_per_s", "radius_n",
+)  # fmt: skip
+# zero but for rounding: area of the layers against the yarn, energy balance
+RESIDUALS = ("area_balance", "energy_balance")
+NAMES = (*MOTION, *DrumMemory._fields, *RESIDUALS)
 ROW = np.dtype((np.record, [(name, np.float64) for name in NAMES]))
 
 
@@ -314,7 +295,7 @@ class DrumLinkage(CompiledLinkage):
     coordinates = COORDINATES
     regimes = REGIMES
     failures = FAILURES
-    residual_limits = dict.fromkeys(DrumResiduals._fields, 1e-9)
+    residual_limits = dict.fromkeys(RESIDUALS, 1e-9)
 
     def start(self, step: int = 0) -> LinkageSample:
         """Return the package at its initial radius, the yarn at the configured share of its speed."""
@@ -326,4 +307,4 @@ class DrumLinkage(CompiledLinkage):
 def drum_layout(end_kind: str) -> LinkageLayout:
     """Return the row of the linkage, whose package ends full or empty."""
     events = EventLayout((end_kind, "stick", "release"), ("package", "drum"), len(COORDINATES))
-    return LinkageLayout(JOINTS, DrumMemory._fields, DrumResiduals._fields, events)
+    return LinkageLayout(JOINTS, DrumMemory._fields, RESIDUALS, events)

@@ -11,7 +11,7 @@ import pytest
 from draws.outcomes import run
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from roller_former_cases import machine_for, parameters_for
+from roller_former_cases import joints_of, machine_for, parameters_for
 from scipy.integrate import solve_ivp
 
 from mech_twin.engine.coupling import complete_frame, next_frame
@@ -20,7 +20,6 @@ from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_ter
 from mech_twin.machines.roller_former.dynamics import Modes, start_modes, state_array
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.machines.roller_former.steady import start_motion, steady_turn, turned
 from mech_twin.parts.induction_motor import motor_torque
 from mech_twin.roles import Machine
