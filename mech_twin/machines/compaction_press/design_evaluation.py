@@ -40,7 +40,7 @@ from mech_twin.machines.compaction_press.design_problem import (
 )
 from mech_twin.machines.compaction_press.dynamics import FREE, Press, StrokeLoad, loaded_height, press_reduced
 from mech_twin.machines.compaction_press.parameters import EQUAL, CompactionPress, press_constants
-from mech_twin.parts.four_bar import FourBar, acute_angles, position
+from mech_twin.parts.four_bar import acute_angles, position
 
 TURN = 2.0 * math.pi
 POSITIONS = 72  # of the crank, between two of which an extreme is sought
@@ -134,13 +134,6 @@ def mean_press_force(stroke: PressStroke, constant_torque_nm: float) -> float:
     return constant_torque_nm * stroke.way / (stroke.contact_y - stroke.bottom_y)
 
 
-@kernel
-def bottom_angles(bar: FourBar, bottom: float) -> tuple[float, float]:
-    """Return gamma and alpha at the bottom of the stroke (rad)."""
-    alpha, _, gamma = acute_angles(position(bar, bottom))
-    return gamma, alpha
-
-
 class Samples(NamedTuple):
     """Columns in the order of motion: reduced inertia, its slope, M_pr, height of the loaded point, its slope."""
 
@@ -217,7 +210,7 @@ def sampled_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Marg
     top, top_angle = _dead_centre(press, at.y, direction, -1.0, 0.0)
     bottom, bottom_angle = _dead_centre(press, at.y, direction, 1.0, top_angle)
     stroke = exact_stroke(press, duty, top_angle, bottom_angle)
-    gamma, alpha = bottom_angles(press.bar, direction * TURN * bottom / POSITIONS)
+    alpha, _, gamma = acute_angles(position(press.bar, direction * TURN * bottom / POSITIONS))
     height = at.y[top] - at.y[bottom]
     _load_samples(at, duty, top, bottom)
     peak, flywheel = _sampled_objectives(at, duty)
@@ -242,7 +235,7 @@ def continuous_press(
     turn = one_turn(stroke.contact, stroke.bottom, duty.speed_rad_per_s, duty.non_uniformity)
     found = cycle_extremes(press, turn)
     least, most = transmission_range(press)
-    gamma, alpha = bottom_angles(press.bar, stroke.bottom)
+    alpha, _, gamma = acute_angles(position(press.bar, stroke.bottom))
     return (
         Objectives(
             max(abs(found.torque_max_nm + duty.drag_nm), abs(found.torque_min_nm + duty.drag_nm)),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from math import degrees, pi
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -136,14 +137,9 @@ class CompactionPress(DrivenCrank):
         """Raise for a part far from the linkage, and for an inertia impossible for these masses and sizes."""
         reach = MOST_REACH * max(self.linkage.crank_m, self.linkage.coupler_m, self.linkage.pendulum_m)
         links = {"crank": self.links.crank, "plate": self.links.plate, "pendulum": self.links.pendulum}
-        places = {
-            "working_force.application_from_a_m": self.working_force.application_from_a_m,
-            "working_force.application_across_m": self.working_force.application_across_m,
-        }
-        for name, link in links.items():
-            places[f"links.{name}.centroid_along_m"] = link.centroid_along_m
-            places[f"links.{name}.centroid_across_m"] = link.centroid_across_m
-        for key, place in places.items():
+        centroids = [f"links.{name}.centroid_{way}_m" for name in links for way in ("along", "across")]
+        for key in ("working_force.application_from_a_m", "working_force.application_across_m", *centroids):
+            place = attrgetter(key)(self)
             if abs(place) > reach:
                 raise ValueError(
                     f"{key} must be at most {upper(reach)} m either way, {MOST_REACH:g} times the longest link; "

@@ -15,6 +15,7 @@ as printed.
 Source: LoveikinRoller2018 eq. (40); the friction of the shaft and the rule of the gear are ours.
 """
 
+from math import cos, sin
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
-from mech_twin.machines.roller_former.cart_statics import rod_weight_energy, shaft_terms
+from mech_twin.machines.roller_former.cart_statics import shaft_terms
 from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, torque_in_step
 
@@ -124,12 +125,6 @@ def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
     return Modes(0.0 if held else 1.0, load_on_1=float(loaded), load_share_1=float(loaded))
 
 
-@borrowing_kernel
-def gear_may_stick(former: Former) -> bool:
-    """Return whether the gear may hold the drive at rest."""
-    return former.loss_by_power and former.efficiency < 1.0
-
-
 @embedded_kernel
 def shaft_torque(former: Former, torque: MotorInStep, t: float, speed: float) -> float:
     """Return the torque on the motor's shaft (N m) at a time and a speed of the first mass (rad/s, at the crank)."""
@@ -164,11 +159,11 @@ def coupling_moment(former: Former, now: FormerState) -> float:
 @borrowing_kernel
 def stored_energy(former: Former, now: FormerState, sides: Array) -> float:
     """Return the kinetic, elastic and potential energy of the state (J)."""
-    inertia, _, _ = shaft_terms(former.bank, now.crank_rad, sides, 1.0)
+    bank, (inertia, _, _) = former.bank, shaft_terms(former.bank, now.crank_rad, sides, 1.0)
     first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
     return (
         0.5 * former.motor_inertia_kg_m2 * first * first
         + 0.5 * inertia * now.crank_speed_rad_per_s * now.crank_speed_rad_per_s
         + 0.5 * former.stiffness_nm_per_rad * now.twist_rad * now.twist_rad
-        + rod_weight_energy(former.bank, now.crank_rad)
+        + (bank.rod_weight_cosine_nm * sin(now.crank_rad) + bank.rod_weight_sine_nm * cos(now.crank_rad))
     )

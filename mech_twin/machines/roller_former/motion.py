@@ -17,9 +17,9 @@ from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
 from mech_twin.engine.hybrid.loop import ENDED, MOST_PIECES, MOST_STEPS, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.integration import DORMAND_PRINCE_8, SHORTEST_S
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
+from mech_twin.machines.roller_former.cart_parameters import NONE, PRINTED
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
-    has_kinks,
     load_moment,
     rod_weight_moment,
     shaft_terms,
@@ -29,7 +29,6 @@ from mech_twin.machines.roller_former.dynamics import (
     STATE_SIZE,
     Former,
     coupling_moment,
-    gear_may_stick,
     geared,
     may_stick,
     modes_of,
@@ -201,7 +200,7 @@ def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> No
     low, high = sides_of_travel(bank, crank + ahead * LOOK_AHEAD_RAD, motion.sides)
     if w == 0.0:  # between dead centres of two carts that differ by rounding: neither is passed
         low, high = min(low, crank), max(high, crank)
-    if not has_kinks(bank):
+    if bank.load in (NONE, PRINTED):  # no kink at a dead centre
         low, high = -FAR_RAD, FAR_RAD
     kept[LOW_RAD], kept[HIGH_RAD], kept[PASSED] = low, high, 0.0
 
@@ -303,6 +302,7 @@ def ending(advance: Advance) -> str:
 def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Any, kept: Array, regimes: Indices) -> None:
     """Fill regimes and stored values from the modes, consistent with the present parameters and command."""
     kept[SLOW_S], stalled, load_on = modes.slow_s, modes.stalled_1 > 0.0, modes.load_on_1 > 0.0
+    gear_holds = former.loss_by_power and former.efficiency < 1.0
     if torque.command <= 0.0 or y[DRIVE] >= former.slow_speed_rad_per_s * torque.command:
         kept[SLOW_S], stalled = -1.0, False
     elif modes.slow_s < 0.0:
@@ -310,7 +310,7 @@ def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Any, kept:
     kept[SHARE] = 1.0 if load_on and former.load_rise_s == 0.0 else modes.load_share_1
     kept[SINCE_S], kept[PASSED] = 0.0, 0.0
     regimes[CRANK_LAW] = law_of(may_stick(former, load_on), y[SPEED], modes.direction_1)
-    regimes[DRIVE_LAW] = law_of(gear_may_stick(former), y[DRIVE], modes.drive_direction_1)
+    regimes[DRIVE_LAW] = law_of(gear_holds, y[DRIVE], modes.drive_direction_1)
     regimes[LOAD_ON], regimes[IS_SLOW] = 1 if load_on else 0, 1 if kept[SLOW_S] >= 0.0 else 0
     regimes[IS_STALLED] = 1 if stalled else 0
 

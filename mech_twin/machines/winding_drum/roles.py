@@ -14,7 +14,7 @@ from mech_twin.engine.addresses import record_at
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.laws import HOLD
-from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS
+from mech_twin.engine.hybrid.loop import MOST_PIECES, MOST_STEPS, room_sizes
 from mech_twin.engine.sample_vectors import (
     MOTOR_COMMAND,
     MOTOR_JOINTS,
@@ -30,6 +30,8 @@ from mech_twin.machines.winding_drum.dynamics import (
     DRIVE_WORK,
     FRICTION_LOSS,
     GRAVITY_WORK,
+    LAWS,
+    OWN_SIGNALS,
     SHAFT,
     SPEED,
     STATE_SIZE,
@@ -39,16 +41,15 @@ from mech_twin.machines.winding_drum.dynamics import (
     Wound,
     advance_drum,
     drive_torque,
-    drum_room,
     gravity_moment,
     package_inertia,
     package_mass,
-    radius_after,
     rate_of_momentum,
     sense_law,
     speed_terms,
     tangent_arm,
     torque_terms,
+    wound_after,
     wound_at,
 )
 from mech_twin.parts.friction_and_gear import sliding_torque
@@ -168,8 +169,8 @@ def start_row(model: Drum, theta: float, command: float, out: Array) -> None:
 
 @step_of(work_room, Drum, borrowing_kernel)
 def room_of_step(model: Drum) -> tuple[int, int]:
-    """Return the lengths of the work arrays of `drum_step`."""
-    size, places = drum_room()
+    """Return the lengths of the work arrays of `drum_step`, those that `advance_drum` needs among them."""
+    size, places = room_sizes(1, LAWS, OWN_SIGNALS, STATE_SIZE)
     return STATE_SIZE + size, 2 + places
 
 
@@ -205,7 +206,7 @@ def drum_step(
         now.yarn_m, now.yarn_m_per_s, now.radius_m = (
             now.yarn_m + run,
             motor[MOTOR_JOINTS + 1],
-            radius_after(p, first.radius_m, run),
+            wound_after(p, first, run).radius_m,
         )
         now.yarn_acceleration_m_per_s2 = a
     elif regime == RUNNING:
