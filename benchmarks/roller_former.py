@@ -21,7 +21,7 @@ from comparison import Table, in_turn, measure, ratio
 from scipy.integrate import solve_ivp
 
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
-from mech_twin.machines.roller_former.dynamics import Former, Modes, state_array
+from mech_twin.machines.roller_former.dynamics import LOADED, Former, state_array
 from mech_twin.machines.roller_former.parameters import former_of
 from mech_twin.machines.roller_former.steady import closed_extremes, steady_turn, turned
 from mech_twin.parts.induction_motor import motor_torque
@@ -42,7 +42,7 @@ def tighter(former: Former, tolerance: float) -> Former:
 
 def ours(former: Former, duration_s: float) -> np.ndarray:
     """Return the state after a run from synchronous speed under full load."""
-    y, modes = state_array(0.0, SYNCHRONOUS), Modes(1.0, 1.0, True, 1.0, -1.0, False)
+    y, modes = state_array(0.0, SYNCHRONOUS), np.array(LOADED)
     turned(former, 1.0, 0.0, duration_s, 1, np.inf, y, modes)
     return y
 

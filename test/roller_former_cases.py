@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mech_twin.machines.roller_former.parameters import RollerFormer
 from mech_twin.parameters.load import configuration_file, machine, machine_parameters
@@ -24,3 +24,19 @@ def parameters_for(carts: int, overrides: Mapping[str, Any] | None = None) -> Ro
 
 def machine_for(carts: int, overrides: Mapping[str, Any] | None = None) -> Machine:
     return machine("roller_former", file_for(carts), overrides)
+
+
+class FormerJoints(NamedTuple):
+    """Positions, velocities or efforts of the joints by name."""
+
+    drive: float
+    crank: float
+    twist: float
+    carts: tuple[float, ...]
+    rods: tuple[float, ...]
+
+
+def joints_of(values: tuple[float, ...]) -> FormerJoints:
+    """Return the values of a sample's joints by name."""
+    drive, crank, twist, *carts_and_rods = values
+    return FormerJoints(drive, crank, twist, tuple(carts_and_rods[::2]), tuple(carts_and_rods[1::2]))

@@ -12,7 +12,8 @@ of the heat is too, for a duty cycle short against the thermal time constant.
 """
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
 from typing import NamedTuple
@@ -161,43 +162,47 @@ class CrankRun:
     ----------
     motor : MotorConstants or None
         The motor, if there is one: its load is then also given relative to its rating.
+    further : callable
+        ``further(frame)``: numbers whose minimum and maximum are told too; the braces of a name stand for min and max.
+    last : callable
+        ``last(numbers, memory)``: numbers of the machine beside those found, by the memory of its last frame.
     """
 
-    def __init__(self, motor: MotorConstants | None) -> None:
-        self._motor = motor
+    def __init__(
+        self,
+        motor: MotorConstants | None,
+        further: Callable[[Frame], dict[str, float]],
+        last: Callable[[dict[str, float], Memory], dict[str, float]],
+    ) -> None:
+        self._motor, self._further, self._last = motor, further, last
         self._whole, self._turn, self._last_turn = Extremes(), Extremes(), Extremes()
         self._first: RunSums | None = None
         self._now: RunSums | None = None
         self._rates = Rates(0.0, 0.0, MotorState(0.0, 0.0, 0.0))
         self._turns: list[RunSums] = []  # the last three instants at which a turn was complete
         self._memory: Memory | None = None
-        self._counts: dict[str, int] = {}
+        self._counts = Counter[str]()
 
-    def observe(self, frame: Frame, **more: float) -> None:
-        """Update with one frame, and with further numbers whose minimum and maximum are wanted."""
+    def observe(self, frame: Frame) -> None:
+        """Update with one frame."""
         linkage = frame.linkage
         angle, speed, torque = linkage.joint("crank")
-        self._memory = Memory(*linkage.memory.values)
+        self._memory, before = Memory(*linkage.memory.values), self._now
         rates = Rates(speed, torque * speed, self._motor_state(frame))
-        before, now = self._now, self._sums(linkage.time_s, angle, rates)
-        if before is not None:
+        now = RunSums(linkage.time_s, angle, self._memory.drive_work_j, MotorDuty())
+        if before is None:
+            self._turns = [now]
+            self._first = now
+        else:
+            span = now.time_s - before.time_s
+            now = now._replace(duty=duty_after(before.duty, self._rates.motor, rates.motor, span))
             self._complete_turns(before, self._rates, now, rates)
-            for event in linkage.events:
-                self._counts[event.kind] = self._counts.get(event.kind, 0) + 1
+            self._counts.update(event.kind for event in linkage.events)
         self._now, self._rates = now, rates
-        values = {"drive_torque_{}_nm": torque, "power_{}_w": torque * speed, "crank_speed_{}_rad_per_s": speed, **more}
-        for name, value in values.items():
+        values = {"drive_torque_{}_nm": torque, "power_{}_w": torque * speed, "crank_speed_{}_rad_per_s": speed}
+        for name, value in (values | self._further(frame)).items():
             self._whole.take(name, value)
             self._turn.take(name, value)
-
-    def _sums(self, time_s: float, angle: float, rates: Rates) -> RunSums:
-        work = 0.0 if self._memory is None else self._memory.drive_work_j
-        if self._now is None:
-            self._first = RunSums(time_s, angle, work, MotorDuty())
-            self._turns = [self._first]
-            return self._first
-        past, span = self._now, time_s - self._now.time_s
-        return RunSums(time_s, angle, work, duty_after(past.duty, self._rates.motor, rates.motor, span))
 
     def _motor_state(self, frame: Frame) -> MotorState:
         if self._motor is None:
@@ -236,7 +241,7 @@ class CrankRun:
         if len(self._turns) > 2:
             one, two = (TURN / (self._turns[i].time_s - self._turns[i - 1].time_s) for i in (-2, -1))
             out["turn_is_settled"] = 1.0 if abs(two - one) <= SETTLED * abs(two) else 0.0
-        return out
+        return out | self._last(out, self._memory)
 
     def _means(self, prefix: str, first: RunSums, last: RunSums) -> dict[str, float]:
         span, way = last.time_s - first.time_s, last.angle_rad - first.angle_rad

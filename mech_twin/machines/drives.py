@@ -14,7 +14,7 @@ same rate.
 
 from collections.abc import Callable, Iterator, Mapping
 from math import pi
-from typing import Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import field_validator, model_validator
 
@@ -22,6 +22,7 @@ from mech_twin.declarations.quantity import Parameters, choice, quantity, upper
 from mech_twin.engine.compiled_roles import EffortStepMotor, StepMotor
 from mech_twin.engine.compiled_steps import motor_step, step_of
 from mech_twin.engine.coupling import Coupling
+from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.engine.crank_state import ShaftFriction, Transmission
 from mech_twin.engine.sample_vectors import (
     COMMAND,
@@ -155,34 +156,29 @@ class DrivenCrank(Parameters):
         """Sense of rotation of the crank: +1, or -1."""
         return 1.0 if self.drive.speed_rpm > 0.0 else -1.0
 
-    def drive_roles(self) -> tuple[MotorRole, Transmission | None]:
-        """Return the motor role, and its transmission to the crank (None: the speed is prescribed)."""
-        step_s, rate = self.coupling.step_s, self.supply.rate_per_s
-        curve = self.motor_curve
-        if curve is None or self.motor is None or self.gear is None:
-            return prescribed_speed_motor(self.drive.speed_rad_per_s, rate, step_s), None
-        role = kloss_motor_role(KlossMotor(curve, self.gear.ratio, rate, step_s, self.direction))
-        return role, Transmission(self.gear.ratio, self.gear.efficiency, self.motor.rotor_inertia_kg_m2, curve)
+    def drive_roles(
+        self, mechanism: Any, joints: tuple[str, ...], contact: str, size_m: float, **layer: Any
+    ) -> tuple[MotorRole, CrankLinkage]:
+        """Return the motor, and the crank linkage of a mechanism (see `CrankLinkage`) that it drives.
 
-    def start_speed_and_command(self) -> tuple[float, float]:
-        """Return crank speed (rad/s) and command at the start: with a motor the machine starts from rest."""
-        fraction = self.supply.initial_fraction
-        if self.motor_curve is None:
-            return fraction * self.drive.speed_rad_per_s, fraction
-        return 0.0, self.direction * fraction
-
-    @property
-    def full_speed_rad_per_s(self) -> float:
-        """Crank speed at full supply (rad/s): the rated one, or the motor's synchronous speed behind the gear."""
-        curve = self.motor_curve
-        if curve is None or self.gear is None:
-            return self.drive.speed_rad_per_s
-        return curve.synchronous_speed_rad_per_s / self.gear.ratio
-
-    @property
-    def shaft_friction(self) -> ShaftFriction:
-        """The constants of the crank shaft's friction."""
-        return ShaftFriction(self.friction.coulomb_nm, self.friction.viscous_nms_per_rad)
+        With a motor the machine starts from rest.  The energy balance is scaled by at least the largest energy of a
+        turn at full supply.
+        """
+        step_s, rate, command = self.coupling.step_s, self.supply.rate_per_s, self.supply.initial_fraction
+        full = self.drive.speed_rad_per_s
+        speed, transmission, curve = command * full, None, self.motor_curve
+        role: MotorRole = prescribed_speed_motor(full, rate, step_s)
+        if curve is not None and self.motor is not None and self.gear is not None:
+            ratio, speed, command = self.gear.ratio, 0.0, self.direction * command
+            full = curve.synchronous_speed_rad_per_s / ratio
+            role = kloss_motor_role(KlossMotor(curve, ratio, rate, step_s, self.direction))
+            transmission = Transmission(ratio, self.gear.efficiency, self.motor.rotor_inertia_kg_m2, curve)
+        friction = ShaftFriction(self.friction.coulomb_nm, self.friction.viscous_nms_per_rad)
+        linkage = CrankLinkage(
+            mechanism, step_s, 0.0, speed, command, joints, contact, transmission=transmission, friction=friction,
+            size_m=size_m, **layer,
+        )  # fmt: skip
+        return role, linkage.at_rated_speed(full)
 
     @property
     def drag_nm(self) -> float:

@@ -14,7 +14,7 @@ from mech_twin.engine.crank_motion import KINDS
 from mech_twin.engine.crank_state import Boundary, Resisting, ShaftFriction, Transmission
 from mech_twin.errors import MotionError
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
-from mech_twin.machines.vibration_crank.roles import ShakingCrank
+from mech_twin.machines.vibration_crank.slider_crank import SliderCrank
 from mech_twin.parameters.load import machine_parameters
 from mech_twin.roles import CrankState
 
@@ -26,13 +26,13 @@ BOUNDARIES = (
 )
 
 
-def shaking() -> ShakingCrank:
+def shaking() -> SliderCrank:
     parameters = machine_parameters("vibration_crank")
     assert isinstance(parameters, VibrationCrank)
-    return ShakingCrank(slider_crank_constants(parameters))
+    return slider_crank_constants(parameters)
 
 
-def linkage(mechanism: ShakingCrank | None = None, **changes: object) -> CrankLinkage:
+def linkage(mechanism: SliderCrank | None = None, **changes: object) -> CrankLinkage:
     """Return a crank that starts at 0.3 rad and 5 rad/s."""
     usual: dict[str, object] = {
         "step_s": 0.002, "start_angle": 0.3, "start_speed": 5.0, "start_command": 0.5,
@@ -143,8 +143,7 @@ def test_a_motion_that_meets_no_boundary_is_in_the_regime_of_the_start() -> None
 
 
 def test_a_torque_that_is_no_number_is_told_with_its_time() -> None:
-    broken = shaking()
-    broken = broken._replace(slider=broken.slider._replace(crank_m=nan))
+    broken = shaking()._replace(crank_m=nan)
     with pytest.raises(MotionError, match=r"torque.* from 0\.008 s"):
         linkage(broken).start(4)
     with pytest.raises(MotionError, match=r"torque.* from 0\.7 s"):

@@ -73,12 +73,10 @@ def test_best_compromise_of_the_two_peaks():
 
 
 def test_benefit_falls_with_speed():
-    harmonic = benefit_against_speed(
-        machine("vibration_crank", overrides=HARMONIC).linkage.mechanism.slider, (60.0, 300.0)
-    )
+    harmonic = benefit_against_speed(machine("vibration_crank", overrides=HARMONIC).linkage.mechanism, (60.0, 300.0))
     assert harmonic[60.0] == pytest.approx(-0.437, abs=5e-4)
     assert harmonic[300.0] == pytest.approx(-0.057, abs=5e-4)
-    finite = benefit_against_speed(machine("vibration_crank").linkage.mechanism.slider, (300.0,))
+    finite = benefit_against_speed(machine("vibration_crank").linkage.mechanism, (300.0,))
     assert finite[300.0] == pytest.approx(0.045, abs=5e-4)
 
 
@@ -94,7 +92,7 @@ def test_residual_force_of_half_balance_is_a_circle_against_the_crank():
 
 
 def test_lanchester_masses_cancel_first_and_second_harmonic():
-    mechanism = machine("vibration_crank").linkage.mechanism.slider
+    mechanism = machine("vibration_crank").linkage.mechanism
     figures = lanchester_metrics(mechanism, 5.0 * pi)
     first = 126.75 * 0.126 * (5.0 * pi) ** 2
     assert figures["counter_rotating_force_n"] == pytest.approx(0.5 * first, rel=2e-3)

@@ -7,9 +7,9 @@ from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.engine.crank_linkage import FORCE_LIMITS
 from mech_twin.machines.compaction_press.cycle import POSITIONS, press_cycle
 from mech_twin.machines.compaction_press.drawing import drawing, mechanism
-from mech_twin.machines.compaction_press.metrics import PressObserver, cycle_metrics, position_metrics
+from mech_twin.machines.compaction_press.dynamics import ACTS_ON, FORCES, JOINTS, LoadedPress, layer_regimes
+from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics, press_run
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.roles import ACTS_ON, FORCES, LoadedPress, press_linkage
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = CompactionPress
@@ -18,20 +18,11 @@ PARAMETERS = CompactionPress
 def build(p: CompactionPress) -> Machine:
     """Return the compaction press of these parameters."""
     press, stroke = press_constants(p)
-    motor, transmission = p.drive_roles()
-    start_speed, command = p.start_speed_and_command()
-    linkage = press_linkage(
-        press,
-        stroke,
-        p.coupling.step_s,
-        start_speed,
-        command,
-        p.direction,
-        "top" if stroke.contact == stroke.top else "contact",
-        transmission,
-        p.shaft_friction,
-        p.working_force.gives_back,
-    ).at_rated_speed(p.full_speed_rad_per_s)
+    size_m, layer = (
+        press.bar.coupler_m + press.bar.rocker_m,
+        layer_regimes(stroke, p.direction, p.working_force.gives_back),
+    )
+    motor, linkage = p.drive_roles(press, JOINTS, "plate", size_m, **layer)
     torque = press_cycle(press, stroke, p.drive.speed_rad_per_s, POSITIONS, kinks=False).drive_torque_nm
     return Machine(
         "compaction_press",
@@ -44,7 +35,7 @@ def build(p: CompactionPress) -> Machine:
         lambda sample, _: drawing(press, sample),
         partial(cycle_metrics, p),
         partial(position_metrics, p),
-        lambda: PressObserver(p.motor_curve),
+        partial(press_run, p.motor_curve),
         mechanism(press),
         remarks=p.speed_remarks,
     )

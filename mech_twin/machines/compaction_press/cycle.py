@@ -12,22 +12,25 @@ from math import pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from mech_twin.engine.sample_vectors import Array
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.dynamics import (
     CONTACT,
     CONTACT_REVERSED,
     FREE,
+    TURN,
     Press,
+    Stroke,
+    gains,
     layer_work,
     loaded_height,
-    loaded_offset,
     press_pins,
     press_reduced,
     press_weights,
+    regime_at,
 )
-from mech_twin.machines.compaction_press.parameters import LEAST_TRANSMISSION_DEG, Stroke
+from mech_twin.machines.compaction_press.parameters import LEAST_TRANSMISSION_DEG
 from mech_twin.parts.flywheel import (
     exact_inertia,
     mertsalov_inertia,
@@ -36,7 +39,7 @@ from mech_twin.parts.flywheel import (
     textbook_inertia,
     wittenbauer,
 )
-from mech_twin.parts.four_bar import acute_angles, position
+from mech_twin.parts.four_bar import position
 
 SAMPLES = 96  # of each part of the turn; more where a small transmission angle makes peaks narrow
 SHARP = math.radians(20.0)  # transmission angle from which on peaks are narrower than usual
@@ -45,8 +48,6 @@ SECTIONS = 45  # golden ones: the bracket shrinks to 4e-10 of itself, a smooth m
 GOLDEN = 0.6180339887498949
 NEAR = 1e-2  # of a curve's range: a local maximum this close to the largest sample may lie above it
 GAMMA, TORQUE, TORQUE_REVERSED, UPPER, LOWER_REVERSED = range(5)
-Array = NDArray[np.float64]
-TURN = 2.0 * pi
 POSITIONS = 3600
 WORK_POSITIONS = 36000
 
@@ -186,15 +187,6 @@ def asked_flywheel(found: CycleExtremes, turn: Turn) -> float:
     return (found.upper_j - found.lower_j) / (0.5 * (turn.fast * turn.fast - turn.slow * turn.slow))
 
 
-def regime_at(stroke: Stroke, f: float, direction: float) -> int:
-    """Return the regime at crank angle ``f`` (rad) turning in ``direction`` (+1, -1)."""
-    if direction >= 0.0:
-        inside = (f - stroke.contact) % TURN < (stroke.bottom - stroke.contact) % TURN
-        return CONTACT if inside else FREE
-    inside = (stroke.contact_reversed - f) % TURN < (stroke.contact_reversed - stroke.bottom) % TURN
-    return CONTACT_REVERSED if inside else FREE
-
-
 class PressCycle(NamedTuple):
     """Columns in the order of motion, shape (n,): crank angle (rad), torques (N m), energies (J), inertia (kg m2).
 
@@ -210,27 +202,15 @@ class PressCycle(NamedTuple):
     inertia_kg_m2: Array
 
 
-class TurnTorques(NamedTuple):
-    """Columns over crank angles: reduced moment, drive torque (N m), potential, layer's work (J), inertia (kg m2)."""
-
-    moment_nm: Array
-    drive_nm: Array
-    weights_j: Array
-    layer_j: Array
-    inertia_kg_m2: Array
-
-
 @kernel
-def _columns(press: Press, angles: Array, regimes: Array, w: float) -> TurnTorques:
-    n = angles.size
-    table = TurnTorques(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+def _columns(press: Press, angles: Array, regimes: Array, w: float) -> Array:
+    """Return reduced moment, drive torque (N m), potential, layer's work (J), inertia (kg m2) over angles (rad)."""
+    table = np.empty((5, angles.size))
     for i in range(angles.size):
         now = press_reduced(press, angles[i], int(regimes[i]))
-        table.moment_nm[i] = now.moment
-        table.drive_nm[i] = press_pins(press, angles[i], w, 0.0, now.force).moment
-        table.weights_j[i] = press_weights(press, angles[i])
-        table.layer_j[i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
-        table.inertia_kg_m2[i] = now.inertia
+        table[0, i], table[1, i] = now.moment, press_pins(press, angles[i], w, 0.0, now.force).moment
+        table[2, i], table[4, i] = press_weights(press, angles[i]), now.inertia
+        table[3, i] = layer_work(press.load, now.y) if regimes[i] != FREE else 0.0
     return table
 
 
@@ -250,23 +230,15 @@ def press_cycle(press: Press, stroke: Stroke, speed: float, count: int, kinks: b
     before_bottom, met = way < bottom_way, way >= entry_way
     inside = (met | before_bottom) if started_inside else (met & before_bottom)
     regimes = np.where(inside, CONTACT if sign > 0 else CONTACT_REVERSED, FREE).astype(np.float64)
-    table = _columns(press, np.asarray(sign * way, dtype=np.float64), regimes, speed)
+    angles = np.asarray(sign * way, dtype=np.float64)
+    moment, drive, weights, pressed, inertia = _columns(press, angles, regimes, speed)
     whole = layer_work(press.load, stroke.bottom_y_m)
     # the layer's work so far along the motion, from position 0 on
-    layer = np.where(inside, table.layer_j, 0.0) + np.where(before_bottom, 0.0, whole)
+    layer = np.where(inside, pressed, 0.0) + np.where(before_bottom, 0.0, whole)
     if started_inside:
-        layer -= table.layer_j[0]
-    loads = -(table.weights_j - table.weights_j[0]) - layer
-    mean = whole / TURN
-    work = mean * way + loads
-    return PressCycle(
-        np.asarray(sign * way, dtype=np.float64),
-        table.moment_nm,
-        table.drive_nm,
-        work,
-        0.5 * table.inertia_kg_m2 * speed * speed,
-        table.inertia_kg_m2,
-    )
+        layer -= pressed[0]
+    work = whole / TURN * way + (-(weights - weights[0]) - layer)
+    return PressCycle(angles, moment, drive, work, 0.5 * inertia * speed * speed, inertia)
 
 
 def layer_work_on_the_way(press: Press, stroke: Stroke, f: float, direction: float) -> float:
@@ -321,24 +293,6 @@ def flywheel_metrics(press: Press, stroke: Stroke, speed: float, delta: float) -
         "energy_range_j": float(np.ptp(fine.work_j)),
         "start_speed_with_flywheel_rad_per_s": start_speed(*curve, max(0.0, cuts.inertia_kg_m2)),
     }
-
-
-@kernel
-def gains(press: Press, f: float) -> tuple[float, float, float, float]:
-    """Return k1, k2 = R1/a, exact gain of a load normal to the plate, exact gain of a vertical load.
-
-    k1 k2 is the paper's, Q = P k1 k2; it holds only while B is at rest.  The exact gains are inverse velocity ratios
-    and grow without bound at the dead centres (kept below 1e300).
-    """
-    at = position(press.bar, f)
-    r, r1 = press.bar.crank_m, press.bar.coupler_m
-    # velocities of A and B per unit crank speed; B's from the loop
-    g2 = -(-at.a_y * at.v_x + at.a_x * at.v_y) / at.det
-    x, y = loaded_offset(press, at)
-    normal = (-at.a_y - g2 * y) * (-at.u_y / r1) + (at.a_x + g2 * x) * (at.u_x / r1)
-    vertical = loaded_height(press, f)[1]
-    k1, k2 = 1.0 / max(np.cos(acute_angles(at)[0]), 1e-300), r1 / max(r1 - press.along_m, 1e-300)
-    return k1, k2, 1.0 / max(abs(normal) / r, 1e-300), 1.0 / max(abs(vertical) / r, 1e-300)
 
 
 @kernel

@@ -28,6 +28,7 @@ from mech_twin.machines.compaction_press.cycle import (
 from mech_twin.machines.compaction_press.design_problem import (
     CONSTRAINTS,
     OBJECTIVES,
+    PROBLEM,
     Array,
     Duty,
     Lengths,
@@ -35,14 +36,11 @@ from mech_twin.machines.compaction_press.design_problem import (
     Margins,
     Objectives,
     Problem,
-    mass_rule,
-    packed,
     scaled_press,
-    unpacked,
 )
 from mech_twin.machines.compaction_press.dynamics import FREE, Press, StrokeLoad, loaded_height, press_reduced
 from mech_twin.machines.compaction_press.parameters import EQUAL, CompactionPress, press_constants
-from mech_twin.parts.four_bar import FourBar, acute_angles, position
+from mech_twin.parts.four_bar import acute_angles, position
 
 TURN = 2.0 * math.pi
 POSITIONS = 72  # of the crank, between two of which an extreme is sought
@@ -136,13 +134,6 @@ def mean_press_force(stroke: PressStroke, constant_torque_nm: float) -> float:
     return constant_torque_nm * stroke.way / (stroke.contact_y - stroke.bottom_y)
 
 
-@kernel
-def bottom_angles(bar: FourBar, bottom: float) -> tuple[float, float]:
-    """Return gamma and alpha at the bottom of the stroke (rad)."""
-    alpha, _, gamma = acute_angles(position(bar, bottom))
-    return gamma, alpha
-
-
 class Samples(NamedTuple):
     """Columns in the order of motion: reduced inertia, its slope, M_pr, height of the loaded point, its slope."""
 
@@ -214,12 +205,12 @@ def sampled_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, Marg
     """Return objectives and margins at 72 crank positions; the mean press force with exact angles and heights."""
     duty, limits = problem.duty, problem.limits
     direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
-    press = scaled_press(problem.rule, lengths)
+    press = scaled_press(problem.press, lengths)
     at, gamma_max, beta_min = _sampled_press(press, direction)
     top, top_angle = _dead_centre(press, at.y, direction, -1.0, 0.0)
     bottom, bottom_angle = _dead_centre(press, at.y, direction, 1.0, top_angle)
     stroke = exact_stroke(press, duty, top_angle, bottom_angle)
-    gamma, alpha = bottom_angles(press.bar, direction * TURN * bottom / POSITIONS)
+    alpha, _, gamma = acute_angles(position(press.bar, direction * TURN * bottom / POSITIONS))
     height = at.y[top] - at.y[bottom]
     _load_samples(at, duty, top, bottom)
     peak, flywheel = _sampled_objectives(at, duty)
@@ -244,7 +235,7 @@ def continuous_press(
     turn = one_turn(stroke.contact, stroke.bottom, duty.speed_rad_per_s, duty.non_uniformity)
     found = cycle_extremes(press, turn)
     least, most = transmission_range(press)
-    gamma, alpha = bottom_angles(press.bar, stroke.bottom)
+    alpha, _, gamma = acute_angles(position(press.bar, stroke.bottom))
     return (
         Objectives(
             max(abs(found.torque_max_nm + duty.drag_nm), abs(found.torque_min_nm + duty.drag_nm)),
@@ -267,7 +258,7 @@ def continuous_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, M
     """Return objectives and margins on the continuous curve."""
     duty = problem.duty
     direction = 1.0 if duty.speed_rad_per_s >= 0.0 else -1.0
-    bare = scaled_press(problem.rule, lengths)
+    bare = scaled_press(problem.press, lengths)
     heights = np.empty(POSITIONS)
     for k in range(POSITIONS):
         heights[k], _ = loaded_height(bare, direction * TURN * k / POSITIONS)
@@ -280,9 +271,9 @@ def continuous_design(lengths: Lengths, problem: Problem) -> tuple[Objectives, M
 
 
 @kernel
-def _evaluate(d: Array, flat: Array, continuous: bool, objectives: Array, margins: Array) -> None:
+def _evaluate(d: Array, problems: Array, continuous: bool, objectives: Array, margins: Array) -> None:
     """Fill objectives (3,) and margins (8,) of one design."""
-    problem, lengths = unpacked(flat), Lengths(d[0], d[1], d[2], d[3])
+    problem, lengths = problems[0], Lengths(d[0], d[1], d[2], d[3])
     objectives[:], margins[:] = np.inf, -np.inf
     turning = turning_margins(lengths, 0.0)
     for k in range(len(turning)):
@@ -296,15 +287,15 @@ def _evaluate(d: Array, flat: Array, continuous: bool, objectives: Array, margin
 
 
 @kernel
-def _evaluate_in_turn(designs: Array, flat: Array, continuous: bool, objectives: Array, margins: Array) -> None:
+def _evaluate_in_turn(designs: Array, problems: Array, continuous: bool, objectives: Array, margins: Array) -> None:
     for i in range(designs.shape[0]):
-        _evaluate(designs[i], flat, continuous, objectives[i], margins[i])
+        _evaluate(designs[i], problems, continuous, objectives[i], margins[i])
 
 
 @parallel_kernel
-def _evaluate_together(designs: Array, flat: Array, continuous: bool, objectives: Array, margins: Array) -> None:
+def _evaluate_together(designs: Array, problems: Array, continuous: bool, objectives: Array, margins: Array) -> None:
     for i in prange(designs.shape[0]):
-        _evaluate(designs[i], flat, continuous, objectives[i], margins[i])
+        _evaluate(designs[i], problems, continuous, objectives[i], margins[i])
 
 
 def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) -> Evaluation:
@@ -325,7 +316,8 @@ def evaluation(designs: Array, problem: Problem, *, continuous: bool = False) ->
     """
     evaluate = _evaluate_in_turn if len(designs) < FEW else _evaluate_together
     objectives, margins = np.empty((len(designs), len(OBJECTIVES))), np.empty((len(designs), len(CONSTRAINTS)))
-    evaluate(np.ascontiguousarray(designs, dtype=np.float64), packed(problem), continuous, objectives, margins)
+    problems = np.array([problem], dtype=PROBLEM)  # a loop over all cores takes arrays alone
+    evaluate(np.ascontiguousarray(designs, dtype=np.float64), problems, continuous, objectives, margins)
     return Evaluation(objectives, margins)
 
 
@@ -344,12 +336,12 @@ def press_duty(parameters: CompactionPress) -> Duty:
 
 def design_problem(parameters: CompactionPress, limits: Mapping[str, float]) -> Problem:
     """Return the design problem of a configuration under these limits (all of them, by name)."""
-    return Problem(mass_rule(parameters), press_duty(parameters), Limits(**limits))
+    return Problem(press_constants(parameters, fitted=False)[0], press_duty(parameters), Limits(**limits))
 
 
 def configured_press(parameters: CompactionPress, lengths: Lengths) -> CompactionPress:
     """Return the configuration with a design's lengths and corresponding masses; the rest is unchanged."""
-    press = scaled_press(mass_rule(parameters), lengths)
+    press = scaled_press(press_constants(parameters, fitted=False)[0], lengths)
     changes: dict[str, float | str] = {
         "linkage.crank_m": press.bar.crank_m,
         "linkage.coupler_m": press.bar.coupler_m,

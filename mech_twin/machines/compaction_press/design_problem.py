@@ -10,14 +10,14 @@ centroid stays at its share of the length.  The crank keeps its mass.  The part 
 with r^2, the rest stays (if J1O < m1 r^2 all of it scales with r^2).
 """
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.compaction_press.dynamics import Press, StrokeLoad
-from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.parts.four_bar import FourBar, Link
 
 Array = NDArray[np.float64]
@@ -32,76 +32,30 @@ class Lengths(NamedTuple):
     pendulum_m: float
 
 
-class BarRule(NamedTuple):
-    """A bar over its length L: mass/L (kg/m), inertia/L^3 (kg/m), centroid along/L (1) and across (m)."""
-
-    kg_per_m: float
-    inertia_kg_per_m: float
-    along_share: float
-    across_m: float
+@kernel
+def _scaled(link: Link, own: float, length: float) -> Link:
+    """Return a link of its own length at another one (m)."""
+    inertia = link.inertia_kg_m2 / math.pow(own, 3.0) * (length * length * length)
+    return Link(link.mass_kg / own * length, inertia, link.along_m / own * length, link.across_m)
 
 
-class MassRule(NamedTuple):
-    """Crank for r = 1 m without ``crank_fixed_kg_m2``, bars, point of the working force, branch, gravity (m/s2)."""
-
-    crank_kg: float
-    crank_fixed_kg_m2: float
-    crank_inertia_kg: float
-    crank_along_share: float
-    crank_across_m: float
-    plate: BarRule
-    pendulum: BarRule
-    application_share: float
-    application_across_m: float
-    branch: float
-    gravity: float
-
-
-def mass_rule(parameters: CompactionPress) -> MassRule:
-    """Return the rule that gives the configuration's own links at its own lengths; the fitted flywheel stays out."""
-    press, _ = press_constants(parameters, fitted=False)
-    crank, bar = press.crank, press.bar
+@kernel
+def scaled_press(press: Press, lengths: Lengths) -> Press:
+    """Return a press at the lengths of a design, without a load; at its own lengths it has its own links."""
+    r, l, h, R = lengths.crank_m, lengths.length_m, lengths.height_m, lengths.pendulum_m
+    bar, crank = press.bar, press.crank
     square = bar.crank_m * bar.crank_m
     fixed = max(0.0, crank.inertia_kg_m2 - crank.mass_kg * square)
-    return MassRule(
-        crank.mass_kg,
-        fixed,
-        (crank.inertia_kg_m2 - fixed) / square,
-        crank.along_m / bar.crank_m,
-        crank.across_m,
-        _bar_rule(press.plate, bar.coupler_m),
-        _bar_rule(press.pendulum, bar.rocker_m),
-        press.along_m / bar.coupler_m,
-        press.across_m,
-        bar.branch,
-        press.gravity,
-    )
-
-
-def _bar_rule(link: Link, length: float) -> BarRule:
-    return BarRule(link.mass_kg / length, link.inertia_kg_m2 / length**3, link.along_m / length, link.across_m)
-
-
-@kernel
-def _bar(rule: BarRule, length: float) -> Link:
-    cube = length * length * length
-    return Link(rule.kg_per_m * length, rule.inertia_kg_per_m * cube, rule.along_share * length, rule.across_m)
-
-
-@kernel
-def scaled_press(rule: MassRule, lengths: Lengths) -> Press:
-    """Return the press of a design, without a load."""
-    r, l, h, R = lengths.crank_m, lengths.length_m, lengths.height_m, lengths.pendulum_m
-    inertia = rule.crank_fixed_kg_m2 + rule.crank_inertia_kg * r * r
+    inertia = fixed + (crank.inertia_kg_m2 - fixed) / square * r * r
     return Press(
-        FourBar(r, l, R, l, h, rule.branch),
-        Link(rule.crank_kg, inertia, rule.crank_along_share * r, rule.crank_across_m),
-        _bar(rule.plate, l),
-        _bar(rule.pendulum, R),
-        rule.application_share * l,
-        rule.application_across_m,
+        FourBar(r, l, R, l, h, bar.branch),
+        Link(crank.mass_kg, inertia, crank.along_m / bar.crank_m * r, crank.across_m),
+        _scaled(press.plate, bar.coupler_m, l),
+        _scaled(press.pendulum, bar.rocker_m, R),
+        press.along_m / bar.coupler_m * l,
+        press.across_m,
         StrokeLoad(0.0, 1.0, 0.0, 1.0),
-        rule.gravity,
+        press.gravity,
     )
 
 
@@ -132,9 +86,9 @@ class Duty(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """The configuration's rule of masses, its duty, and the limits."""
+    """The configuration's press without a fitted flywheel, its duty, and the limits."""
 
-    rule: MassRule
+    press: Press
     duty: Duty
     limits: Limits
 
@@ -165,25 +119,11 @@ SENSES = Objectives(1.0, 1.0, -1.0)  # to be made small, small, large
 CONSTRAINTS = Margins._fields
 
 
-def packed(problem: Problem) -> Array:
-    """Return a problem as a flat array, as a loop over all cores requires: bars one after the other, crank first."""
-    rule = problem.rule
-    return np.array([*rule[:5], *rule.plate, *rule.pendulum, *rule[7:], *problem.duty, *problem.limits])
+def record_type(kind: type) -> Any:
+    """Return the numpy dtype of a `NamedTuple` of numbers and further such tuples."""
+    if kind is float:
+        return np.float64
+    return np.dtype((np.record, [(name, record_type(part)) for name, part in get_type_hints(kind).items()]))
 
 
-@kernel
-def unpacked(flat: Array) -> Problem:
-    """Return the problem from the array of `packed`."""
-    crank, plate, pendulum, shared = flat[:5], flat[5:9], flat[9:13], flat[13:17]
-    rule = MassRule(
-        crank[0], crank[1], crank[2], crank[3], crank[4],
-        BarRule(plate[0], plate[1], plate[2], plate[3]),
-        BarRule(pendulum[0], pendulum[1], pendulum[2], pendulum[3]),
-        shared[0], shared[1], shared[2], shared[3],
-    )  # fmt: skip
-    duty, limits = flat[17:23], flat[23:30]
-    return Problem(
-        rule,
-        Duty(duty[0], duty[1], duty[2], duty[3], duty[4], duty[5]),
-        Limits(limits[0], limits[1], limits[2], limits[3], limits[4], limits[5], limits[6]),
-    )
+PROBLEM = record_type(Problem)

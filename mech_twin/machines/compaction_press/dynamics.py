@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The press as a mechanism of the crank linkage: its state, reduced inertia and moment, its pin forces, its load.
+"""The press as a mechanism of the crank linkage: state, reduced inertia and moment, pin forces, load, gain; its roles.
 
 The force of a compacted layer grows with the depth of the stroke and is zero on the return.
 
@@ -14,26 +14,32 @@ The force of a compacted layer grows with the depth of the stroke and is zero on
 """
 
 import math
-from typing import NamedTuple
+from math import nan
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mech_twin.engine.compiled_steps import step_of
+from mech_twin.engine.compiled_steps import Work, force_step, step_of
+from mech_twin.engine.crank_linkage import FORCE_RESIDUALS, route_miss
 from mech_twin.engine.crank_state import (
+    Boundary,
+    Resisting,
     mechanism_drive_moment,
     mechanism_load_speed,
     mechanism_load_work,
     mechanism_reduced,
     mechanism_state,
+    memory_of,
     under_load_share,
 )
-from mech_twin.kernels.kernel import embedded_kernel, kernel
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, REGIME, Array, ForceLayout
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 from mech_twin.parts.four_bar import (
     FourBar,
     Link,
     Position,
     Reactions,
+    acute_angles,
     closure_error,
     coefficients,
     link_angles,
@@ -44,8 +50,35 @@ from mech_twin.parts.four_bar import (
     reduced_inertia,
 )
 
-FREE, CONTACT, CONTACT_REVERSED, COMPACTED, COMPACTED_REVERSED = 0, 1, 2, 3, 4
-Array = NDArray[np.float64]
+FREE, CONTACT, CONTACT_REVERSED, COMPACTED, COMPACTED_REVERSED = range(5)
+TURN = 2.0 * math.pi
+QUANTITIES = (
+    "alpha_rad",
+    "beta_rad",
+    "gamma_rad",
+    "plate_acceleration_rad_per_s2",
+    "pendulum_acceleration_rad_per_s2",
+    "crank_acceleration_rad_per_s2",
+    "reduced_inertia_kg_m2",
+    "reduced_inertia_slope_kg_m2_per_rad",
+    "reduced_moment_nm",
+    "drive_torque_nm",
+    "drive_power_w",
+    "working_force_n",
+    "loaded_point_height_m",
+    "loaded_point_speed_m_per_s",
+    "gain_k1",
+    "gain_k2",
+    "gain_paper",
+    "gain_normal",
+    "gain_vertical",
+    "shaking_force_x_n",
+    "shaking_force_y_n",
+)
+
+LARGEST_GAIN = 1e300  # of the paper's gain, which has no limit where the pendulum's end is at rest
+REGIMES = ("free", "contact", "contact_reversed", "compacted", "compacted_reversed")
+SET_LAYER = {CONTACT: Resisting(1.0, COMPACTED), CONTACT_REVERSED: Resisting(-1.0, COMPACTED_REVERSED)}
 
 
 class StrokeLoad(NamedTuple):
@@ -73,6 +106,22 @@ def layer_work(load: StrokeLoad, y: float) -> float:
     depth = load.contact_y_m - load.bottom_y_m
     share = (load.contact_y_m - y) / depth
     return load.peak_n * depth / (load.exponent + 1.0) * share ** (load.exponent + 1.0) if share > 0.0 else 0.0
+
+
+class Stroke(NamedTuple):
+    """Crank angles (rad, 0 to 2 pi) of top, bottom, first contact turning forward and backward; heights (m).
+
+    ``risen_m`` is the height by which the loaded point rises above first contact again on its way to the bottom.
+    """
+
+    top: float
+    bottom: float
+    contact: float
+    contact_reversed: float
+    top_y_m: float
+    bottom_y_m: float
+    contact_y_m: float
+    risen_m: float = 0.0
 
 
 class Press(NamedTuple):
@@ -171,6 +220,24 @@ def press_pins(press: Press, f: float, w: float, e: float, force: float) -> Reac
     return pin_forces(press.bar, *links, at, by, e, 0.0, -press.gravity, 0.0, force, at.a_x + x, at.a_y + y)
 
 
+@kernel
+def gains(press: Press, f: float) -> tuple[float, float, float, float]:
+    """Return k1, k2 = R1/a, exact gain of a load normal to the plate, exact gain of a vertical load.
+
+    k1 k2 is the paper's, Q = P k1 k2; it holds only while B is at rest.  The exact gains are inverse velocity ratios
+    and grow without bound at the dead centres (kept below 1e300).
+    """
+    at = position(press.bar, f)
+    r, r1 = press.bar.crank_m, press.bar.coupler_m
+    # velocities of A and B per unit crank speed; B's from the loop
+    g2 = -(-at.a_y * at.v_x + at.a_x * at.v_y) / at.det
+    x, y = loaded_offset(press, at)
+    normal = (-at.a_y - g2 * y) * (-at.u_y / r1) + (at.a_x + g2 * x) * (at.u_x / r1)
+    vertical = loaded_height(press, f)[1]
+    k1, k2 = 1.0 / max(np.cos(acute_angles(at)[0]), 1e-300), r1 / max(r1 - press.along_m, 1e-300)
+    return k1, k2, 1.0 / max(abs(normal) / r, 1e-300), 1.0 / max(abs(vertical) / r, 1e-300)
+
+
 @step_of(mechanism_state, Press)
 def press_state(
     press: Press, f: float, w: float, e: float, regime: int
@@ -222,3 +289,111 @@ def with_load_share(press: Press, share: float) -> Press:
     return Press(
         press.bar, press.crank, press.plate, press.pendulum, press.along_m, press.across_m, load, press.gravity
     )
+
+
+class LoadedPress(NamedTuple):
+    """Constants of the force analysis: the press, and the largest drive torque of a cycle (N m)."""
+
+    press: Press
+    moment_scale_nm: float
+
+
+@step_of(force_step, LoadedPress, borrowing_kernel)
+def press_forces(
+    model: LoadedPress, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
+    """Fill ``out`` with the pin forces at the crank's angle, rate and acceleration, and its torque by both routes."""
+    memory = memory_of(linkage, 3)
+    press = with_load_share(model.press, memory.load_share)
+    f, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
+    now = press_reduced(press, f, int(linkage[REGIME]))
+    e = memory.crank_acceleration_rad_per_s2
+    at = position(press.bar, f)
+    by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, e)
+    pins = press_pins(press, f, w, e, now.force)
+    k1, k2, normal, vertical = gains(press, f)
+    alpha, beta, gamma = acute_angles(at)
+    numbers = (
+        0.0,
+        pins.o_x, pins.o_y, 0.0,
+        pins.a_x, pins.a_y, 0.0,
+        pins.b_x, pins.b_y, 0.0,
+        pins.c_x, pins.c_y, 0.0,
+        alpha,
+        beta,
+        gamma,
+        by.e2,
+        by.e3,
+        e,
+        now.inertia,
+        now.slope,
+        now.moment,
+        torque,
+        torque * w,
+        now.force,
+        now.y,
+        now.y1 * w,
+        k1,
+        k2,
+        min(k1 * k2, LARGEST_GAIN),
+        normal,
+        vertical,
+        -pins.o_x - pins.c_x,
+        -pins.o_y - pins.c_y,
+    )  # fmt: skip
+    for i in range(len(numbers)):
+        out[i] = numbers[i]
+    out[len(numbers)] = route_miss(pins.moment, torque, now.inertia, memory, model.moment_scale_nm)
+    return 0
+
+
+def regime_at(stroke: Stroke, f: float, direction: float) -> int:
+    """Return the regime at crank angle ``f`` (rad) turning in ``direction`` (+1, -1)."""
+    if direction >= 0.0:
+        inside = (f - stroke.contact) % TURN < (stroke.bottom - stroke.contact) % TURN
+        return CONTACT if inside else FREE
+    inside = (stroke.contact_reversed - f) % TURN < (stroke.contact_reversed - stroke.bottom) % TURN
+    return CONTACT_REVERSED if inside else FREE
+
+
+# every pin force from one equilibrium of the dyad, then the crank; pins named as in every four-bar
+FORCES = ForceLayout(("crank_bearing", "crank_pin", "rocker_pin", "rocker_bearing"), QUANTITIES, FORCE_RESIDUALS)
+JOINTS = ("crank", "plate", "pendulum")
+ACTS_ON = ("crank", "plate", "plate", "pendulum")
+
+
+def press_boundaries(stroke: Stroke, gives_back: bool = True) -> tuple[Boundary, ...]:
+    """Return the boundaries of contact with the layer: first contact, bottom, release, new contact.
+
+    A layer without spring-back is in contact again where the crank reversed, and is a new one after the top.
+    """
+    first = "top" if stroke.contact == stroke.top else "contact"
+    pressed = (
+        Boundary(stroke.contact, 1.0, FREE, CONTACT, first),
+        Boundary(stroke.bottom, 1.0, CONTACT, FREE, "bottom"),
+        Boundary(stroke.contact_reversed, -1.0, FREE, CONTACT_REVERSED, first),
+        Boundary(stroke.bottom, -1.0, CONTACT_REVERSED, FREE, "bottom"),
+    )
+    if gives_back:
+        return (
+            *pressed,
+            Boundary(stroke.contact, -1.0, CONTACT, FREE, "release"),
+            Boundary(stroke.contact_reversed, 1.0, CONTACT_REVERSED, FREE, "release"),
+        )
+    return (
+        *pressed,
+        Boundary(nan, 1.0, COMPACTED, CONTACT, first),
+        Boundary(stroke.top, -1.0, COMPACTED, FREE, "top"),
+        Boundary(nan, -1.0, COMPACTED_REVERSED, CONTACT_REVERSED, first),
+        Boundary(stroke.top, 1.0, COMPACTED_REVERSED, FREE, "top"),
+    )
+
+
+def layer_regimes(stroke: Stroke, direction: float, gives_back: bool = True) -> dict[str, Any]:
+    """Return what the layer makes of a crank linkage that starts at angle 0: regimes, boundaries along its turn."""
+    return {
+        "regimes": REGIMES,
+        "start_regime": regime_at(stroke, 0.0, direction),
+        "boundaries": press_boundaries(stroke, gives_back),
+        "resisting": {} if gives_back else SET_LAYER,
+    }

@@ -22,15 +22,21 @@ from mech_twin.machines.compaction_press.cycle import (
     cycle_extremes,
     flywheel_metrics,
     gain_rows,
-    gains,
     layer_work_on_the_way,
     mean_torque,
-    regime_at,
     transmission_range,
     turn_at,
     turn_flywheel,
 )
-from mech_twin.machines.compaction_press.dynamics import Press, layer_work, press_pins, press_reduced, press_weights
+from mech_twin.machines.compaction_press.dynamics import (
+    Press,
+    gains,
+    layer_work,
+    press_pins,
+    press_reduced,
+    press_weights,
+    regime_at,
+)
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.crank_run import CrankRun
 from mech_twin.parts.four_bar import acute_angles, coefficients, failing_inequality, motion, position
@@ -194,19 +200,10 @@ def cycle_metrics(parameters: CompactionPress) -> dict[str, float]:
     }
 
 
-class PressObserver:
-    """Running numbers of a run: those of every crank machine, the largest pin force, the layer's work."""
+def press_run(motor: MotorConstants | None) -> CrankRun:
+    """Return the numbers of a run: those of every crank machine, the largest pin force, the layer's work."""
 
-    def __init__(self, motor: MotorConstants | None = None) -> None:
-        self._run = CrankRun(motor)
-        self._layer_work = 0.0
+    def pin_force(frame: Frame) -> dict[str, float]:
+        return {"pin_force_{}_n": max(hypot(pin.force_x_n, pin.force_y_n) for pin in frame.forces.wrenches)}
 
-    def observe(self, frame: Frame) -> None:
-        """Update with one frame."""
-        pins = max(hypot(pin.force_x_n, pin.force_y_n) for pin in frame.forces.wrenches)
-        self._run.observe(frame, **{"pin_force_{}_n": pins})
-        self._layer_work = frame.linkage.memory.as_dict()["load_work_j"]
-
-    def numbers(self) -> dict[str, float]:
-        """Return the numbers so far."""
-        return {**self._run.numbers(), "run_layer_work_j": self._layer_work}
+    return CrankRun(motor, pin_force, lambda numbers, memory: {"run_layer_work_j": memory.load_work_j})

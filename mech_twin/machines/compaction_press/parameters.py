@@ -4,28 +4,34 @@
 from __future__ import annotations
 
 from math import degrees, pi
-from typing import Literal, NamedTuple
+from operator import attrgetter
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import model_validator
 
 from mech_twin.declarations.quantity import Parameters, choice, lower, quantity, upper
-from mech_twin.machines.compaction_press.dynamics import Press, StrokeLoad, loaded_height, loaded_heights
+from mech_twin.engine.sample_vectors import Array
+from mech_twin.machines.compaction_press.dynamics import (
+    TURN,
+    Press,
+    Stroke,
+    StrokeLoad,
+    loaded_height,
+    loaded_heights,
+)
 from mech_twin.machines.drives import DrivenCrank, root_between
 from mech_twin.parts.four_bar import CROSSED, OPEN, FourBar, Link, failing_inequality, smallest_transmission_angle
 
 GRAVITY = 9.80665
 SAMPLES = 720  # of a turn
 EQUAL = 1e-12  # of the stroke: heights that close differ by rounding only
-TURN = 2.0 * pi
 LEAST_TRANSMISSION_DEG = 1.0
 MOST_REACH = 10.0  # of centroids and of the loaded point, in lengths of the longest link
 LEAST_STROKE_M = 1e-5
 LEAST_INERTIA = 1e-9  # kg m2
 LEAST_DEPTH = 9e-4  # of the stroke
 SMOOTH = 1.0  # exponent from which on a force sets in without a jump or a vertical tangent
-Array = NDArray[np.float64]
 
 
 class PressLinkage(Parameters):
@@ -131,14 +137,9 @@ class CompactionPress(DrivenCrank):
         """Raise for a part far from the linkage, and for an inertia impossible for these masses and sizes."""
         reach = MOST_REACH * max(self.linkage.crank_m, self.linkage.coupler_m, self.linkage.pendulum_m)
         links = {"crank": self.links.crank, "plate": self.links.plate, "pendulum": self.links.pendulum}
-        places = {
-            "working_force.application_from_a_m": self.working_force.application_from_a_m,
-            "working_force.application_across_m": self.working_force.application_across_m,
-        }
-        for name, link in links.items():
-            places[f"links.{name}.centroid_along_m"] = link.centroid_along_m
-            places[f"links.{name}.centroid_across_m"] = link.centroid_across_m
-        for key, place in places.items():
+        centroids = [f"links.{name}.centroid_{way}_m" for name in links for way in ("along", "across")]
+        for key in ("working_force.application_from_a_m", "working_force.application_across_m", *centroids):
+            place = attrgetter(key)(self)
             if abs(place) > reach:
                 raise ValueError(
                     f"{key} must be at most {upper(reach)} m either way, {MOST_REACH:g} times the longest link; "
@@ -158,22 +159,6 @@ class CompactionPress(DrivenCrank):
                 f"links.crank.inertia_kg_m2 is about the shaft and must be at least mass x centroid distance squared = "
                 f"{lower(own)}; got {crank.inertia_kg_m2:g}"
             )
-
-
-class Stroke(NamedTuple):
-    """Crank angles (rad, 0 to 2 pi) of top, bottom, first contact turning forward and backward; heights (m).
-
-    ``risen_m`` is the height by which the loaded point rises above first contact again on its way to the bottom.
-    """
-
-    top: float
-    bottom: float
-    contact: float
-    contact_reversed: float
-    top_y_m: float
-    bottom_y_m: float
-    contact_y_m: float
-    risen_m: float = 0.0
 
 
 def _dead_centre(press: Press, guess: float, step: float) -> float:

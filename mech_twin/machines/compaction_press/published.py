@@ -8,10 +8,10 @@ import numpy as np
 
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREEN, GREY, ORANGE, OWN, RED, Picture, sheet, turn_axis
 from mech_twin.capabilities.published import DIFFERS, Literature, PublishedRow
-from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gain_rows, press_cycle, regime_at
-from mech_twin.machines.compaction_press.dynamics import Press, press_pins, press_reduced
+from mech_twin.machines.compaction_press.cycle import POSITIONS, PressCycle, gain_rows, press_cycle
+from mech_twin.machines.compaction_press.dynamics import Press, Stroke, press_pins, press_reduced, regime_at
 from mech_twin.machines.compaction_press.metrics import cycle_metrics, position_metrics
-from mech_twin.machines.compaction_press.parameters import CompactionPress, Stroke, press_constants
+from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
 from mech_twin.machines.compaction_press.sizing import flywheel_run
 from mech_twin.parts.flywheel import wittenbauer
 

@@ -12,12 +12,13 @@ from scipy.optimize import minimize_scalar
 
 from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import Factors, inner_points, scaled, varied
+from mech_twin.engine.crank_linkage import CrankLinkage
 from mech_twin.engine.crank_state import Transmission
 from mech_twin.errors import StudyError
 from mech_twin.machines.compaction_press.cycle import WORK_POSITIONS, mean_torque, press_cycle, turn_flywheel
+from mech_twin.machines.compaction_press.dynamics import JOINTS, layer_regimes
 from mech_twin.machines.compaction_press.metrics import conditions
 from mech_twin.machines.compaction_press.parameters import CompactionPress, press_constants
-from mech_twin.machines.compaction_press.roles import press_linkage
 from mech_twin.parts.flywheel import non_uniformity, start_speed, wittenbauer
 from mech_twin.samples import MotorSample
 
@@ -171,7 +172,8 @@ def flywheel_run(parameters: CompactionPress, inertia_kg_m2: float, step_s: floa
     cycle = press_cycle(press, stroke, speed, WORK_POSITIONS)
     first = start_speed(cycle.work_j, cycle.inertia_kg_m2, delta, abs(speed), inertia_kg_m2)
     flywheel = Transmission(1.0, 1.0, inertia_kg_m2)
-    linkage = press_linkage(press, stroke, step_s, copysign(first, speed), 1.0, speed, "contact", flywheel)
+    start, layer = copysign(first, speed), layer_regimes(stroke, speed)
+    linkage = CrankLinkage(press, step_s, 0.0, start, 1.0, JOINTS, "plate", transmission=flywheel, **layer)
     torque = mean_torque(press, stroke, speed)
     sample = linkage.start()
     crank = sample.joint("crank")

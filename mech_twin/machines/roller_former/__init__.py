@@ -7,12 +7,11 @@ from math import radians
 from mech_twin.engine.compiled_roles import StepForces
 from mech_twin.machines.drives import KlossMotor, kloss_motor_role
 from mech_twin.machines.roller_former.drawing import former_drawing, mechanism
-from mech_twin.machines.roller_former.former_row import CoupledFormer
 from mech_twin.machines.roller_former.metrics import FormerObserver, former_metrics, position_metrics
 from mech_twin.machines.roller_former.parameters import RollerFormer, former_of
 from mech_twin.machines.roller_former.roles import (
+    CoupledFormer,
     FormerLinkage,
-    LoadedFormer,
     force_layout,
     force_limits,
     joint_names,
@@ -26,8 +25,9 @@ PARAMETERS = RollerFormer
 def build(p: RollerFormer) -> Machine:
     """Return the roller former of these parameters."""
     former, count, step_s = former_of(p), p.carts.count, p.coupling.step_s
+    model = CoupledFormer(former, step_s)
     linkage = FormerLinkage(
-        CoupledFormer(former, step_s),
+        model,
         step_s,
         radians(p.start.crank_deg),
         p.start.speed_fraction * p.synchronous_crank_speed_rad_per_s,
@@ -40,7 +40,7 @@ def build(p: RollerFormer) -> Machine:
         step_s,
         kloss_motor_role(KlossMotor(former.motor, former.ratio, p.supply.rate_per_s, step_s)),
         linkage,
-        StepForces(LoadedFormer(former), force_layout(count), loaded_bodies(count), force_limits(former.bank)),
+        StepForces(model, force_layout(count), loaded_bodies(count), force_limits(former.bank)),
         None,
         lambda sample, _: former_drawing(former, sample),
         partial(former_metrics, p, former),

@@ -253,19 +253,7 @@ def load_moments(bank: CartBank, crank_rad: NDArray[np.float64], direction: floa
     return moments
 
 
-@borrowing_kernel
-def has_kinks(bank: CartBank) -> bool:
-    """Return whether the load moment has kinks at the dead centres."""
-    return bank.load not in (NONE, PRINTED)
-
-
 @embedded_kernel
 def rod_weight_moment(bank: CartBank, crank_rad: float) -> float:
     """Return the moment (N m) against forward rotation of the weight of the rods' halves at the crank pins."""
     return bank.rod_weight_cosine_nm * cos(crank_rad) - bank.rod_weight_sine_nm * sin(crank_rad)
-
-
-@borrowing_kernel
-def rod_weight_energy(bank: CartBank, crank_rad: float) -> float:
-    """Return the potential energy (J) of the rods' halves at the crank pins, 0 at the height of the shaft."""
-    return bank.rod_weight_cosine_nm * sin(crank_rad) + bank.rod_weight_sine_nm * cos(crank_rad)

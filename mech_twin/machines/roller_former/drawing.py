@@ -6,7 +6,6 @@ from math import cos, sin
 from mech_twin.capabilities.figure import GROUND, MATERIAL, STEEL, Point, bearing, box, circle, hatched, label
 from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, fixed, sliding, turning
 from mech_twin.machines.roller_former.dynamics import Former
-from mech_twin.machines.roller_former.roles import joints_of
 from mech_twin.samples import LinkageSample, Shape
 
 BODY_HALF_HEIGHT_M = 0.09
@@ -20,11 +19,10 @@ MOTOR_AT: Point = (-0.42, -0.12)
 def former_drawing(former: Former, sample: LinkageSample) -> tuple[Shape, ...]:
     """Return motor, shaft, cranks, rods, carts with their rollers, rails, mix; carts are drawn behind one another."""
     bank = former.bank
-    joints = joints_of(sample.position)
-    carts = zip(bank.offset_rad.tolist(), joints.carts, strict=True)
-    shapes = [*_standing(former), *_drive(former, joints.crank + joints.twist)]
-    for index, (offset, x) in enumerate(carts):
-        shapes += _cart_shapes(former, index, joints.crank + offset, x)
+    _, crank, twist, *carts_and_rods = sample.position
+    shapes = [*_standing(former), *_drive(former, crank + twist)]
+    for index, (offset, x) in enumerate(zip(bank.offset_rad.tolist(), carts_and_rods[::2], strict=True)):
+        shapes += _cart_shapes(former, index, crank + offset, x)
     shapes.append(Shape("shaft", "points", ((0.0, 0.0),), STEEL, 0.06))
     return tuple(shapes)
 

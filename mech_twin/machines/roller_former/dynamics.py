@@ -15,14 +15,16 @@ as printed.
 Source: LoveikinRoller2018 eq. (40); the friction of the shaft and the rule of the gear are ours.
 """
 
-from typing import NamedTuple
+from math import cos, sin
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel
 from mech_twin.machines.roller_former.cart_parameters import RESIST, REVERSING, CartBank
-from mech_twin.machines.roller_former.cart_statics import rod_weight_energy, shaft_terms
+from mech_twin.machines.roller_former.cart_statics import shaft_terms
 from mech_twin.parts.friction_and_gear import gear_torque
 from mech_twin.parts.induction_motor import MotorConstants, MotorInStep, torque_in_step
 
@@ -72,28 +74,31 @@ class Former(NamedTuple):
 class Modes(NamedTuple):
     """Discrete state: directions of rotation of crank and drive (0: sticking), load, time below stall speed (s).
 
-    ``load_share`` rises from 0 to 1 after the load is applied; ``slow_s`` is -1 above the stall threshold.
+    The share of the load rises from 0 to 1 after it is applied; ``slow_s`` is -1 above the stall threshold.
     """
 
-    direction: float
-    drive_direction: float
-    load_on: bool
-    load_share: float
-    slow_s: float
-    stalled: bool
+    direction_1: float = 1.0
+    drive_direction_1: float = 1.0
+    load_on_1: float = 0.0
+    load_share_1: float = 0.0
+    slow_s: float = -1.0
+    stalled_1: float = 0.0
+
+
+MODES = record_of(Modes)
+LOADED = Modes(load_on_1=1.0, load_share_1=1.0)
+
+
+@borrowing_kernel
+def modes_of(row: Array, place: int) -> Any:
+    """Return the modes at a place of an array as a record that shares its numbers."""
+    return record_at(row, place, MODES)
 
 
 @embedded_kernel
 def state_of(y: Array) -> FormerState:
     """Return the state by its names."""
     return FormerState(y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
-
-
-@borrowing_kernel
-def fill_state(y: Array, state: FormerState) -> None:
-    """Write a state into an array (8,)."""
-    for i in range(STATE_SIZE):
-        y[i] = state[i]
 
 
 def state_array(crank_rad: float, crank_speed_rad_per_s: float) -> Array:
@@ -113,10 +118,11 @@ def may_stick(former: Former, load_on: bool) -> bool:
     return former.coulomb_nm > 0.0 or (load_on and holds_at_rest(former.bank))
 
 
-@borrowing_kernel
-def gear_may_stick(former: Former) -> bool:
-    """Return whether the gear may hold the drive at rest."""
-    return former.loss_by_power and former.efficiency < 1.0
+def start_modes(former: Former, speed_rad_per_s: float) -> Modes:
+    """Return the initial modes: load on or off; a crank at rest under load or friction sticks."""
+    loaded = former.engage_speed_rad_per_s <= speed_rad_per_s
+    held = speed_rad_per_s == 0.0 and may_stick(former, loaded)
+    return Modes(0.0 if held else 1.0, load_on_1=float(loaded), load_share_1=float(loaded))
 
 
 @embedded_kernel
@@ -153,11 +159,11 @@ def coupling_moment(former: Former, now: FormerState) -> float:
 @borrowing_kernel
 def stored_energy(former: Former, now: FormerState, sides: Array) -> float:
     """Return the kinetic, elastic and potential energy of the state (J)."""
-    inertia, _, _ = shaft_terms(former.bank, now.crank_rad, sides, 1.0)
+    bank, (inertia, _, _) = former.bank, shaft_terms(former.bank, now.crank_rad, sides, 1.0)
     first = now.crank_speed_rad_per_s + now.twist_rate_rad_per_s
     return (
         0.5 * former.motor_inertia_kg_m2 * first * first
         + 0.5 * inertia * now.crank_speed_rad_per_s * now.crank_speed_rad_per_s
         + 0.5 * former.stiffness_nm_per_rad * now.twist_rad * now.twist_rad
-        + rod_weight_energy(former.bank, now.crank_rad)
+        + (bank.rod_weight_cosine_nm * sin(now.crank_rad) + bank.rod_weight_sine_nm * cos(now.crank_rad))
     )

@@ -27,9 +27,8 @@ from mech_twin.machines.roller_former.cart_statics import (
     sides_of_travel,
 )
 from mech_twin.machines.roller_former.dynamics import Former, at_motor
-from mech_twin.machines.roller_former.former_row import FormerMemory
 from mech_twin.machines.roller_former.parameters import RollerFormer, longest_step_s
-from mech_twin.machines.roller_former.roles import FormerQuantities, joints_of
+from mech_twin.machines.roller_former.roles import QUANTITIES, FormerMemory, FormerQuantities
 from mech_twin.machines.roller_former.steady import TURN, SteadyTurn, closed_extremes, start_up, steady_turn
 from mech_twin.samples import Frame
 
@@ -225,15 +224,7 @@ def former_metrics(parameters: RollerFormer, former: Former) -> dict[str, float]
     return metrics
 
 
-QUANTITIES = len(FormerQuantities._fields)
 WHOLE_TURN = 0.95 * TURN  # what is less was begun within a turn, or went to and fro
-EXTREMES = (
-    "elastic_moment_nm",
-    "coupling_moment_nm",
-    "twist_rad",
-    "twist_rate_rad_per_s",
-    "twist_acceleration_rad_per_s2",
-)
 
 
 class TurnSums(NamedTuple):
@@ -245,6 +236,14 @@ class TurnSums(NamedTuple):
     coupling_square_n2m2s: float
 
 
+class Instant(NamedTuple):
+    """Time (s), sums since the start of the run, and their rates."""
+
+    time_s: float
+    sums: TurnSums
+    rates: TurnSums
+
+
 class FormerObserver:
     """Metrics of a run: those of its last whole turn (``last_turn_``), extremes and events of the whole.
 
@@ -254,66 +253,64 @@ class FormerObserver:
 
     def __init__(self) -> None:
         self._turn: int | None = None
-        self._first: tuple[float, TurnSums] | None = None
-        self._now: tuple[float, TurnSums, TurnSums] | None = None
-        self._extremes = Extremes()
+        self._first: Instant | None = None
+        self._now: Instant | None = None
+        self._moments, self._ranges = Extremes(), Extremes()
         self._closed: dict[str, float] = {}
         self._run = {"turns": 0.0, "stalls": 0.0, "coupling_moment_max_of_run_nm": -inf, "motor_torque_max_nm": -inf}
 
     def observe(self, frame: Frame) -> None:
         """Update with one frame; the coupling's moment is linear between two."""
         linkage, run, before = frame.linkage, self._run, self._now
-        at, rate, effort = (joints_of(values) for values in (linkage.position, linkage.velocity, linkage.effort))
-        quantities = FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
-        powers = quantities.drive_power_w, quantities.load_power_w
-        memory, rates = FormerMemory(*linkage.memory.values), TurnSums(rate.crank, *powers, effort.crank * effort.crank)
-        squares = 0.0
+        (crank, twist), (speed, rate), (coupling, elastic) = (
+            values[1:3] for values in (linkage.position, linkage.velocity, linkage.effort)
+        )
+        told = FormerQuantities(*frame.forces.quantities.values[:QUANTITIES])
+        memory = FormerMemory(*linkage.memory.values)
+        rates, squares = TurnSums(speed, told.drive_power_w, told.load_power_w, coupling * coupling), 0.0
         if before is not None:
-            past_s, sums, past = before
-            mean = (past.coupling_square_n2m2s + rates.coupling_square_n2m2s) / 2.0
-            squares = sums.coupling_square_n2m2s + mean * (linkage.time_s - past_s)
-        self._now = linkage.time_s, TurnSums(at.crank, memory.motor_work_j, memory.load_work_j, squares), rates
-        turn = floor(at.crank / TURN)
+            mean = (before.rates.coupling_square_n2m2s + rates.coupling_square_n2m2s) / 2.0
+            squares = before.sums.coupling_square_n2m2s + mean * (linkage.time_s - before.time_s)
+        sums = TurnSums(crank, memory.motor_work_j, memory.load_work_j, squares)
+        self._now = Instant(linkage.time_s, sums, rates)
+        turn = floor(crank / TURN)
         if turn != self._turn:
             self._begin_turn(TURN * turn, before, self._now)
         self._turn = turn
-        values = effort.twist, effort.crank, at.twist, rate.twist, quantities.twist_acceleration_rad_per_s2
-        for name, value in zip(EXTREMES, values, strict=True):
-            self._extremes.take(name, value)
-        run["turns"] = at.crank / TURN
+        self._moments.take("elastic_moment_{}_nm", elastic)
+        self._moments.take("coupling_moment_{}_nm", coupling)
+        self._ranges.take("twist_range_rad", twist)
+        self._ranges.take("twist_rate_range_rad_per_s", rate)
+        self._ranges.take("twist_acceleration_range_rad_per_s2", told.twist_acceleration_rad_per_s2)
+        run["turns"] = crank / TURN
         run["stalls"] += sum(event.kind == "stall" for event in linkage.events)
-        run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], effort.crank)
+        run["coupling_moment_max_of_run_nm"] = max(run["coupling_moment_max_of_run_nm"], coupling)
         run["motor_torque_max_nm"] = max(run["motor_torque_max_nm"], *frame.motor.effort)
         for event in linkage.events:
             if event.contact == "crank":
                 run[f"{event.kind}_at_s"] = event.time_s
 
-    def _begin_turn(
-        self, angle: float, before: tuple[float, TurnSums, TurnSums] | None, now: tuple[float, TurnSums, TurnSums]
-    ) -> None:
+    def _begin_turn(self, angle: float, before: Instant | None, now: Instant) -> None:
         """Finish the present turn, if it was a whole one, and start the next at an angle passed since ``before``."""
-        first = now[:2] if before is None else passage(max(angle, TURN * (self._turn or 0)), before, now)
-        if self._first is not None and first[1].crank_rad - self._first[1].crank_rad > WHOLE_TURN:
-            self._closed = self._metrics_of_turn(*self._first, *first)
+        first = now if before is None else passage(max(angle, TURN * (self._turn or 0)), before, now)
+        if self._first is not None:
+            way, *works = (b - a for a, b in zip(self._first.sums, first.sums, strict=True))
+            if way > WHOLE_TURN:
+                self._closed = self._metrics_of_turn(first.time_s - self._first.time_s, way, *works)
         self._first = first
-        self._extremes = Extremes()
+        self._moments, self._ranges = Extremes(), Extremes()
 
-    def _metrics_of_turn(self, begin_s: float, before: TurnSums, end_s: float, after: TurnSums) -> dict[str, float]:
-        time_s, angle = end_s - begin_s, after.crank_rad - before.crank_rad
-        elastic, coupling, *ranges = EXTREMES
-        metrics = {}
-        for name in (elastic, coupling):
-            stem = name.removesuffix("_nm")
-            metrics[f"{stem}_min_nm"], metrics[f"{stem}_max_nm"] = self._extremes.found[name]
-        for name in ranges:
-            stem, unit = name.split("_rad", 1)
-            least, most = self._extremes.found[name]
-            metrics[f"{stem}_range_rad{unit}"] = most - least
-        squares = after.coupling_square_n2m2s - before.coupling_square_n2m2s
-        metrics["coupling_moment_rms_nm"] = sqrt(squares / time_s)
-        metrics["speed_rad_per_s"] = angle / time_s
-        metrics["drive_power_mean_w"] = (after.motor_work_j - before.motor_work_j) / time_s
-        metrics["load_moment_mean_nm"] = (after.load_work_j - before.load_work_j) / angle
+    def _metrics_of_turn(
+        self, time_s: float, angle: float, motor_j: float, load_j: float, squares: float
+    ) -> dict[str, float]:
+        metrics = {
+            **self._moments.numbers(""),
+            **{name: most - least for name, (least, most) in self._ranges.found.items()},
+            "coupling_moment_rms_nm": sqrt(squares / time_s),
+            "speed_rad_per_s": angle / time_s,
+            "drive_power_mean_w": motor_j / time_s,
+            "load_moment_mean_nm": load_j / angle,
+        }
         return {f"last_turn_{name}": value for name, value in metrics.items()}
 
     def numbers(self) -> dict[str, float]:
@@ -321,12 +318,11 @@ class FormerObserver:
         return {**self._run, **self._closed}
 
 
-def passage(
-    angle: float, before: tuple[float, TurnSums, TurnSums], now: tuple[float, TurnSums, TurnSums]
-) -> tuple[float, TurnSums]:
+def passage(angle: float, before: Instant, now: Instant) -> Instant:
     """Return time and sums at which the crank passed an angle between two frames, by cubic Hermite interpolation."""
-    (begin_s, first, rates), (end_s, last, last_rates) = before, now
-    span = end_s - begin_s
-    ends = list(zip(zip(first, last, strict=True), zip(rates, last_rates, strict=True), strict=True))
+    span = now.time_s - before.time_s
+    sums, rates = (zip(*pair, strict=True) for pair in ((before.sums, now.sums), (before.rates, now.rates)))
+    ends = list(zip(sums, rates, strict=True))
     share = share_at(angle, span, *ends[0])
-    return begin_s + share * span, TurnSums(*(on_cubic(span, *each, share) for each in ends))
+    found = TurnSums(*(on_cubic(span, *each, share) for each in ends))
+    return Instant(before.time_s + share * span, found, now.rates)

@@ -6,7 +6,7 @@ gear.  Further signals: dead centres (kinks of the load), start and end of the l
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,9 +17,9 @@ from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, OPEN, Array, Equations
 from mech_twin.engine.hybrid.loop import ENDED, MOST_PIECES, MOST_STEPS, UNSTEADY, advance, room_in, room_sizes
 from mech_twin.engine.integration import DORMAND_PRINCE_8, SHORTEST_S
 from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
+from mech_twin.machines.roller_former.cart_parameters import NONE, PRINTED
 from mech_twin.machines.roller_former.cart_statics import (
     LOOK_AHEAD_RAD,
-    has_kinks,
     load_moment,
     rod_weight_moment,
     shaft_terms,
@@ -28,11 +28,10 @@ from mech_twin.machines.roller_former.cart_statics import (
 from mech_twin.machines.roller_former.dynamics import (
     STATE_SIZE,
     Former,
-    Modes,
     coupling_moment,
-    gear_may_stick,
     geared,
     may_stick,
+    modes_of,
     shaft_torque,
     state_of,
 )
@@ -201,7 +200,7 @@ def look_ahead(motion: FormerMotion, t: float, y: Array, regimes: Indices) -> No
     low, high = sides_of_travel(bank, crank + ahead * LOOK_AHEAD_RAD, motion.sides)
     if w == 0.0:  # between dead centres of two carts that differ by rounding: neither is passed
         low, high = min(low, crank), max(high, crank)
-    if not has_kinks(bank):
+    if bank.load in (NONE, PRINTED):  # no kink at a dead centre
         low, high = -FAR_RAD, FAR_RAD
     kept[LOW_RAD], kept[HIGH_RAD], kept[PASSED] = low, high, 0.0
 
@@ -281,11 +280,10 @@ TIGHT = "integrator.tolerance is too tight for these loads"
 
 
 class Advance(NamedTuple):
-    """End of an integration: time (s), number of events or failure status (< 0), modes, steps tried."""
+    """End of an integration: time (s), number of events or failure status (< 0), steps tried."""
 
     time_s: float
     status: int
-    modes: Modes
     steps: int
 
 
@@ -301,18 +299,19 @@ def ending(advance: Advance) -> str:
 
 
 @inline_kernel
-def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Modes, kept: Array, regimes: Indices) -> None:
+def begin_modes(former: Former, torque: MotorInStep, y: Array, modes: Any, kept: Array, regimes: Indices) -> None:
     """Fill regimes and stored values from the modes, consistent with the present parameters and command."""
-    kept[SLOW_S], stalled = modes.slow_s, modes.stalled
+    kept[SLOW_S], stalled, load_on = modes.slow_s, modes.stalled_1 > 0.0, modes.load_on_1 > 0.0
+    gear_holds = former.loss_by_power and former.efficiency < 1.0
     if torque.command <= 0.0 or y[DRIVE] >= former.slow_speed_rad_per_s * torque.command:
         kept[SLOW_S], stalled = -1.0, False
     elif modes.slow_s < 0.0:
         kept[SLOW_S] = 0.0
-    kept[SHARE] = 1.0 if modes.load_on and former.load_rise_s == 0.0 else modes.load_share
+    kept[SHARE] = 1.0 if load_on and former.load_rise_s == 0.0 else modes.load_share_1
     kept[SINCE_S], kept[PASSED] = 0.0, 0.0
-    regimes[CRANK_LAW] = law_of(may_stick(former, modes.load_on), y[SPEED], modes.direction)
-    regimes[DRIVE_LAW] = law_of(gear_may_stick(former), y[DRIVE], modes.drive_direction)
-    regimes[LOAD_ON], regimes[IS_SLOW] = 1 if modes.load_on else 0, 1 if kept[SLOW_S] >= 0.0 else 0
+    regimes[CRANK_LAW] = law_of(may_stick(former, load_on), y[SPEED], modes.direction_1)
+    regimes[DRIVE_LAW] = law_of(gear_holds, y[DRIVE], modes.drive_direction_1)
+    regimes[LOAD_ON], regimes[IS_SLOW] = 1 if load_on else 0, 1 if kept[SLOW_S] >= 0.0 else 0
     regimes[IS_STALLED] = 1 if stalled else 0
 
 
@@ -326,9 +325,9 @@ def former_room(carts: int) -> tuple[int, int]:
 @borrowing_kernel
 def advance_in(
     former: Former, torque: MotorInStep, times: tuple[float, float], stop_rad: float, state: Array,
-    modes: Modes, log: Array, numbers: Array, marks: Indices,
+    modes: Any, log: Array, numbers: Array, marks: Indices,
 ) -> Advance:  # fmt: skip
-    """Integrate as `advance_motion` does, with given work arrays."""
+    """Integrate as `advance_motion` does, with given work arrays; leave state and modes where the log is full."""
     carts, y, regimes = former.bank.offset_rad.size, numbers[:STATE_SIZE], marks[:5]
     kept, sides = numbers[STATE_SIZE : STATE_SIZE + KEPT], numbers[STATE_SIZE + KEPT : STATE_SIZE + KEPT + carts]
     room = room_in(numbers[STATE_SIZE + KEPT + carts :], marks[5:], 2, LAWS, OWN_SIGNALS, STATE_SIZE, DORMAND_PRINCE_8)
@@ -343,19 +342,19 @@ def advance_in(
     motion = FormerMotion(former, torque, times[0], stop_rad, kept, sides)
     system = declared(motion, room.at)
     count = advance(system, 0.0, times[1] - times[0], y, regimes, room, log, 0)
-    for i in range(STATE_SIZE):
-        state[i] = y[i]
-    state[DRIVE] = y[DRIVE] - y[SPEED]
-    after = Modes(
-        sense_of(regimes[CRANK_LAW]), sense_of(regimes[DRIVE_LAW]), regimes[LOAD_ON] == 1, kept[SHARE], kept[SLOW_S],
-        regimes[IS_STALLED] == 1,
-    )  # fmt: skip
-    return Advance(times[0] + kept[SINCE_S], count, after, room.steps[0])
+    if count != LOG_FULL:
+        for i in range(STATE_SIZE):
+            state[i] = y[i]
+        state[DRIVE] = y[DRIVE] - y[SPEED]
+        modes.direction_1, modes.drive_direction_1 = sense_of(regimes[CRANK_LAW]), sense_of(regimes[DRIVE_LAW])
+        modes.load_on_1, modes.load_share_1 = regimes[LOAD_ON], kept[SHARE]
+        modes.slow_s, modes.stalled_1 = kept[SLOW_S], regimes[IS_STALLED]
+    return Advance(times[0] + kept[SINCE_S], count, room.steps[0])
 
 
 @kernel
 def advance_motion(
-    former: Former, torque: MotorInStep, t: float, end_s: float, y: Array, modes: Modes, log: Array,
+    former: Former, torque: MotorInStep, t: float, end_s: float, y: Array, modes: Array, log: Array,
     stop_rad: float,
 ) -> tuple[Advance, Array]:  # fmt: skip
     """Integrate the state up to ``end_s``, or to the crank angle ``stop_rad`` if that is reached first.
@@ -368,21 +367,19 @@ def advance_motion(
         Start and end, s.
     y : array, shape (8,)
         The `FormerState`, changed in place.
-    modes : Modes
-        Modes at the start.
+    modes : array, shape (6,)
+        The `Modes`, changed in place.
     log : array
         Table of events, filled; returned, longer where it has to be.
     stop_rad : float
         Crank angle to stop at (landed on), ``inf`` for none.
     """
     size, places = former_room(former.bank.offset_rad.size)
-    numbers, marks, start = np.zeros(size), np.zeros(places, dtype=np.int64), y.copy()
-    done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
+    numbers, marks, now = np.zeros(size), np.zeros(places, dtype=np.int64), modes_of(modes, 0)
+    done = advance_in(former, torque, (t, end_s), stop_rad, y, now, log, numbers, marks)
     while done.status == LOG_FULL:
         log = np.empty((2 * len(log) + 8, log.shape[1]))
-        for i in range(len(y)):  # a slice would have numba compile the words of an error
-            y[i] = start[i]
-        done = advance_in(former, torque, (t, end_s), stop_rad, y, modes, log, numbers, marks)
+        done = advance_in(former, torque, (t, end_s), stop_rad, y, now, log, numbers, marks)
     return done, log
 
 

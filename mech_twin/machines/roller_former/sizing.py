@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from math import isnan, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -118,8 +118,7 @@ SWEEP_DAMPING = tuple(float(k) for k in np.geomspace(200.0, 15000.0, 25))
 SWEEP_STIFFNESS = tuple(float(c) for c in np.geomspace(20000.0, 800000.0, 41))
 
 
-@dataclass(frozen=True)
-class CouplingPoint:
+class CouplingPoint(NamedTuple):
     """Loads in the coupling over a steady turn, moments at the crank (N m); nan if the motor cannot drive the load."""
 
     stiffness_nm_per_rad: float
@@ -162,7 +161,7 @@ def coupling_point(parameters: RollerFormer, stiffness: float, damping: float) -
     former = former_of(varied(parameters, changes))
     turn = steady_turn(former)
     if turn is None:
-        return CouplingPoint(stiffness, damping, nan, nan, nan, nan, nan, nan)
+        return CouplingPoint(stiffness, damping, *(nan,) * 6)
     f = turn_metrics(turn, former)
     return CouplingPoint(
         stiffness,
@@ -216,10 +215,8 @@ def motor_of(parameters: RollerFormer, table: Mapping[str, Any], tolerance: floa
 def worst_point(configurations: Iterable[RollerFormer], stiffness: float, damping: float) -> CouplingPoint:
     """Return the maximum over configurations of each coupling load; nan if one has no steady turn."""
     points = [coupling_point(configuration, stiffness, damping) for configuration in configurations]
-    for point in points:
-        if isnan(point.coupling_max_nm):
-            return point
-    return CouplingPoint(*(max(values) for values in zip(*(vars(point).values() for point in points), strict=True)))
+    lost = next((point for point in points if isnan(point.coupling_max_nm)), None)
+    return lost or CouplingPoint(*(max(values) for values in zip(*points, strict=True)))
 
 
 def within(point: CouplingPoint, limits: Mapping[str, float]) -> bool:
@@ -371,9 +368,9 @@ def corners(parameters: RollerFormer, tolerance: float) -> tuple[RollerFormer, .
     return (parameters, *(assumed(parameters, *point) for point in product(ends, repeat=3)))
 
 
-def inside(parameters: RollerFormer, tolerance: float, seed: int = 1) -> tuple[RollerFormer, ...]:
+def inside(parameters: RollerFormer, tolerance: float) -> tuple[RollerFormer, ...]:
     """Return the configuration at random points inside the box; none for a tolerance of 0."""
     if tolerance == 0.0:
         return ()
-    points = np.random.default_rng(seed).uniform(1.0 - tolerance, 1.0 + tolerance, (INSIDE, 3))
+    points = np.random.default_rng(1).uniform(1.0 - tolerance, 1.0 + tolerance, (INSIDE, 3))
     return tuple(assumed(parameters, *point) for point in points.tolist())

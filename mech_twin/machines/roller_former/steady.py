@@ -16,6 +16,7 @@ from mech_twin.errors import MotionError
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.roller_former.dynamics import (
     CRANK,
+    LOADED,
     SPEED,
     TWIST_RATE,
     Array,
@@ -24,16 +25,18 @@ from mech_twin.machines.roller_former.dynamics import (
     Modes,
     coupling_moment,
     geared,
+    modes_of,
     shaft_torque,
+    start_modes,
     state_array,
     state_of,
 )
 from mech_twin.machines.roller_former.motion import Advance, advance_motion, ending, twist_acceleration
 from mech_twin.machines.roller_former.parameters import RollerFormer
-from mech_twin.machines.roller_former.roles import start_modes
 from mech_twin.parts.induction_motor import limited_command, supplied_motor
 
 TURN = 2.0 * pi
+SLOW_S, STALLED = (Modes._fields.index(name) for name in ("slow_s", "stalled_1"))
 CRITERION = 1e-11
 MOST_TURNS = 400
 SHOOT_FROM, SHOOT_EVERY = 20, 10  # turns: a heavy shaft on a steep motor comes to its speed over thousands
@@ -103,39 +106,39 @@ def failed(done: Advance) -> bool:
 
 @kernel
 def turned(
-    former: Former, command: float, begin_s: float, longest_s: float, nodes: int, stop: float, y: Array, modes: Modes
+    former: Former, command: float, begin_s: float, longest_s: float, nodes: int, stop: float, y: Array, modes: Array
 ) -> tuple[Advance, TurnColumns]:
-    """Integrate the state up to a crank angle, at most ``longest_s``; return the end, and the values at the nodes.
+    """Integrate state and modes up to a crank angle, at most ``longest_s``; return the end, and the nodes' values.
 
     One kernel for a turn of unknown time and for the columns of a known one: each would hold the whole integration.
     """
     found, log = np.empty((9, nodes)), np.empty((8, EVENT_WIDTH))
-    torque, done = supplied_motor(former.motor, command), Advance(begin_s, 0, modes, 0)
+    torque, done, mode = supplied_motor(former.motor, command), Advance(begin_s, 0, 0), modes_of(modes, 0)
     for node in range(nodes):
         now, t = state_of(y), begin_s + longest_s * node / nodes
         shaft = shaft_torque(former, torque, t, now.crank_speed_rad_per_s + now.twist_rate_rad_per_s)
         found[0, node], found[1, node], found[2, node] = t, now.crank_rad, now.crank_speed_rad_per_s
         found[3, node], found[4, node] = now.twist_rad, now.twist_rate_rad_per_s
-        found[5, node] = twist_acceleration(former, torque, t, y, done.modes.drive_direction)
+        found[5, node] = twist_acceleration(former, torque, t, y, mode.drive_direction_1)
         found[6, node] = coupling_moment(former, now)
-        found[7, node], found[8, node] = geared(former, shaft, done.modes.drive_direction), shaft
+        found[7, node], found[8, node] = geared(former, shaft, mode.drive_direction_1), shaft
         until = begin_s + longest_s * (node + 1) / nodes
-        done, log = advance_motion(former, torque, t, until, y, done.modes, log, stop)
+        done, log = advance_motion(former, torque, t, until, y, modes, log, stop)
     columns = TurnColumns(found[0], found[1], found[2], found[3], found[4], found[5], found[6], found[7], found[8])
     return done, columns
 
 
-def next_section(former: Former, command: float, t: float, y: Array, modes: Modes, longest_s: float) -> Advance:
-    """Integrate the state over one whole turn; the time reached is nan if the turn does not end in time."""
+def next_section(former: Former, command: float, t: float, y: Array, modes: Array, longest_s: float) -> Advance:
+    """Integrate state and modes over one whole turn; the time reached is nan if the turn does not end in time."""
     stop = y[CRANK] + TURN
     done, _ = turned(former, command, t, longest_s, 1, stop, y, modes)
     if y[CRANK] < stop:
-        return Advance(np.nan, done.status, done.modes, done.steps)
+        return done._replace(time_s=nan)
     y[CRANK] = stop - TURN
     return done
 
 
-def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> tuple[Array, int]:
+def closing_state(former: Former, y: Array, modes: Array, longest_s: float) -> tuple[Array, int]:
     """Return the state after one Newton step towards a periodic turn (shooting), and the integration steps it took.
 
     The step is on y - P(y) over twist, crank speed and twist rate, with P the map over a turn.  It is taken in full or
@@ -145,10 +148,10 @@ def closing_state(former: Former, y: Array, modes: Modes, longest_s: float) -> t
 
     def end_of_turn(start: Array) -> Array:
         nonlocal steps
-        end = start.copy()
-        done = next_section(former, 1.0, 0.0, end, modes, longest_s)
+        end, after = start.copy(), modes.copy()
+        done = next_section(former, 1.0, 0.0, end, after, longest_s)
         steps += done.steps
-        return end if not failed(done) and not done.modes.stalled and isfinite(done.time_s) else end * np.nan
+        return end if not failed(done) and after[STALLED] == 0.0 and isfinite(done.time_s) else end * np.nan
 
     free = slice(CRANK + 1, TWIST_RATE + 1)
     scales = np.array(former.scales[free])
@@ -188,7 +191,7 @@ def steady_turn(former: Former) -> SteadyTurn | None:
         If the integration cannot go on.
     """
     speed = former.motor.synchronous_speed_rad_per_s / former.ratio
-    y, modes, t = state_array(0.0, speed), Modes(1.0, 1.0, True, 1.0, -1.0, False), 0.0
+    y, modes, t = state_array(0.0, speed), np.array(LOADED), 0.0
     longest_s = LONGEST_TURN * TURN / speed
     criterion = max(CRITERION, float(np.max(former.tolerances / np.array(former.scales))) / 100.0)
     free, steps = slice(CRANK + 1, TWIST_RATE + 1), 0
@@ -200,11 +203,10 @@ def steady_turn(former: Former) -> SteadyTurn | None:
             return None
         if failed(done):
             raise MotionError(f"roller_former: {ending(done)}")
-        if not isfinite(done.time_s) or done.modes.stalled:
+        if not isfinite(done.time_s) or modes[STALLED] > 0.0:
             return None
         change = float((np.abs(y - before)[free] / former.scales[free]).max())
         works, y = y, state_array(0.0, 0.0) + y * KEPT
-        modes = done.modes
         if change < criterion:
             _, columns = turned(former, 1.0, 0.0, done.time_s - t, NODES, inf, y, modes)
             return SteadyTurn(done.time_s - t, turns, change, columns, FormerState(*works.tolist()))
@@ -242,7 +244,7 @@ def start_motion(
     goal_rad_per_s: float,
     longest_s: float,
     y: Array,
-    modes: Modes,
+    modes: Array,
 ) -> tuple[Advance, float, bool]:
     """Integrate until load and speed are steady or the motor has stalled, at most ``longest_s``.
 
@@ -254,18 +256,18 @@ def start_motion(
     reached = 0.0 if y[SPEED] >= goal_rad_per_s else nan
     passed, last_turn_s, alike, t = y[CRANK], nan, 0, 0.0
     section_s, log = nan, np.empty((8, EVENT_WIDTH))
-    done, steps = Advance(t, 0, modes, 0), 0
+    done, steps, mode = Advance(t, 0, 0), 0, modes_of(modes, 0)
     for chunk in range(round(longest_s / CHUNK_S)):
         command = limited_command(command, 1.0, rate, CHUNK_S)
         t, before, angle = chunk * CHUNK_S, y[SPEED], y[CRANK]
         torque = supplied_motor(former.motor, command)
-        done, log = advance_motion(former, torque, t, t + CHUNK_S, y, done.modes, log, inf)
+        done, log = advance_motion(former, torque, t, t + CHUNK_S, y, modes, log, inf)
         steps += done.steps
-        if done.status < 0 or done.modes.stalled or steps > MOST_START_STEPS:
+        if done.status < 0 or mode.stalled_1 > 0.0 or steps > MOST_START_STEPS:
             return done, reached, False
         if isnan(reached) and y[SPEED] >= goal_rad_per_s > before:
             reached = t + (goal_rad_per_s - before) / (y[SPEED] - before) * CHUNK_S
-        if command < 1.0 or not done.modes.load_on or done.modes.load_share < 1.0:
+        if command < 1.0 or mode.load_on_1 == 0.0 or mode.load_share_1 < 1.0:
             passed, section_s, last_turn_s, alike = y[CRANK], nan, nan, 0
         elif y[CRANK] >= passed + TURN and y[CRANK] > angle:
             now = t + (passed + TURN - angle) / (y[CRANK] - angle) * CHUNK_S
@@ -287,14 +289,14 @@ def start_up(parameters: RollerFormer, former: Former, goal_rad_per_s: float) ->
     """
     p = parameters
     at = p.start.speed_fraction * p.synchronous_crank_speed_rad_per_s
-    y, modes = state_array(p.start.crank_deg * TURN / 360.0, at), start_modes(former, at)
+    y, modes = state_array(p.start.crank_deg * TURN / 360.0, at), np.array(start_modes(former, at))
     ramp_s = min((1.0 - p.supply.initial_fraction) / p.supply.rate_per_s, LONGEST_RAMP_S)
     supply = (p.supply.initial_fraction, p.supply.rate_per_s)
     done, reached, steady = start_motion(former, supply, goal_rad_per_s, LONGEST_START_S + ramp_s, y, modes)
     if done.status < 0:
         raise MotionError(f"roller_former: {ending(done)}")
-    stalled = bool(done.modes.stalled)
-    below = done.modes.slow_s - former.stall_time_s
+    stalled = bool(modes[STALLED] > 0.0)
+    below = float(modes[SLOW_S]) - former.stall_time_s
     return StartUp(
         stalled,
         bool(steady),

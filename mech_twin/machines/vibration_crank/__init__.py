@@ -4,14 +4,13 @@
 from functools import partial
 
 from mech_twin.engine.compiled_roles import StepForces
-from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS, CrankLinkage
+from mech_twin.engine.crank_linkage import FORCE_LIMITS, FORCE_RESIDUALS
 from mech_twin.engine.sample_vectors import ForceLayout
 from mech_twin.machines.vibration_crank.drawing import drawing, mechanism
-from mech_twin.machines.vibration_crank.metrics import VibrationCrankObserver, cycle_metrics, position_metrics
+from mech_twin.machines.vibration_crank.metrics import crank_run, cycle_metrics, position_metrics
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
-from mech_twin.machines.vibration_crank.roles import QUANTITIES, LoadedCrank, ShakingCrank
-from mech_twin.machines.vibration_crank.slider_crank import BOOM
-from mech_twin.roles import Capabilities, LinkageRole, Machine
+from mech_twin.machines.vibration_crank.slider_crank import BOOM, QUANTITIES, LoadedCrank
+from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = VibrationCrank
 
@@ -19,21 +18,8 @@ PARAMETERS = VibrationCrank
 def build(p: VibrationCrank) -> Machine:
     """Return the vibration crank of these parameters."""
     s = slider_crank_constants(p)
-    motor, transmission = p.drive_roles()
-    start_speed, command = p.start_speed_and_command()
     ground = ("boom_pivot", "boom") if s.kind == BOOM else ("guide", "slider")
-    linkage: LinkageRole = CrankLinkage(
-        ShakingCrank(s),
-        p.coupling.step_s,
-        0.0,
-        start_speed,
-        command,
-        ("crank", "rod", ground[1]),
-        ground[1],
-        transmission=transmission,
-        friction=p.shaft_friction,
-        size_m=s.rod_m + s.boom_m,
-    ).at_rated_speed(p.full_speed_rad_per_s)
+    motor, linkage = p.drive_roles(s, ("crank", "rod", ground[1]), ground[1], s.rod_m + s.boom_m)
     metrics = cycle_metrics(p, s)
     weights = s.gravity * (s.rotating_mass * s.crank_m + s.counter_mass * s.counter_m)
     pins = ("crank_bearing", "crank_pin", "follower_pin", ground[0])
@@ -55,7 +41,7 @@ def build(p: VibrationCrank) -> Machine:
         lambda sample, _: drawing(s, sample),
         partial(cycle_metrics, p, s),
         partial(position_metrics, s, p.drive.speed_rad_per_s),
-        lambda: VibrationCrankObserver(p.motor_curve),
+        partial(crank_run, p.motor_curve),
         mechanism(s),
         remarks=p.speed_remarks,
     )

@@ -19,6 +19,7 @@ from mech_twin.capabilities.faults import (
     share_of_key,
     varying_key,
 )
+from mech_twin.engine.crank_state import Memory
 from mech_twin.kernels.kernel import kernel
 from mech_twin.machines.crank_run import CrankRun
 from mech_twin.machines.vibration_crank.parameters import VibrationCrank, slider_crank_constants
@@ -270,22 +271,14 @@ def position_metrics(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
     }
 
 
-class VibrationCrankObserver:
-    """Running numbers of a run: those of every crank machine, and the force on the frame."""
+def crank_run(motor: MotorConstants | None) -> CrankRun:
+    """Return the numbers of a run: those of every crank machine, the force on the frame, the torque's greatest size."""
 
-    def __init__(self, motor: MotorConstants | None = None) -> None:
-        self._run = CrankRun(motor)
+    def frame_force(frame: Frame) -> dict[str, float]:
+        return {"shaking_force_{}_n": frame.forces.quantities.as_dict()["shaking_force_n"]}
 
-    def observe(self, frame: Frame) -> None:
-        """Update with one frame."""
-        force = frame.forces.quantities.as_dict()["shaking_force_n"]
-        self._run.observe(frame, **{"shaking_force_{}_n": force})
+    def peak(numbers: dict[str, float], memory: Memory) -> dict[str, float]:
+        ends = numbers["run_drive_torque_min_nm"], numbers["run_drive_torque_max_nm"]
+        return {"run_drive_torque_peak_nm": max(map(abs, ends))}
 
-    def numbers(self) -> dict[str, float]:
-        """Return the numbers so far; the torque's peak is its greatest size."""
-        out = self._run.numbers()
-        if out:
-            out["run_drive_torque_peak_nm"] = max(
-                abs(out["run_drive_torque_min_nm"]), abs(out["run_drive_torque_max_nm"])
-            )
-        return out
+    return CrankRun(motor, frame_force, peak)

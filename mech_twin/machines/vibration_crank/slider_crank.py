@@ -33,9 +33,33 @@ import math
 from typing import NamedTuple
 
 from mech_twin.declarations.quantity import Parameters, quantity
-from mech_twin.kernels.kernel import embedded_kernel, kernel
+from mech_twin.engine.compiled_steps import Work, force_step, step_of
+from mech_twin.engine.crank_linkage import route_miss
+from mech_twin.engine.crank_state import (
+    mechanism_drive_moment,
+    mechanism_load_speed,
+    mechanism_load_work,
+    mechanism_reduced,
+    mechanism_state,
+    memory_of,
+    under_load_share,
+)
+from mech_twin.engine.sample_vectors import LINKAGE_JOINTS, Array
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 
 INFINITE_ROD, FINITE_ROD, BOOM = 0, 1, 2
+QUANTITIES = (
+    "reduced_inertia_kg_m2",
+    "reduced_inertia_slope_kg_m2_per_rad",
+    "reduced_moment_nm",
+    "crank_acceleration_rad_per_s2",
+    "drive_torque_nm",
+    "drive_torque_without_counterweight_nm",
+    "drive_power_w",
+    "shaking_force_x_n",
+    "shaking_force_y_n",
+    "shaking_force_n",
+)
 
 
 class MovingMasses(Parameters):
@@ -279,3 +303,96 @@ def pin_forces(s: SliderCrank, th: float, w: float, e: float) -> SliderCrankPins
         -turn_y - inertia_y,
         moment,
     )
+
+
+class LoadedCrank(NamedTuple):
+    """Constants of the force analysis: mechanism, also without its counterweight; largest torque of a cycle (N m)."""
+
+    mechanism: SliderCrank
+    unbalanced: SliderCrank
+    moment_scale_nm: float
+
+
+@step_of(force_step, LoadedCrank, borrowing_kernel)
+def crank_forces(
+    model: LoadedCrank, step: int, linkage: Array, log: Array, count: int, out: Array, loads: Array, work: Work
+) -> int:
+    """Fill ``out`` with the pin forces at the crank's angle, rate and acceleration, and its torque by both routes."""
+    memory, s = memory_of(linkage, 3), model.mechanism
+    th, w, torque = linkage[LINKAGE_JOINTS], linkage[LINKAGE_JOINTS + 1], linkage[LINKAGE_JOINTS + 2]
+    inertia, slope, load = reduced(s, th)
+    e = memory.crank_acceleration_rad_per_s2
+    at = pin_forces(s, th, w, e)
+    size = (at.frame_x * at.frame_x + at.frame_y * at.frame_y) ** 0.5
+    numbers = (
+        0.0,
+        at.bearing_x, at.bearing_y, 0.0,
+        at.pin_x, at.pin_y, 0.0,
+        at.pin_x, at.pin_y, 0.0,
+        at.ground_x, at.ground_y, at.ground_moment,
+        inertia,
+        slope,
+        load,
+        e,
+        torque,
+        drive_moment(model.unbalanced, th, w, e),
+        torque * w,
+        at.frame_x,
+        at.frame_y,
+        size,
+    )  # fmt: skip
+    for i in range(len(numbers)):
+        out[i] = numbers[i]
+    out[len(numbers)] = route_miss(at.moment, torque, inertia, memory, model.moment_scale_nm)
+    return 0
+
+
+@step_of(mechanism_state, SliderCrank)
+def crank_state(
+    mechanism: SliderCrank, f: float, w: float, e: float, regime: int
+) -> tuple[tuple[float, float, float], tuple[float, float, float], float, float, float]:
+    """Return positions and rates of crank, rod, follower; crank torque (N m), energy (J), rod length error (m)."""
+    s = mechanism
+    at = follower(s, f)
+    a_x, a_y = s.crank_m * math.cos(f), s.crank_m * math.sin(f)
+    rod, rod_rate = 0.5 * math.pi, 0.0
+    if s.kind >= FINITE_ROD:
+        x, y = at.x - a_x, at.y - a_y
+        rod = math.atan2(y, x)
+        if s.kind == FINITE_ROD:
+            v_x, v_y = a_y * w, (at.z1 - a_x) * w
+        else:
+            v_x = (-(at.y - s.pivot_y_m) * at.z1 + a_y) * w
+            v_y = ((at.x - s.pivot_x_m) * at.z1 - a_x) * w
+        rod_rate = (x * v_y - y * v_x) / (s.rod_m * s.rod_m)
+    return (f, rod, at.z), (w, rod_rate, at.z1 * w), drive_moment(s, f, w, e), stored_energy(s, f, w), rod_error(s, f)
+
+
+@step_of(mechanism_load_work, SliderCrank)
+def crank_load_work(mechanism: SliderCrank, before: float, after: float, regime: int) -> float:
+    """Return 0: weights and working force have a potential."""
+    return 0.0
+
+
+@step_of(mechanism_load_speed, SliderCrank)
+def crank_load_speed(mechanism: SliderCrank, f: float, w: float) -> float:
+    """Return the speed of the follower (m/s, or rad/s of a boom)."""
+    return follower(mechanism, f).z1 * w
+
+
+@step_of(mechanism_drive_moment, SliderCrank)
+def crank_drive_moment(mechanism: SliderCrank, f: float, w: float, e: float, regime: int) -> float:
+    """Return the moment (N m) at the crank that the pin forces give."""
+    return pin_forces(mechanism, f, w, e).moment
+
+
+@step_of(mechanism_reduced, SliderCrank)
+def crank_reduced(mechanism: SliderCrank, f: float, regime: int) -> tuple[float, float, float]:
+    """Return inertia (kg m2), its slope (kg m2/rad) and moment (N m) reduced to the crank."""
+    return reduced(mechanism, f)
+
+
+@step_of(under_load_share, SliderCrank)
+def whole_load(mechanism: SliderCrank, share: float) -> SliderCrank:
+    """Return the mechanism unchanged: it has no purely resisting load, so the share is always 1."""
+    return mechanism

@@ -6,10 +6,9 @@ from functools import partial
 from mech_twin.engine.compiled_roles import StepForces, StepMotor
 from mech_twin.machines.drives import SpeedDrive
 from mech_twin.machines.winding_drum.drawing import mechanism, package_drawing
-from mech_twin.machines.winding_drum.drum_row import ENDED, Drum, LoadedDrum
 from mech_twin.machines.winding_drum.metrics import DrumObserver, package_metrics, position_metrics
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import FORCES, JOINTS, DrumLinkage, drum_layout
+from mech_twin.machines.winding_drum.roles import ENDED, FORCES, JOINTS, Drum, DrumLinkage, drum_layout
 from mech_twin.roles import Capabilities, Machine
 
 PARAMETERS = WindingDrum
@@ -21,7 +20,8 @@ def build(parameters: WindingDrum) -> Machine:
     (first, last), step_s, speed = parameters.radii_m, parameters.coupling.step_s, parameters.yarn_speed_m_per_s
     fraction = parameters.supply.initial_fraction
     layout = drum_layout("full" if parameters.direction == "winding" else "empty")
-    linkage = DrumLinkage(Drum(constants, first, last, step_s), step_s, fraction * speed, fraction, layout)
+    drum = Drum(constants, first, last, step_s)
+    linkage = DrumLinkage(drum, step_s, fraction * speed, fraction, layout)
     drive = SpeedDrive(speed, parameters.rate_per_s, step_s, JOINTS.index("yarn"), ENDED)
     return Machine(
         "winding_drum",
@@ -29,7 +29,7 @@ def build(parameters: WindingDrum) -> Machine:
         step_s,
         StepMotor(drive, ("motor",)),
         linkage,
-        StepForces(LoadedDrum(constants, first), FORCES, ("package",), {"drive_torque_routes": 1e-10}),
+        StepForces(drum, FORCES, ("package",), {"drive_torque_routes": 1e-10}),
         None,
         lambda sample, _: package_drawing(constants, sample),
         partial(package_metrics, parameters, constants),

@@ -18,7 +18,6 @@ from mech_twin.capabilities.figure import (
 )
 from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, fixed, sliding, turning
 from mech_twin.machines.winding_drum.dynamics import Package
-from mech_twin.machines.winding_drum.roles import place_of
 from mech_twin.samples import LinkageSample, Shape
 
 SEEN_ECCENTRICITY = 0.25  # drawn length of the eccentricity's arrow, in radii of the core
@@ -27,8 +26,7 @@ TURN_POINTS = 10
 
 def package_drawing(package: Package, sample: LinkageSample) -> tuple[Shape, ...]:
     """Return package, core, a mark that turns with it, eccentricity, and the yarn that touches at the top."""
-    at = place_of(sample)
-    phi, radius = at.drum_rad, at.package_radius_m
+    phi, _, radius = sample.position
     x, y = -package.eccentricity_m * sin(phi), package.eccentricity_m * cos(phi)
     top = y + radius
     outward = (-sin(phi), cos(phi))

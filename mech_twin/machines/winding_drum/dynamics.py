@@ -26,10 +26,10 @@ from mech_twin.engine.compiled_steps import fill_event
 from mech_twin.engine.hybrid import laws
 from mech_twin.engine.hybrid.declared import declared
 from mech_twin.engine.hybrid.laws import HIGH, HOLD, LOW, Array, Equations, Indices
-from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in, room_sizes
+from mech_twin.engine.hybrid.loop import MOST_STEPS, TOO_LONG, UNSTEADY, advance, room_in
 from mech_twin.engine.integration import DORMAND_PRINCE_5, DORMAND_PRINCE_8
 from mech_twin.engine.sample_vectors import EVENT_WIDTH, PRE_VELOCITY, SIDES
-from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, inline_kernel, kernel
+from mech_twin.kernels.kernel import borrowing_kernel, embedded_kernel, kernel
 from mech_twin.parts.friction_and_gear import sliding_torque
 
 ANGLE, SPEED, DRIVE_WORK, GRAVITY_WORK, FRICTION_LOSS = range(5)  # places in the state
@@ -87,7 +87,8 @@ def wound_at(p: Package, radius: float) -> Wound:
 @embedded_kernel
 def wound_after(p: Package, wound: Wound, length: float) -> Wound:
     """Return the size of the package after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
-    return Wound(radius_after(p, wound.radius_m, length), wound.square_m2 - 2.0 * p.layer_m * length)
+    radius = sqrt(wound.radius_m * wound.radius_m - 2.0 * p.layer_m * length)
+    return Wound(radius, wound.square_m2 - 2.0 * p.layer_m * length)
 
 
 @embedded_kernel
@@ -158,12 +159,6 @@ def rate_of_momentum(p: Package, wound: Wound, phi: float, theta: float, a: floa
     rho_rate = radius_rate - p.eccentricity_m * sin(phi) * omega
     inertia_rate = 2.0 * pi * p.density * p.width_m * (radius * (radius * radius)) * radius_rate
     return package_inertia(p, wound) * (a - omega * rho_rate) / rho + 0.5 * omega * inertia_rate
-
-
-@embedded_kernel
-def radius_after(p: Package, radius: float, length: float) -> float:
-    """Return the radius (m) after a length of yarn (m) has run: R^2 - 2 L s, the area law integrated."""
-    return sqrt(radius * radius - 2.0 * p.layer_m * length)
 
 
 @embedded_kernel
@@ -312,12 +307,6 @@ def change_sense(
 def no_impact(motion: DrumSystem, t: float, before: Array, y: Array, at: Equations, log: Array, count: int) -> int:
     """Log nothing: the drum has no impacts."""
     return count
-
-
-@inline_kernel
-def drum_room() -> tuple[int, int]:
-    """Return the lengths of the float and integer arrays that `advance_drum` needs."""
-    return room_sizes(1, LAWS, OWN_SIGNALS, STATE_SIZE)
 
 
 @borrowing_kernel

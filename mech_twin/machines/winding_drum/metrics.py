@@ -36,7 +36,7 @@ from mech_twin.capabilities.faults import (
     varying_key,
 )
 from mech_twin.kernels.kernel import kernel
-from mech_twin.machines.winding_drum.drum_row import DrumMemory
+from mech_twin.machines.crank_run import Extremes
 from mech_twin.machines.winding_drum.dynamics import (
     Package,
     drive_torque,
@@ -49,8 +49,8 @@ from mech_twin.machines.winding_drum.dynamics import (
     wound_at,
 )
 from mech_twin.machines.winding_drum.parameters import WindingDrum, package_constants
-from mech_twin.machines.winding_drum.roles import place_of
-from mech_twin.samples import Frame
+from mech_twin.machines.winding_drum.roles import DrumMemory
+from mech_twin.samples import Frame, LinkageSample
 
 DRUM, YARN, TORQUE = "linkage.drum.position", "linkage.yarn.position", "linkage.drum.effort"
 RUN_UP_S = 16.0
@@ -238,37 +238,35 @@ class DrumObserver:
     """Metrics of a run."""
 
     def __init__(self) -> None:
-        self._numbers = {
-            "torque_max_nm": float("-inf"),
-            "torque_min_nm": float("inf"),
-            "speed_max_rad_per_s": 0.0,
-            "package_radius_m": 0.0,
-            "yarn_run_m": 0.0,
-            "turns": 0.0,
-            "drive_work_j": 0.0,
-            "friction_loss_j": 0.0,
-            "shaft_force_max_n": 0.0,
-        }
+        self._extremes, self._ends = Extremes(), dict[str, float]()
+        self._last: LinkageSample | None = None
 
     def observe(self, frame: Frame) -> None:
         """Update with one frame."""
-        now, linkage = self._numbers, frame.linkage
-        torque, _, _ = linkage.effort
-        now["torque_max_nm"] = max(now["torque_max_nm"], torque)
-        now["torque_min_nm"] = min(now["torque_min_nm"], torque)
-        at, memory = place_of(linkage), DrumMemory(*linkage.memory.values)
-        now["speed_max_rad_per_s"] = max(now["speed_max_rad_per_s"], at.drum_rad_per_s)
-        now["turns"] = at.drum_rad / (2.0 * pi)
-        now["yarn_run_m"] = at.yarn_m
-        now["package_radius_m"] = at.package_radius_m
-        now["drive_work_j"] = memory.drive_work_j
-        now["friction_loss_j"] = memory.friction_loss_j
+        self._last = linkage = frame.linkage
         (shaft,) = frame.forces.wrenches
-        now["shaft_force_max_n"] = max(now["shaft_force_max_n"], hypot(shaft.force_x_n, shaft.force_y_n))
+        self._extremes.take("torque_{}_nm", linkage.effort[0])
+        self._extremes.take("speed_{}_rad_per_s", max(0.0, linkage.velocity[0]))
+        self._extremes.take("shaft_force_{}_n", hypot(shaft.force_x_n, shaft.force_y_n))
         for event in linkage.events:
             if event.contact == "package":
-                now[f"{event.kind}_at_s"] = event.time_s
+                self._ends[f"{event.kind}_at_s"] = event.time_s
 
     def numbers(self) -> dict[str, float]:
         """Return the metrics so far."""
-        return dict(self._numbers)
+        if self._last is None:
+            return {}
+        most, memory = self._extremes.numbers(""), DrumMemory(*self._last.memory.values)
+        drum_rad, yarn_m, radius_m = self._last.position
+        return {
+            "torque_max_nm": most["torque_max_nm"],
+            "torque_min_nm": most["torque_min_nm"],
+            "speed_max_rad_per_s": most["speed_max_rad_per_s"],
+            "package_radius_m": radius_m,
+            "yarn_run_m": yarn_m,
+            "turns": drum_rad / (2.0 * pi),
+            "drive_work_j": memory.drive_work_j,
+            "friction_loss_j": memory.friction_loss_j,
+            "shaft_force_max_n": most["shaft_force_max_n"],
+            **self._ends,
+        }

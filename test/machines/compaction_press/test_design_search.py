@@ -105,7 +105,7 @@ def test_share_of_feasible_designs():
 
 def test_objectives_are_the_trapezoid_on_72_positions():
     design, n, w = (0.055, 0.5, 0.24, 0.295), 72, 10.0 * np.pi
-    press = scaled_press(reference().problem.rule, Lengths(*design))
+    press = scaled_press(reference().problem.press, Lengths(*design))
     angles = np.arange(n) * 2.0 * np.pi / n
     y = np.array([loaded_height(press, f)[0] for f in angles])
     top, bottom = int(y.argmax()), int(y.argmin())
@@ -123,7 +123,7 @@ def test_objectives_are_the_trapezoid_on_72_positions():
 
 def test_samples_agree_with_the_exact_press():
     design = (0.055, 0.5, 0.24, 0.295)
-    press = scaled_press(reference().problem.rule, Lengths(*design))
+    press = scaled_press(reference().problem.press, Lengths(*design))
     stroke = press_stroke(press, 0.5)
     y_c = 0.5 * (stroke.top_y_m + stroke.bottom_y_m)
     press = press._replace(load=StrokeLoad(10000.0, y_c, stroke.bottom_y_m, 1.0))

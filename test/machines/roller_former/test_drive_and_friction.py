@@ -9,15 +9,14 @@ import re
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from roller_former_cases import machine_for, parameters_for
+from roller_former_cases import joints_of, machine_for, parameters_for
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.coupling import next_frame
 from mech_twin.engine.run import frames
 from mech_twin.errors import MotionError
-from mech_twin.machines.roller_former.former_row import FormerMemory
 from mech_twin.machines.roller_former.parameters import former_of, longest_step_s
-from mech_twin.machines.roller_former.roles import joints_of
+from mech_twin.machines.roller_former.roles import FormerMemory
 from mech_twin.machines.roller_former.sizing import motor_verdict
 from mech_twin.samples import Frame
 

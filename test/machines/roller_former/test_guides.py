@@ -6,13 +6,12 @@ from __future__ import annotations
 import math
 
 import pytest
-from roller_former_cases import machine_for, parameters_for
+from roller_former_cases import joints_of, machine_for, parameters_for
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.metrics import moment_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import joints_of
 
 DRIVING = {"carts.roller_force_x_n": 5.0, "carts.roller_force_y_n": 100.0, "carts.weight_n": 4000.0}
 

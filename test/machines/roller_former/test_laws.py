@@ -11,17 +11,15 @@ import pytest
 from draws.outcomes import run
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from roller_former_cases import machine_for, parameters_for
+from roller_former_cases import joints_of, machine_for, parameters_for
 from scipy.integrate import solve_ivp
 
 from mech_twin.engine.coupling import complete_frame, next_frame
 from mech_twin.engine.run import frames
 from mech_twin.machines.roller_former.cart_statics import load_moment, shaft_terms
-from mech_twin.machines.roller_former.dynamics import Modes, state_array
-from mech_twin.machines.roller_former.former_row import FormerMemory
+from mech_twin.machines.roller_former.dynamics import Modes, start_modes, state_array
 from mech_twin.machines.roller_former.metrics import former_metrics, turn_metrics
 from mech_twin.machines.roller_former.parameters import former_of
-from mech_twin.machines.roller_former.roles import CartForces, former_forces, joints_of, start_modes
 from mech_twin.machines.roller_former.steady import start_motion, steady_turn, turned
 from mech_twin.parts.induction_motor import motor_torque
 from mech_twin.roles import Machine
@@ -37,9 +35,7 @@ def strongly_coupled(carts: int, duration_s: float, overrides: Mapping[str, Any]
     linkage = machine_for(carts, overrides).linkage
     start, former = linkage.start(), linkage.model.former
     y = state_array(joints_of(start.position).crank, joints_of(start.velocity).crank)
-    memory = FormerMemory(*start.memory.values)
-    senses, load = (memory.direction_1, memory.drive_direction_1), (memory.load_on_1 > 0.0, memory.load_share_1)
-    modes = Modes(*senses, *load, memory.slow_s, memory.stalled_1 > 0.0)
+    modes = np.array(start.memory.values[: len(Modes._fields)])
     done, _ = turned(former, 1.0, 0.0, duration_s, 1, np.inf, y, modes)
     assert done.status >= 0
     return y
@@ -291,12 +287,12 @@ def test_the_expansion_misses_the_linkage_by_no_more_than_its_transfer_function_
     """Cart by cart: also where their inertia moments cancel in the sum, near dead centres and opposite each other."""
     expanded = {"kinematics": "expanded", "load": "none", "carts.crank_m": crank_m, "carts.offsets_deg": offsets_deg}
     machine = machine_for(2, {**expanded, "carts.rod_mass_kg": 1.0})
-    former, limit = machine.linkage.model.former, machine.forces.residual_limits["drive_torque_routes"]
-    *_, residual = former_forces(
-        former, crank_rad, 100.0, 100.0, (0.0, 0.0, 0.0), np.zeros(2), CartForces(*np.zeros((5, 2)))
-    )
+    start, limit = machine.linkage.start(), machine.forces.residual_limits["drive_torque_routes"]
+    turned_to, rest = (crank_rad, crank_rad, *start.position[2:]), (0.0,) * (len(start.joints) - 2)
+    sample = start._replace(position=turned_to, velocity=(100.0, 100.0, *rest), effort=(0.0, 0.0, *rest))
+    forces = machine.forces.analyse(sample)
     assert limit == pytest.approx(0.2 * (crank_m / 0.8) ** 3)
-    assert abs(residual) <= limit
+    assert abs(forces.residuals["drive_torque_routes"]) <= limit
 
 
 def test_the_limit_of_an_expansion_is_never_below_rounding():
@@ -334,6 +330,6 @@ def test_a_small_crank_in_dry_friction_of_its_shaft_keeps_its_residuals():
 def test_a_crank_that_stands_after_several_turns_in_one_section_of_its_start_is_timed_without_it() -> None:
     former, speed = machine_for(3, {}).linkage.model.former._replace(coulomb_nm=1e9), 5e4
     y = state_array(0.0, speed)
-    _, _, steady = start_motion(former, (1.0, 1.0), 10.0, 0.5, y, start_modes(former, speed))
+    _, _, steady = start_motion(former, (1.0, 1.0), 10.0, 0.5, y, np.array(start_modes(former, speed)))
     assert y[0] > 4.0 * np.pi and y[2] == 0.0
     assert not steady

@@ -29,7 +29,7 @@ def momentum_point(s, th):
 @pytest.mark.parametrize("overrides", [{}, {"offset_m": 0.03, "slider": "below"}, BOOM], ids=["above", "below", "boom"])
 def test_the_force_on_the_frame_is_the_rate_of_momentum(overrides):
     """Second differences of the places of all masses, sixth order; nothing of the pin forces enters."""
-    s = machine("vibration_crank", overrides=overrides).linkage.mechanism.slider
+    s = machine("vibration_crank", overrides=overrides).linkage.mechanism
     h, weights = 0.02, (2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0)
     w = 12.0
     for th in (0.3, 1.7, 4.4):

@@ -108,5 +108,5 @@ def test_impossible_crank_is_refused_in_words(overrides, words):
 
 
 MECHANISMS = {
-    kind: machine("vibration_crank", overrides=overrides).linkage.mechanism.slider for kind, overrides in KINDS.items()
+    kind: machine("vibration_crank", overrides=overrides).linkage.mechanism for kind, overrides in KINDS.items()
 }

@@ -12,20 +12,22 @@ from scipy.integrate import solve_ivp
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.engine.hybrid.laws import HOLD
+from mech_twin.engine.hybrid.loop import room_sizes
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.machines.winding_drum.dynamics import (
     ANGLE,
     DRIVE_WORK,
+    LAWS,
+    OWN_SIGNALS,
     STATE_SIZE,
     DrumSystem,
     Package,
     advance_drum,
-    drum_room,
     package_inertia,
-    radius_after,
     speed_terms,
     tangent_arm,
+    wound_after,
     wound_at,
 )
 from mech_twin.machines.winding_drum.parameters import package_constants
@@ -46,7 +48,7 @@ def last_frames(overrides, duration_s):
 
 def turned(package, radius, phi, yarn, span):
     """Return the state of the drum after a span under yarn of a speed and an acceleration."""
-    wound, (numbers, marks) = wound_at(package, radius), drum_room()
+    wound, (numbers, marks) = wound_at(package, radius), room_sizes(1, LAWS, OWN_SIGNALS, STATE_SIZE)
     y, regimes = np.zeros(STATE_SIZE), np.array([HOLD, 1])
     y[0] = phi
     motion = DrumSystem(package, wound, wound, *yarn, inf, 0.0)
@@ -62,7 +64,7 @@ def test_angular_acceleration_is_the_derivative_of_speed_along_the_motion(windin
     start, theta, a, h = 0.2, 5.0, 0.4, 1e-4
 
     def after(phi, t):
-        now = float(radius_after(package, start, theta * t + 0.5 * a * t * t))
+        now = float(wound_after(package, wound_at(package, start), theta * t + 0.5 * a * t * t).radius_m)
         return now, float(turned(package, start, phi, (theta, a), t)[ANGLE]), theta + a * t
 
     def speed(phi, t):
@@ -304,7 +306,7 @@ def test_a_step_of_radians_is_as_exact_from_every_angle():
             * (theta / float(tangent_arm(package, now, phi))) ** 2
         )
 
-    after = float(radius_after(package, radius, theta * h))
+    after = float(wound_after(package, wound_at(package, radius), theta * h).radius_m)
     for phi in np.linspace(0.0, 2.0 * pi, 2_000):
         end = turned(package, radius, float(phi), (theta, 0.0), h)
         given = energy(after, end[ANGLE]) - energy(radius, phi)
