@@ -60,22 +60,25 @@ def fourier_coefficient(weights: Array, phase_rad: Array, values: Array, order: 
 
 
 @kernel
-def lead(times_s: Array, phase_rad: Array, begin_s: float, period_s: float) -> tuple[Array, Array]:
-    """Return the angle psi of a uniform rotation, and the lead of the joint's phase over it (rad), shape (n,) each."""
+def lead_coefficient(
+    times_s: Array, phase_rad: Array, begin_s: float, period_s: float, order: int, of_sine: bool
+) -> float:
+    """Return a `fourier_coefficient` of the lead of a joint's phase over the angle psi of a uniform rotation (rad)."""
     psi, ahead = np.empty(len(times_s)), np.empty(len(times_s))
     for i in range(len(times_s)):
         psi[i] = TURN * (times_s[i] - begin_s) / period_s
         ahead[i] = phase_rad[i] - psi[i]
-    return psi, ahead
+    return fourier_coefficient(phase_weights(psi), psi, ahead, order, of_sine)
 
 
 @kernel
-def mean_of_ordered(values: Array, first: int, count: int) -> float:
-    """Return the mean of ``count`` values from the ``first`` on, in ascending order."""
-    ordered = np.sort(values)
+def mean_of_extreme(values: Array, count: int, of_largest: bool) -> float:
+    """Return the mean of the ``count`` largest values, or of the smallest, summed in ascending order."""
+    first = len(values) - count if of_largest else 0
+    parted = np.partition(values, first if of_largest else count - 1)
     total = 0.0
-    for i in range(first, first + count):
-        total += ordered[i]
+    for value in np.sort(parted[first : first + count]):
+        total += value
     return total / count
 
 
@@ -183,6 +186,34 @@ def first_rise(values: Array, first: int, level: float) -> int:
         if values[i] < level <= values[i + 1]:
             return i
     return -1
+
+
+@kernel
+def first_below(times_s: Array, values: Array, after_s: float, since_s: float, before_s: float, level: float) -> int:
+    """Return the index of the first sample below a level, later than ``after_s`` and in [since, before); -1 without."""
+    first = max(np.searchsorted(times_s, after_s, side="right"), np.searchsorted(times_s, since_s))
+    for i in range(first, len(values)):
+        if times_s[i] >= before_s:
+            break
+        if values[i] < level:
+            return i
+    return -1
+
+
+@kernel
+def unwrapped(angles_rad: Array, farthest_rad: float, last_rad: float, turns: float) -> tuple[Array, float, float]:
+    """Return angles with each step taken the shortest way round, nan beyond the farthest; the last, and its turns.
+
+    ``last_rad`` and ``turns`` are those of the sample before, nan and 0 without one.
+    """
+    found = np.full(len(angles_rad), np.nan)
+    for i in range(len(angles_rad)):
+        angle = angles_rad[i]
+        if abs(angle) <= farthest_rad:
+            if not np.isnan(last_rad):
+                turns -= np.rint((angle - last_rad) / TURN)
+            found[i], last_rad = angle + TURN * turns, angle
+    return found, last_rad, turns
 
 
 class CycleReference(NamedTuple):
@@ -311,10 +342,9 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
 
     def of(cycle: SampledCycle) -> float:
         channel = cycle.channels[column]
-        psi, ahead = lead(channel.times_s, channel.phase_rad, cycle.begin_s, cycle.period_s)
-        weights = phase_weights(psi)
         sign = 1.0 if part == "cos" else -1.0
-        return sign * order * fourier_coefficient(weights, psi, ahead, order, part == "cos")
+        lead = lead_coefficient(channel.times_s, channel.phase_rad, cycle.begin_s, cycle.period_s, order, part == "cos")
+        return sign * order * lead
 
     return CycleFeature(name, "1", meaning, (column,), of)
 
@@ -322,7 +352,7 @@ def speed_harmonic(name: str, column: str, order: int, part: Literal["cos", "sin
 def _extreme(values: Array, share: float) -> float:
     """Return the mean of the given share of largest values; of the smallest for a negative share."""
     count = max(1, round(abs(share) * len(values)))
-    return mean_of_ordered(values, len(values) - count if share > 0.0 else 0, count)
+    return mean_of_extreme(values, count, share > 0.0)
 
 
 def upper(name: str, unit: str, column: str, meaning: str, share: float = 0.05) -> CycleFeature:

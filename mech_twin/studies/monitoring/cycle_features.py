@@ -14,9 +14,10 @@ not on the chunks.  Samples are in SI units; a known lag is subtracted from thei
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil, floor, isfinite, isnan, nextafter, pi
+from functools import partial
+from math import ceil, floor, isnan, nextafter, pi
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -30,9 +31,11 @@ from mech_twin.capabilities.cycle import (
     CycleReference,
     SampledCycle,
     crossed_turn,
+    first_below,
     first_rise,
     phase_of_turn,
     sampled,
+    unwrapped,
 )
 from mech_twin.errors import StudyError
 from mech_twin.studies.monitoring.sensor_quality import (
@@ -153,7 +156,7 @@ class FeatureFeed:
     _is_rest: bool = False  # of a turn in which the angle went back
     _number: int = 0
     _turns: float = 0.0
-    _last_raw: float | None = None
+    _last_raw: float = np.nan
     _next_angle: float | None = None
     _recent_s: deque[float] = field(default_factory=lambda: deque(maxlen=CYCLES_BEFORE))
     _crossed_s: float = -np.inf
@@ -167,6 +170,7 @@ class FeatureFeed:
             raise StudyError(f"no channel is {reference}, which cycles are counted by; expected one")
         self.features = available_features(self.declared, self.columns)
         self._buffers = {column: ChannelBuffer() for column in dict.fromkeys(self.columns)}
+        self._event_columns = frozenset(filter(is_event_channel, self._buffers))
         self._names = tuple(feature.name for feature in self.features)
 
     def feed(
@@ -181,10 +185,16 @@ class FeatureFeed:
         times_s, values : sequence of float
             Shape (n,): stamps and SI values, in the order they came.
         """
+        return [vector() for vector in self.cycles(column, times_s, values)]
+
+    def cycles(
+        self, column: str, times_s: Sequence[float] | Array, values: Sequence[float] | Array
+    ) -> list[Callable[[], FeatureVector]]:
+        """Take samples as `feed` does; return what computes the features of each cycle that is now complete."""
         buffer = self._buffers.get(column)
         if buffer is None:
             return []
-        times, numbers = np.asarray(times_s, dtype=np.float64), np.asarray(values, dtype=np.float64)
+        times, numbers = np.array(times_s, dtype=np.float64), np.array(values, dtype=np.float64)
         if column == self.declared.reference.column and self.declared.reference.kind == "turn":
             numbers = self._without_jumps(numbers)
         buffer.add(times, numbers)
@@ -200,19 +210,15 @@ class FeatureFeed:
 
     def finish(self) -> list[FeatureVector]:
         """Return the remaining cycles at the end of a run, without waiting for more samples."""
+        return [vector() for vector in self.remaining()]
+
+    def remaining(self) -> list[Callable[[], FeatureVector]]:
+        """Return what computes the features of each remaining cycle, at the end of a run."""
         return self._complete(final=True)
 
     def _without_jumps(self, angles: Array) -> Array:
         """Return unwrapped angles (rad), each step taken the shortest way round; nan where there is no valid angle."""
-        finite = np.abs(angles) <= FARTHEST_RAD
-        known = angles[finite]
-        found = np.full(len(angles), np.nan)
-        if not len(known):
-            return found
-        steps = np.diff(known, prepend=known[0] if self._last_raw is None else self._last_raw)
-        turns = self._turns - np.cumsum(np.round(steps / TURN))
-        found[finite] = known + TURN * turns  # from whole turns, so that rounding does not depend on the chunks
-        self._last_raw, self._turns = float(known[-1]), float(turns[-1])
+        found, self._last_raw, self._turns = unwrapped(angles, FARTHEST_RAD, self._last_raw, self._turns)
         return found
 
     def _find_boundaries(self) -> None:
@@ -231,9 +237,9 @@ class FeatureFeed:
                 return
             crossed_s, self._next_angle = found
             if crossed_s > since:
-                samples = np.subtract(*buffer.times_s.searchsorted([crossed_s, since]))
+                samples = int(buffer.times_s.searchsorted(crossed_s) - buffer.times_s.searchsorted(since))
                 since = self._crossed_s = crossed_s
-                if is_turn and self._is_wrong(crossed_s, int(samples)):
+                if is_turn and self._is_wrong(crossed_s, samples):
                     continue
                 begun_s = self._clocked(crossed_s)
                 if begun_s is not None:
@@ -270,11 +276,10 @@ class FeatureFeed:
         if self._next_angle is None or self._crossed_s == -np.inf:
             return None
         sooner_s = self._begun_turn_s + self._usual_turn_s
-        is_back = (buffer.values < self._next_angle - 2.0 * TURN) & (buffer.times_s < before_s)
-        is_back &= (buffer.times_s > self._crossed_s) & (buffer.times_s >= sooner_s)
-        if not is_back.any():
+        level = self._next_angle - 2.0 * TURN
+        place = first_below(buffer.times_s, buffer.values, self._crossed_s, sooner_s, before_s, level)
+        if place < 0:
             return None
-        place = int(is_back.argmax())
         turns = ceil((buffer.values[place] + CROSSING_RAD - reference.begin) / TURN)
         back_s, ahead = float(buffer.times_s[place]), reference.begin + TURN * turns
         turned = self._certain_turns(round((ahead - self._next_angle) / TURN), back_s)
@@ -300,62 +305,73 @@ class FeatureFeed:
         self._clock_s = expected_s + max(1.0 / self._rises, CLOCK_GAIN) * (crossed_s - expected_s)
         return self._clock_s if self._rises > CLOCK_RISES else None
 
-    def _complete(self, *, final: bool) -> list[FeatureVector]:
+    def _complete(self, *, final: bool) -> list[Callable[[], FeatureVector]]:
+        """Return what computes the features of each cycle that is now complete."""
         found = []
         while len(self._boundaries) > 1 and (final or self._passed(self._boundaries[1])):
             begin_s, end_s = self._boundaries[:2]
-            vector = self._vector(begin_s, end_s)
+            cycle = self._cycle(begin_s, end_s)
             self._number += 1
             self._boundaries.pop(0)
             self._forget(end_s)
             if begin_s < (self._begun_s or 0.0) + self.run_up_s:
                 continue
-            if vector is None:
+            if cycle is None:
                 self.skipped += 1
             else:
-                found.append(vector)
+                found.append(cycle)
         return found
 
     def _passed(self, end_s: float) -> bool:
         """Return whether every channel has a sample at or beyond the end, or its waiting time has passed."""
         ahead_s = self._buffers[self.declared.reference.column].newest_s - end_s
         return all(
-            buffer.newest_s >= end_s or ahead_s > (EVENT_WAIT_S if is_event_channel(column) else PATIENCE_S)
+            buffer.newest_s >= end_s or ahead_s > (EVENT_WAIT_S if column in self._event_columns else PATIENCE_S)
             for column, buffer in self._buffers.items()
         )
 
-    def _vector(self, begin_s: float, end_s: float) -> FeatureVector | None:
-        """Return the features of the samples between two boundaries; None for a standstill or a gap."""
+    def _cycle(self, begin_s: float, end_s: float) -> Callable[[], FeatureVector] | None:
+        """Return what computes the features between two boundaries; None for a standstill or a gap."""
         reference = self.declared.reference
-        times, values = self._buffers[reference.column].between(begin_s, end_s)
+        times, _ = self._buffers[reference.column].between(begin_s, end_s)
         period_s = end_s - begin_s
         if (wrong := self._wrong.pop(end_s, None)) is not None:
             quality = {reference.column: ChannelQuality(0, np.nan, 0.0, 0.0, wrong)}
             nothing = np.full(len(self._names), np.nan)
-            return FeatureVector(self._number, begin_s, end_s, self._names, nothing, quality) if wrong else None
+            found = FeatureVector(self._number, begin_s, end_s, self._names, nothing, quality)
+            return (lambda: found) if wrong else None
         usual_s = min(self._recent_s, default=period_s)
         self._recent_s.append(period_s)
         if period_s > LONGEST_CYCLE * usual_s or not is_whole(times, begin_s, end_s):
             return None
-        inner = np.concatenate([[begin_s], times, [end_s]])
-        angles = None
+        samples = {column: buffer.between(begin_s, end_s) for column, buffer in self._buffers.items()}
+        return partial(self._vector, self._number, begin_s, end_s, samples)
+
+    def _vector(
+        self, number: int, begin_s: float, end_s: float, samples: Mapping[str, tuple[Array, Array]]
+    ) -> FeatureVector:
+        """Return the features of the samples of a cycle."""
+        reference, period_s, angles = self.declared.reference, end_s - begin_s, None
+        times, values = samples[reference.column]
         if reference.kind == "turn":
+            inner = np.concatenate([[begin_s], times, [end_s]])
             start = TURN * floor((values[0] - reference.begin + 0.5 * CROSSING_RAD) / TURN) + reference.begin
             angles = phase_of_turn(values, start)
         channels, quality = {}, {}
-        for column, buffer in self._buffers.items():
-            own_s, own = buffer.between(begin_s, end_s)
-            if not is_event_channel(column):
+        for column, (own_s, own) in samples.items():
+            is_event = column in self._event_columns
+            if not is_event:
                 quality[column] = channel_quality(own_s, own)
-            if len(own_s) if is_event_channel(column) else is_whole(own_s, begin_s, end_s):
+            if len(own_s) if is_event else is_whole(own_s, begin_s, end_s):
                 phase = TURN * (own_s - begin_s) / period_s if angles is None else np.interp(own_s, inner, angles)
                 channels[column] = sampled(own_s, phase, own)
-        cycle = SampledCycle(self._number, begin_s, end_s, channels)
-        silent = tuple(each.name for each in self.features if not channels.keys() >= set(each.needs))
+        cycle, silent = SampledCycle(number, begin_s, end_s, channels), tuple[str, ...]()
+        if len(channels) < len(samples):
+            silent = tuple(each.name for each in self.features if not channels.keys() >= set(each.needs))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            found = [np.nan if each.name in silent else each.of(cycle) for each in self.features]
-        numbers = np.array([number if isfinite(number) else np.nan for number in found])
-        return FeatureVector(self._number, begin_s, end_s, self._names, numbers, quality, silent)
+            found = np.array([np.nan if each.name in silent else each.of(cycle) for each in self.features])
+        found[~np.isfinite(found)] = np.nan
+        return FeatureVector(number, begin_s, end_s, self._names, found, quality, silent)
 
     def _forget(self, end_s: float) -> None:
         for column, buffer in self._buffers.items():
@@ -375,7 +391,12 @@ def is_event_channel(column: str) -> bool:
 
 
 def feed_channels(
-    feed: FeatureFeed, channels: Mapping[str, tuple[Array, Array]], slice_s: float = 0.5, *, final: bool = True
+    feed: FeatureFeed,
+    channels: Mapping[str, tuple[Array, Array]],
+    slice_s: float = 2.0,
+    *,
+    final: bool = True,
+    last: int = 0,
 ) -> list[FeatureVector]:
     """Return the cycles of a whole run; its channels are fed in time slices, as they would have arrived.
 
@@ -385,6 +406,8 @@ def feed_channels(
         Stamps (s) and values (SI) of each column, shape (n,) each; the reference is fed last in each slice.
     final : bool
         Whether the run ends here: then cycles that wait for more samples are returned too.
+    last : int
+        Of how many cycles at the end the features are computed; 0: of all.
     """
     reference = feed.declared.reference.column
     order = [*(column for column in channels if column != reference), reference]
@@ -393,13 +416,20 @@ def feed_channels(
         return []
     edges = _slice_ends(times, slice_s)
     places = [np.concatenate([[0], np.searchsorted(each, edges)]) for each in times]
-    found = []
+    found, at_end = list[FeatureVector](), deque[Callable[[], FeatureVector]](maxlen=last)
+
+    def take(cycles: list[Callable[[], FeatureVector]]) -> None:
+        at_end.extend(cycles)
+        found.extend(vector() for vector in cycles if not last)
+
     for i in range(len(edges)):
         for column, each in zip(order, places, strict=True):
             if each[i + 1] > each[i]:
                 part = slice(each[i], each[i + 1])
-                found += feed.feed(column, channels[column][0][part], channels[column][1][part])
-    return [*found, *feed.finish()] if final else found
+                take(feed.cycles(column, channels[column][0][part], channels[column][1][part]))
+    if final:
+        take(feed.remaining())
+    return found + [vector() for vector in at_end]
 
 
 def _slice_ends(times: Sequence[Array], slice_s: float) -> Array:

@@ -30,6 +30,7 @@ import numpy as np
 from pydantic import Field
 
 from mech_twin.capabilities.cycle import Array
+from mech_twin.kernels.kernel import kernel
 from mech_twin.studies.monitoring.baseline import Numbers
 from mech_twin.studies.monitoring.cycle_features import FeatureVector
 from mech_twin.studies.monitoring.naming import Candidate, Signature
@@ -238,13 +239,21 @@ def polynomial_terms(variables: int) -> Array:
 
 def term_values(terms: Array, u: Array) -> tuple[Array, Array]:
     """Return the terms (terms,) at a point, and their derivatives (q, terms)."""
-    powers = u[None, :] ** terms
-    slopes = np.empty((len(u), len(terms)))
-    for k in range(len(u)):
-        factors = powers.copy()
-        factors[:, k] = terms[:, k] * u[k] ** np.maximum(terms[:, k] - 1, 0)
-        slopes[k] = factors.prod(axis=1)
-    return powers.prod(axis=1), slopes
+    return products_of_powers(terms, u ** np.arange(DEGREE + 1.0)[:, None])
+
+
+@kernel
+def products_of_powers(terms: Array, powers: Array) -> tuple[Array, Array]:
+    """Return the terms (terms,) and their derivatives (q, terms) from the powers (degree + 1, q) of the variables."""
+    count, variables = terms.shape
+    values, slopes = np.ones(count), np.ones((variables, count))
+    for i in range(count):
+        for k in range(variables):
+            exponent = terms[i, k]
+            values[i] *= powers[exponent, k]
+            for of in range(variables):
+                slopes[of, i] *= exponent * powers[max(exponent - 1, 0), k] if of == k else powers[exponent, k]
+    return values, slopes
 
 
 class SurfaceVariable(NamedTuple):

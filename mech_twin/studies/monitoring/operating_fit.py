@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 from pydantic import ValidationError
@@ -186,8 +186,8 @@ def _drifting(
         rows = []
         for draw in range(STEP_DRAWS):
             random = np.random.default_rng(draw)
-            vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, step_s, random, begin_s))
-            rows += [surface.reduced(vector)[0].values for vector in vectors[-USED_CYCLES:]]
+            vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, step_s, random, begin_s), USED_CYCLES)
+            rows += [surface.reduced(vector)[0].values for vector in vectors]
         judged = [row for row in rows if np.isfinite(row).all()]
         return np.mean(judged, axis=0) if judged else np.zeros(len(surface.others))
 
@@ -250,8 +250,8 @@ def _settling(
         for draw in range(STEP_DRAWS):
             random = np.random.default_rng((k, phase, draw))  # the same noise would look like a transient
             vectors = monitored.vectors(seen_roll_out(run, monitored.sensors, healthy.coupling_step_s, random, begin_s))
-            points = [surface.reduced(vector)[1] for vector in vectors if vector.end_s <= change_s]
-            before += [point for point in points if np.isfinite(point).all()][-1:]
+            sooner = (surface.reduced(vector)[1] for vector in reversed(vectors) if vector.end_s <= change_s)
+            before += islice((point for point in sooner if np.isfinite(point).all()), 1)
             seen.append([surface.reduced(vector) for vector in vectors if vector.end_s > change_s])
         count = min(map(len, seen))
         if not count:

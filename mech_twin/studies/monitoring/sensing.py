@@ -206,9 +206,9 @@ class MonitoredMachine:
         """Return a new feed for one run."""
         return FeatureFeed(self.declared, self.columns)
 
-    def vectors(self, seen: Seen) -> list[FeatureVector]:
-        """Return the features of every cycle of a run."""
-        return feed_channels(self.feed(), seen)
+    def vectors(self, seen: Seen, last: int = 0) -> list[FeatureVector]:
+        """Return the features of every cycle of a run, or of so many at its end."""
+        return feed_channels(self.feed(), seen, last=last)
 
     def varied(self, changes: Mapping[str, Any]) -> Parameters:
         """Return the healthy configuration with keys changed."""
@@ -257,7 +257,7 @@ def steady_cycles(monitored: MonitoredMachine, draws: Iterable[Seen], names: tup
 
     The covariance is about the mean of each draw.
     """
-    runs = [np.array([vector.values for vector in vectors[-USED_CYCLES:]]) for vectors in map(monitored.vectors, draws)]
+    runs = [np.array([vector.values for vector in monitored.vectors(seen, USED_CYCLES)]) for seen in draws]
     if not all(map(len, runs)):
         return None
     all_names = [feature.name for feature in monitored.feed().features]

@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from mech_twin.capabilities.cycle import Array, gap_limits, sample_quality
+from mech_twin.kernels.kernel import kernel
 
 PLATEAU = 0.3  # of a cycle: with a longer plateau in the baseline, a channel is not tested for being stuck
 LOST = 0.1  # share of samples lost in excess of the baseline
@@ -31,6 +32,21 @@ KINDS = ("turns", "stuck", "dropout", "rate", "spikes")
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
+@kernel
+def with_later_samples(
+    held_s: Array, held: Array, newest_s: float, times_s: Array, values: Array
+) -> tuple[Array, Array, float]:
+    """Return the samples held and those that are finite and later than the newest so far, and the newest stamp."""
+    count = len(held_s)
+    all_s, all_values = np.empty(count + len(times_s)), np.empty(count + len(times_s))
+    all_s[:count], all_values[:count] = held_s, held
+    for i in range(len(times_s)):
+        if newest_s < times_s[i] < np.inf and np.isfinite(values[i]):
+            newest_s, all_s[count], all_values[count] = times_s[i], times_s[i], values[i]
+            count += 1
+    return all_s[:count], all_values[:count], newest_s
+
+
 @dataclass
 class ChannelBuffer:
     """Samples of a channel that may still be needed, and its newest stamp."""
@@ -41,12 +57,9 @@ class ChannelBuffer:
 
     def add(self, times_s: Array, values: Array) -> None:
         """Append samples later than the newest one; drop earlier ones and those that are not finite."""
-        latest = np.maximum.accumulate(np.concatenate([[self.newest_s], times_s]))
-        kept = (times_s > latest[:-1]) & np.isfinite(values) & np.isfinite(times_s)
-        self.times_s = np.concatenate([self.times_s, times_s[kept]])
-        self.values = np.concatenate([self.values, values[kept]])
-        if kept.any():
-            self.newest_s = float(self.times_s[-1])
+        self.times_s, self.values, self.newest_s = with_later_samples(
+            self.times_s, self.values, self.newest_s, times_s, values
+        )
 
     def between(self, begin_s: float, end_s: float) -> tuple[Array, Array]:
         """Return stamps and values of the samples in [begin, end)."""
