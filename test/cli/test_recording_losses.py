@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from random import Random
 
 import pytest
 from bag_cases import string_cdr, written
@@ -22,11 +23,12 @@ from mech_twin.studies.simulation import RunMetrics
 def test_a_recording_on_a_full_disk_is_not_called_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    random = Random(1)  # what does not compress
     with small_disk(tmp_path / "disk", monkeypatch) as disk:
-        with BagWriter(disk / "bag", configuration="", compression="none", chunk_bytes=20_000) as writer:
+        with BagWriter(disk / "bag", configuration="", chunk_bytes=20_000) as writer:
             writer.add_topic("/n", "std_msgs/msg/String")
             for number in range(1000):
-                writer.write("/n", string_cdr(f"{number:2000}"), number, number)
+                writer.write("/n", string_cdr(random.randbytes(2000).hex()), number, number)
         with pytest.raises(SystemExit) as ended:
             report_losses(None, tmp_path / "none", disk / "bag")  # of a shadow's black boxes each is asked
         show_info(InfoVerb(bag=disk / "bag"))
