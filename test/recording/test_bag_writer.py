@@ -221,9 +221,10 @@ def test_threads_share_a_writer(tmp_path: Path) -> None:
         assert {name: topic.message_count for name, topic in reader.topics.items()} == dict.fromkeys(TYPES, 500)
 
 
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 @pytest.mark.parametrize("fsync", [True, False])
-def test_storage_options(tmp_path: Path, fsync: bool) -> None:
-    bag = written(tmp_path / "bag", 50, fsync=fsync, chunk_bytes=4000)
+def test_storage_options(tmp_path: Path, compression: str, fsync: bool) -> None:
+    bag = written(tmp_path / "bag", 50, compression=compression, fsync=fsync, chunk_bytes=4000)
     with BagReader(bag) as reader:
         assert sum(1 for _ in reader.messages()) == sum(counts(50).values())
 
