@@ -91,8 +91,8 @@ def test_serving_ends_soon_after_the_run(node: Idle | Paced) -> None:
     assert time.monotonic() - begun_s < WARM_S + 10.0 * SLICE_S + 0.2
 
 
-def test_serving_ends_where_messages_come_faster_than_they_are_served() -> None:
-    rclpy.init()
+def test_serving_ends_where_messages_come_faster_than_they_are_served(ros: None) -> None:
+    """What waits in the queue alone would take 25 s."""
     node = Node("slow")
     more = node.create_publisher(Float64, "more", 5000)
 
@@ -106,6 +106,5 @@ def test_serving_ends_where_messages_come_faster_than_they_are_served() -> None:
     end_s = time.monotonic() + 3.0
     with Spinner([node]) as spinner:
         spinner.serve(lambda: time.monotonic() > end_s)
-    assert time.monotonic() < end_s + 2.0
     node.destroy_node()
-    rclpy.try_shutdown()
+    assert time.monotonic() < end_s + 8.0
