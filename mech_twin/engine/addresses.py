@@ -9,8 +9,9 @@ A record names the numbers of a row and shares the memory of its array, in compi
 the array alive: create it only where the array is an argument or is still used later.
 """
 
+from collections.abc import Iterable
 from math import prod
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numpy as np
@@ -94,9 +95,9 @@ view_as: Any = _seen_as if interpreted else intrinsic(_view)
 value_at: Any = _same if interpreted else intrinsic(_load)
 
 
-def record_of(fields: type[NamedTuple]) -> np.dtype[Any]:
-    """Return the numpy dtype of a record with the fields of a `NamedTuple`, all of them float64."""
-    return np.dtype((np.record, [(name, np.float64) for name in fields._fields]))
+def record_of(names: Iterable[str]) -> np.dtype[Any]:
+    """Return the numpy dtype of a record with fields of these names, all of them float64."""
+    return np.dtype((np.record, [(name, np.float64) for name in names]))
 
 
 def _sliced(row: NDArray[np.float64], place: int, kind: np.dtype[Any]) -> Any:

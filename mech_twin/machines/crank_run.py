@@ -163,7 +163,7 @@ class CrankRun:
     motor : MotorConstants or None
         The motor, if there is one: its load is then also given relative to its rating.
     further : callable
-        ``further(frame)``: numbers whose minimum and maximum are told too; the braces of a name stand for min and max.
+        ``further(frame)``: numbers whose extremes are reported too; the braces of a name stand for min and max.
     last : callable
         ``last(numbers, memory)``: numbers of the machine beside those found, by the memory of its last frame.
     """

@@ -79,7 +79,7 @@ class MassMemory(NamedTuple):
     step_change_momentum_ns: float = 0.0
 
 
-MEMORY = record_of(MassMemory)
+MEMORY = record_of(MassMemory._fields)
 MEMORY_AT = LINKAGE_JOINTS + 3
 RESIDUALS_AT = MEMORY_AT + len(MassMemory._fields)
 
@@ -124,7 +124,7 @@ class StepBalance(NamedTuple):
     energy_size_m2_per_s2: float
 
 
-BALANCE, SUMS = record_of(StepBalance), len(StepBalance._fields)
+BALANCE, SUMS = record_of(StepBalance._fields), len(StepBalance._fields)
 
 
 class BalanceResiduals(NamedTuple):

@@ -71,7 +71,7 @@ class HalfSineMemory(NamedTuple):
     constants_key: float
 
 
-MEMORY = record_of(HalfSineMemory)
+MEMORY = record_of(HalfSineMemory._fields)
 RESIDUALS_AT = MEMORY_AT + len(HalfSineMemory._fields)
 
 

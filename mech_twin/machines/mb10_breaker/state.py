@@ -215,9 +215,9 @@ class EventSide(NamedTuple):
 
 
 # records, not plain structures: their fields are attributes in plain Python too
-STATE = record_of(BreakerState)
+STATE = record_of(BreakerState._fields)
 STATES = len(BreakerState._fields)
-MEMORY = record_of(BreakerMemory)
+MEMORY = record_of(BreakerMemory._fields)
 
 
 @borrowing_kernel

@@ -85,7 +85,7 @@ class Modes(NamedTuple):
     stalled_1: float = 0.0
 
 
-MODES = record_of(Modes)
+MODES = record_of(Modes._fields)
 LOADED = Modes(load_on_1=1.0, load_share_1=1.0)
 
 

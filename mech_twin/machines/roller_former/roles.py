@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.addresses import record_at
+from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import LOG_FULL, Work, copy_numbers, force_step, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.loop import MOST_STEPS, UNSTEADY
@@ -102,8 +102,8 @@ MOTION = (
     "twist_rad", "twist_rad_per_s", "twist_nm",
 )  # fmt: skip
 RESIDUALS = ("energy_balance", "rod_length")  # zero but for rounding
-SHAFT = np.dtype((np.record, [(name, np.float64) for name in MOTION]))
-MEMORY = np.dtype((np.record, [(name, np.float64) for name in (*FormerMemory._fields, *RESIDUALS)]))
+SHAFT = record_of(MOTION)
+MEMORY = record_of((*FormerMemory._fields, *RESIDUALS))
 CARTS_AT = len(MOTION)
 PULLS_AT = CARTS_AT + 2  # along x, of one cart after the other
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mech_twin.engine.addresses import record_at
+from mech_twin.engine.addresses import record_at, record_of
 from mech_twin.engine.compiled_roles import CompiledLinkage
 from mech_twin.engine.compiled_steps import Work, force_step, linkage_step, step_of, work_room
 from mech_twin.engine.hybrid.laws import HOLD
@@ -101,7 +101,7 @@ MOTION = (
 # zero but for rounding: area of the layers against the yarn, energy balance
 RESIDUALS = ("area_balance", "energy_balance")
 NAMES = (*MOTION, *DrumMemory._fields, *RESIDUALS)
-ROW = np.dtype((np.record, [(name, np.float64) for name in NAMES]))
+ROW = record_of(NAMES)
 
 
 @borrowing_kernel
