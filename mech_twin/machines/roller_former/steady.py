@@ -49,7 +49,7 @@ STEADY = 1e-4  # change of the mean crank speed from turn to turn, relative
 LONGEST_START_S = 60.0  # after the supply has reached its rated frequency
 LONGEST_RAMP_S = 600.0
 CHUNK_S = 0.001
-MOST_START_STEPS = 1_000_000  # of integration: some ten seconds; a drive so stiff has no verdict within them
+MOST_START_STEPS = 250_000  # of integration: some ten seconds; a drive so stiff has no verdict within them
 
 
 class TurnColumns(NamedTuple):
