@@ -138,8 +138,7 @@ class ModelRun:
         """Largest rate of change of each column in the settled rows (per s), shape (w,); angles are unwrapped."""
         rises = np.diff(self.settled, axis=0)
         rises[:, self.angles] = without_turns(rises[:, self.angles])
-        steepest: Array = np.abs(rises).max(axis=0) / self.bank.step_s
-        return steepest
+        return np.asarray(np.abs(rises).max(axis=0) / self.bank.step_s)
 
     @cached_property
     def angles(self) -> Indices:
@@ -157,8 +156,7 @@ def model_run(machine: Machine, duration_s: float) -> ModelRun:
 
 def without_turns(difference: Array) -> Array:
     """Return differences of angles (rad) wrapped to the range -pi to pi."""
-    wrapped: Array = difference - TURN * np.round(difference / TURN)
-    return wrapped
+    return difference - TURN * np.round(difference / TURN)
 
 
 def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
@@ -175,8 +173,7 @@ def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
         Time since the last sample.
     """
     way = np.minimum(run.steepest * max(silent_s, 0.0), run.spread)
-    held: Array = np.hypot(sigma, way)
-    return held
+    return np.hypot(sigma, way)
 
 
 class AnchorNow:
