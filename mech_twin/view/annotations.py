@@ -19,10 +19,12 @@ from typing import Any, NamedTuple
 from mech_twin.capabilities.blow_gauge import RECENT_S, RecentBlows
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Coordinate, Event, ForceSample, LinkageSample, MotorSample, Shape
+from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample, Shape
 from mech_twin.view.extent import Bounds, round_above, with_prefix
 
+AnyStep = Frame | StepSamples
 LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 KEPT_STEPS = 256  # steps by which a drawing may lag behind its forces
 ARROW_SHARE = 0.20  # length of the arrow at full scale, in widths of the figure
@@ -239,14 +241,9 @@ class Banner:
         self._begin_s: float | None = None
         self._last_blow: tuple[float, float] | None = None
 
-    def add(
-        self,
-        motor: MotorSample | None,
-        linkage: LinkageSample | None,
-        forces: ForceSample | None,
-        body: BodySample | None = None,
-    ) -> None:
+    def add(self, step: AnyStep) -> None:
         """Update with a step."""
+        linkage, motor, forces, body = step.linkage, step.motor, step.forces, step.body
         if motor is not None:
             self._command = motor.command
         if linkage is not None:

@@ -12,7 +12,8 @@ from pathlib import Path
 import rerun as rr
 
 from mech_twin.declarations.captions import metrics_table
-from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
+from mech_twin.samples import BodySample, Drawing, Event
+from mech_twin.view.annotations import AnyStep
 from mech_twin.view.curves import FIRST_COLOUR, PALETTE, send_rows, series_lines, times
 from mech_twin.view.extent import Bounds, event_line, is_logged
 from mech_twin.view.layout import (
@@ -62,17 +63,11 @@ class RerunScene(RunScene):
         """The contents of the present layout; None before the first one."""
         return self._shown
 
-    def frame(
-        self,
-        motor: MotorSample | None = None,
-        linkage: LinkageSample | None = None,
-        forces: ForceSample | None = None,
-        body: BodySample | None = None,
-    ) -> None:
+    def frame(self, step: AnyStep) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
-        self._take(motor, linkage, forces, body)
-        given = [sample.time_s for sample in (motor, linkage, forces, body) if sample is not None]
-        self._time_s = max([self._time_s, *given])
+        self._take(step)
+        body, given = step.body, (step.motor, step.linkage, step.forces, step.body)
+        self._time_s = max([self._time_s, *(sample.time_s for sample in given if sample is not None)])
         if body is not None:
             self._trace(body)
         if self._roles.spans(BATCH_S):

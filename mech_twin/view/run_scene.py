@@ -10,8 +10,8 @@ import numpy as np
 from mech_twin.capabilities.mechanism import FrameTree
 from mech_twin.process.closing import Closing
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Event, ForceSample, LinkageSample, MotorSample, Sample
-from mech_twin.view.annotations import Annotations, Banner, lost_energy
+from mech_twin.samples import Event, Sample
+from mech_twin.view.annotations import Annotations, AnyStep, Banner, lost_energy
 from mech_twin.view.bench.picture import Curves
 from mech_twin.view.curve_groups import Groups, body_groups, force_groups, linkage_groups, motor_groups, same_names
 from mech_twin.view.sending import Sending, extreme_rows
@@ -75,9 +75,9 @@ class RoleCurves:
         """The unit of each entity path, empty if given by its kind."""
         return {path: unit for role in self._roles for path, unit in role.units.items()}
 
-    def add(self, *samples: Sample | None) -> None:
-        """Add the samples of a step: motor, linkage, forces, body."""
-        for role, sample in zip(self._roles, samples, strict=True):
+    def add(self, step: AnyStep) -> None:
+        """Add the samples of a step."""
+        for role, sample in zip(self._roles, (step.motor, step.linkage, step.forces, step.body), strict=True):
             if sample is not None:
                 role.add(sample)
 
@@ -120,18 +120,12 @@ class RunScene(Closing):
         self._banner.know(tree, energy)
         self._annotations = Annotations(tree, energy)
 
-    def _take(
-        self,
-        motor: MotorSample | None,
-        linkage: LinkageSample | None,
-        forces: ForceSample | None,
-        body: BodySample | None,
-    ) -> None:
+    def _take(self, step: AnyStep) -> None:
         """Add the samples of a step, all or some."""
-        self._banner.add(motor, linkage, forces, body)
-        if self._annotations is not None and linkage is not None:
-            self._annotations.add(linkage, forces)
-        self._roles.add(motor, linkage, forces, body)
+        self._banner.add(step)
+        if self._annotations is not None and step.linkage is not None:
+            self._annotations.add(step.linkage, step.forces)
+        self._roles.add(step)
 
     def _strike(self, event: Event) -> None:
         """Add an event to headline and drawing."""

@@ -15,12 +15,10 @@ from mech_twin.declarations.captions import caption
 from mech_twin.engine.trajectory import RunInvariants
 from mech_twin.roles import Machine
 from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
-from mech_twin.view.annotations import RESET, is_stalled
+from mech_twin.view.annotations import RESET, AnyStep, is_stalled
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curves, packed_layout, packed_shapes
-from mech_twin.view.curve_groups import (
-    plots,
-)
+from mech_twin.view.curve_groups import plots
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
 from mech_twin.view.run_scene import RunScene
 from mech_twin.view.sending import Sending
@@ -42,9 +40,9 @@ class Lanes:
         self._begin_s: float | None = None
         self._changes: dict[str, list[list[Any]]] = {}
 
-    def add(self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None) -> None:
+    def add(self, step: AnyStep) -> None:
         """Update with a step."""
-        for time_s, lane, word in self._words(motor, linkage, body):
+        for time_s, lane, word in self._words(step):
             if self._begin_s is None:
                 self._begin_s = time_s
             before = self._now.get(lane)
@@ -67,9 +65,8 @@ class Lanes:
         self._first, self._changes, self._begin_s = dict(self._now), {}, None
         return rows
 
-    def _words(
-        self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None
-    ) -> Iterator[tuple[float, str, str]]:
+    def _words(self, step: AnyStep) -> Iterator[tuple[float, str, str]]:
+        motor, linkage, body = step.motor, step.linkage, step.body
         if linkage is not None:
             if len(self._linkage) > 1 and not self._body:  # else the regimes are those of the body
                 yield linkage.time_s, "machine", _named(self._linkage, linkage.regime)
@@ -160,15 +157,9 @@ class BenchScene(RunScene):
         super().watch(machine)
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
 
-    def frame(
-        self,
-        motor: MotorSample | None = None,
-        linkage: LinkageSample | None = None,
-        forces: ForceSample | None = None,
-        body: BodySample | None = None,
-    ) -> None:
+    def frame(self, step: AnyStep) -> None:
         """Add the samples of a step, all or some."""
-        for sample in (motor, linkage, forces, body):
+        for sample in (step.motor, step.linkage, step.forces, step.body):
             if sample is not None:
                 if sample.time_s < self._time_s - 1.0:
                     self._link.tell("anew", {})
@@ -176,11 +167,12 @@ class BenchScene(RunScene):
                     self._time_s = sample.time_s
                     self._drawn_s = -math.inf
                 self._time_s = max(self._time_s, sample.time_s)
-        self._take(motor, linkage, forces, body)
+        self._take(step)
         if self._lanes is not None:
-            self._lanes.add(motor, linkage, body)
-        if self._invariants is not None and linkage is not None and forces is not None and motor is not None:
-            self._invariants.observe(Frame(linkage, motor, forces, body))
+            self._lanes.add(step)
+        whole = step if isinstance(step, Frame) else step.frame(has_body=False)
+        if self._invariants is not None and whole is not None:
+            self._invariants.observe(whole)
 
     def state(self, frame: Frame) -> None:
         """Send the whole state of the run from time to time; the bench can roll out from it."""
