@@ -38,14 +38,16 @@ class Key(NamedTuple):
     @property
     def live(self) -> bool:
         """Whether the key may change while the machine runs."""
-        extra = self.field.json_schema_extra
-        return bool(isinstance(extra, dict) and extra.get("live"))
+        return bool(_declared(self.field).get("live"))
 
     @property
     def unit(self) -> str:
         """Unit of a number, empty if none is declared."""
-        extra = self.field.json_schema_extra
-        return str(extra.get("unit") or "") if isinstance(extra, dict) else ""
+        return str(_declared(self.field).get("unit", ""))
+
+
+def _declared(field: FieldInfo) -> Mapping[str, Any]:
+    return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
 def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
@@ -80,13 +82,12 @@ def key_units(model: type[BaseModel]) -> dict[str, str]:
 def described_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str]]:
     """Yield every dotted key of a parameter model that has a value, its unit (empty without one) and its meaning."""
     for name, field in model.model_fields.items():
-        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         groups = list(_models(field.annotation))
         named = f"{ANY_NAME}." if get_origin(field.annotation) is dict else ""
         for group in groups:
             yield from described_keys(group, f"{prefix}{name}.{named}")
         if not groups:
-            yield f"{prefix}{name}", str(extra.get("unit", "")), field.description or ""
+            yield f"{prefix}{name}", str(_declared(field).get("unit", "")), field.description or ""
 
 
 def declared_key(key: str, units: Mapping[str, str]) -> str:
@@ -191,8 +192,7 @@ def refusal(
 
 
 def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[str, int]) -> str:
-    location = item["loc"]
-    key = ".".join(str(part) for part in location) if isinstance(location, tuple) else str(location)
+    key = ".".join(map(str, item["loc"]))
     message = str(item["msg"]).removeprefix("Value error, ")
     parts = [part for part in key.split(".") if not part.isdigit()]  # without the indices of lists
     declared = ".".join(parts)
@@ -211,10 +211,8 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
         return f"key '{key}' is missing" + (f"; expected a number in {unit}" if unit else "")
     if not key:
         return message
-    value = item["input"]
-    shown = f"value {shown_value(value)}" if not isinstance(value, dict) else ""
-    where = f" ({line})" if line else ""
-    return f"key '{key}'{where}{f', {shown}' if shown else ''}: {_expected(message, str(kind), unit)}"
+    value = "" if isinstance(item["input"], dict) else f", value {shown_value(item['input'])}"
+    return f"key '{key}'{f' ({line})' if line else ''}{value}: {_expected(message, kind, unit)}"
 
 
 def shown_value(value: Any) -> str:

@@ -19,16 +19,11 @@ from typing import Any, NamedTuple
 
 from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.configuration_tree import (
-    ConfigurationError,
-    configuration_tree,
-    merged_tree,
-    tree_from_flat,
-)
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import Entry
 from mech_twin.parameters.errors import declared_key, did_you_mean, key_units, keys
-from mech_twin.parameters.load import assignments, catalogue_entry, validated
+from mech_twin.parameters.load import assignments, catalogue_entry, changed_configuration
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.roles import Machine
 
@@ -142,8 +137,7 @@ class ChangingMachine:
                 healthy = self.revisions[0][1].parameters
                 for key, size in self._point.items():
                     changes |= made[key].changes(varied(healthy, changes), size)
-                tree = merged_tree(configuration_tree(before), tree_from_flat(changes))
-                parameters = validated(entry, tree, f"--change {change.text}")
+                parameters = changed_configuration(name, before, changes, f"--change {change.text}")
             else:
                 parameters = _changed(before, change, name, i / count, made)
             time_s = change.until_s if i == count else change.time_s + (change.until_s - change.time_s) * i / count
@@ -206,8 +200,7 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str, done: flo
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected it at once")
         value = live[change.key] + (value - live[change.key]) * done
-    tree = merged_tree(configuration_tree(parameters), tree_from_flat({change.key: value}))
-    return validated(catalogue_entry(machine), tree, f"--change {change.text}")
+    return changed_configuration(machine, parameters, {change.key: value}, f"--change {change.text}")
 
 
 def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str, named: Iterable[str]) -> str:

@@ -27,7 +27,13 @@ import yaml
 from pydantic import ValidationError
 
 from mech_twin.capabilities.arguments import by_name
-from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat, tree_from_json
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+    tree_from_json,
+)
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.machines.catalog import CATALOGUE, Entry
@@ -36,17 +42,6 @@ from mech_twin.roles import Machine
 
 DEPTH_LIMIT = 20
 LARGEST_BITS, LONGEST_NUMBER = 1023, 1100  # largest bits of an integer; largest length of any number as text
-
-
-def document_of(text: str) -> Any:
-    """Return the parsed text as a copy that the caller may change.
-
-    Raises
-    ------
-    yaml.YAMLError, ValueError, RecursionError
-        It cannot be parsed, or contains what a parameter file may not.
-    """
-    return deepcopy(_tree_of(text))
 
 
 @lru_cache(maxsize=8)
@@ -330,9 +325,9 @@ def document_tree(path: Path) -> dict[str, Any]:
 
 
 def text_document(text: str, source: str) -> Any:
-    """Return the content of a YAML text; invalid text is refused in one line."""
+    """Return the content of a YAML text, which the caller may change; invalid text is refused in one line."""
     try:
-        return document_of(text)
+        return deepcopy(_tree_of(text))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         said = str(error).replace('in "<unicode string>", line', "at line")  # the parser's name for a string
         line = " ".join(said.split())[:300] or type(error).__name__
@@ -416,6 +411,12 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
         return entry.parameters.model_validate(with_catalogue_motor(values, source))
     except ValidationError as error:
         raise refusal(source, error, entry.parameters, lines) from error
+
+
+def changed_configuration(name: str, base: Parameters, changes: Mapping[str, Any], source: str) -> Parameters:
+    """Return the parameters of a machine with other values of some keys (dotted); see `validated`."""
+    tree = merged_tree(configuration_tree(base), tree_from_flat(changes, source))
+    return validated(catalogue_entry(name), tree, source)
 
 
 def configuration_read(name: str, tree: Mapping[str, Any], source: str) -> Parameters:
