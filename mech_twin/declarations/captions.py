@@ -94,14 +94,7 @@ def unknown_name(name: object, known: Iterable[str], kind: str = "") -> str:
 
 
 def axis_title(column: str, unit: str = "") -> str:
-    """Return the axis title for a column of a run, without its role.
-
-    Parameters
-    ----------
-    column : str
-        Dotted name.
-    unit : str
-        Unit of the column, if the name does not end in one.
+    """Return the axis title for a column of a run, without its role; ``unit`` if the name ends in none.
 
     Examples
     --------

@@ -67,8 +67,6 @@ def export_fmu(
 
     Parameters
     ----------
-    machine : Machine
-        The machine with its configuration.
     out : path
         File to write, ``NAME.fmu``.
     version : int
@@ -250,17 +248,7 @@ def base_unit(unit: str) -> tuple[dict[str, int], float] | None:
 
 
 def described(unit: MachineUnit, version: int, token: str) -> bytes:
-    """Return the model description (XML) of a unit.
-
-    Parameters
-    ----------
-    unit : MachineUnit
-        The machine.
-    version : int
-        Version of the FMI standard, 2 or 3.
-    token : str
-        GUID that links the library to this description.
-    """
+    """Return the model description (XML) of a unit; ``token`` links its library to it."""
     name, step_s = unit.name, repr(float(unit.machine.coupling_step_s))
     able = {
         "modelIdentifier": unit.name,

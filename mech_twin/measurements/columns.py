@@ -79,12 +79,8 @@ class Columns(_WithUnits[NDArray[Any]]):
 
     Parameters
     ----------
-    title : str
-        Title of the columns.
     along : str
         Name of the column on the horizontal axis.
-    values : mapping of str to sequence
-        The columns.
     units : mapping of str to str
         Units of columns whose names do not end in theirs, such as the position of a joint.
     """

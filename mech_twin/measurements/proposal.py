@@ -198,8 +198,6 @@ def map_text(
         Further remarks by the label of a channel's source, such as the correlation.
     columns : mapping
         SI unit of each column of the machine.
-    offered : sequence of Source
-        All channels of the measurement.
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}"]

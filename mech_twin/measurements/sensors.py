@@ -87,8 +87,6 @@ class SensorBench:
         Coupling step: the sampling interval of a channel without a rate.
     seed : int
         Seed of jitter, noise and losses; each channel and each clock has its own generator.
-    gauge : BlowGauge, optional
-        Strain gauge of the machine.
 
     Raises
     ------
@@ -248,14 +246,10 @@ ROWS_PER_BATCH = 1 << 16
 
 
 class TableWriter(Closing):
-    """A table in progress; rows are written in batches, in order of time.
+    """A table in progress, Parquet, CSV or TSV by its suffix; rows are written in batches, in order of time.
 
     Parameters
     ----------
-    path : Path
-        File to write: Parquet, CSV or TSV.
-    columns : sequence of str
-        Columns besides the time.
     time_column, time_factor : str, float
         Name of the time column, and its unit in seconds.
     """

@@ -172,10 +172,6 @@ def refusal(
 
     Parameters
     ----------
-    source : str
-        Name of the source of the values.
-    error : ValidationError
-        Error of the validation.
     model : type, optional
         Validated model, for units and for suggestions of similar keys.
     lines : callable

@@ -81,13 +81,6 @@ def _change(text: str) -> LiveChange:
 class ChangingMachine:
     """A machine whose live parameters change during the run; the changes are validated before it starts.
 
-    Parameters
-    ----------
-    machine : Machine
-        The machine at the start.
-    changes : sequence of LiveChange
-        In order of time.
-
     Attributes
     ----------
     revisions : list of (int, Machine)

@@ -259,13 +259,7 @@ def configuration_file(name: str) -> Path:
 
 
 def file_tree(path: Path) -> dict[str, Any]:
-    """Return the parameters of a ROS 2 parameter file as a nested dictionary.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, is not YAML, or does not have the form of a parameter file.
-    """
+    """Return the parameters of a ROS 2 parameter file as a nested dictionary; see `text_tree`."""
     return text_tree(configuration_text(path), str(path))
 
 
@@ -311,13 +305,7 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
 
 
 def document_tree(path: Path) -> dict[str, Any]:
-    """Return a YAML file that is not a parameter file, such as a measurement map, as a nested dictionary.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, is not YAML, or has no keys.
-    """
+    """Return a YAML file that is not a parameter file, such as a measurement map, as a nested dictionary."""
     document = text_document(configuration_text(path), str(path))
     if not isinstance(document, dict):
         raise ConfigurationError(f"{path}: expected keys and their values, found {type(document).__name__}")
@@ -360,8 +348,6 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
 
     Parameters
     ----------
-    name : str
-        Machine of the catalogue.
     path : Path, optional
         Configuration file; the installed ``NAME.yaml`` if absent.
     overrides : mapping, optional

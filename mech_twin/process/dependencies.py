@@ -63,13 +63,7 @@ class SurroundingsError(Exception):
 
 
 def lacking(error: BaseException) -> str | None:
-    """Return a line that names the exceeded limit of the system; None if the error has another reason.
-
-    Parameters
-    ----------
-    error : BaseException
-        The error; its causes and contexts are checked too.
-    """
+    """Return a line that names the limit of the system that an error, or what caused it, exceeded; None for none."""
     if isinstance(error, SurroundingsError):
         return str(error)
     cause: BaseException | None = error

@@ -206,8 +206,6 @@ class Banner:
     ----------
     tree : FrameTree, optional
         Tells whether the leading joint turns or slides; without it its speed has no unit and is left out.
-    energy : callable
-        Returns the energy of an impact (J).
     """
 
     def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:

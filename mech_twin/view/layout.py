@@ -81,13 +81,7 @@ class SceneContents(NamedTuple):
 
 
 def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
-    """Return the layout for these contents; a machine without body gets no body panels.
-
-    Parameters
-    ----------
-    window_s : float
-        Simulated time span of the curves (s).
-    """
+    """Return the layout for these contents, with curves of ``window_s`` (s); without a body it has no body panels."""
     panels = _full(contents, window_s)
     shares = [5, *([68, 27] if len(panels) > 2 else [95])]
     return page(rrb.Vertical(*panels, row_shares=shares))
@@ -170,15 +164,7 @@ def legend_share(names: Iterable[str]) -> float:
 
 
 def plot(name: str, paths: Sequence[str], window_s: float, names: Iterable[str]) -> rrb.TimeSeriesView:
-    """Return a panel of curves over the last ``window_s`` (s), with room for the legend beside them.
-
-    Parameters
-    ----------
-    name : str
-        Title, with the unit.
-    window_s : float
-        Time span shown (s).
-    """
+    """Return a panel of curves over the last ``window_s`` (s), with room for the legend beside them."""
     begin = rr.TimeRangeBoundary.cursor_relative(seconds=-window_s)
     recent = rr.VisibleTimeRange(SIM_TIME, start=begin, end=rr.TimeRangeBoundary.cursor_relative())
     beside = rr.TimeRangeBoundary.cursor_relative(seconds=legend_share(names) * window_s)
@@ -215,14 +201,12 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
 
 
 class PhasePortrait:
-    """Recent motion of one body joint, drawn in a rectangle of height 2.
+    """Motion of one body joint over the last ``span_s`` of simulated time, drawn in a rectangle of height 2.
 
     Parameters
     ----------
     place : int
         Index of the joint in the body sample.
-    span_s : float
-        Simulated time span of the trace.
     """
 
     def __init__(self, path: str, joint: str, place: int, span_s: float) -> None:

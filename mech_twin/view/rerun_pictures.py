@@ -42,13 +42,7 @@ Values = npt.NDArray[np.float64]
 
 
 class Mechanism(DrawnExtent):
-    """The drawing of the mechanism: one entity, one row per drawing, in the machine's frame.
-
-    Parameters
-    ----------
-    stream : rr.RecordingStream
-        Destination of the drawing; the caller sets the time.
-    """
+    """The drawing of the mechanism: one entity, one row per drawing; the caller sets the time."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         super().__init__()
@@ -56,13 +50,7 @@ class Mechanism(DrawnExtent):
         stream.log(MECHANISM, rr.Transform3D(mat3x3=MIRROR), static=True)  # the viewer's second axis points down
 
     def show(self, shapes: Sequence[Shape], notes: Sequence[Shape] = ()) -> None:
-        """Log the shapes at the stream's time, with notes over them; `widen` sets the range, not this.
-
-        Raises
-        ------
-        ValueError
-            The kind of a shape is unknown.
-        """
+        """Log the shapes at the stream's time, with notes over them; `widen` sets the range, not this."""
         self.place(with_placed_texts(shapes, notes, self.bounds()))
 
     def place(self, shapes: Sequence[Shape]) -> None:
@@ -195,13 +183,7 @@ def _create_file(path: Path) -> None:
 
 
 class RerunPictures:
-    """The rerun recording of a run, extended with each picture.
-
-    Parameters
-    ----------
-    panels : sequence of mapping
-        The plots, as sent to the page.
-    """
+    """The rerun recording of a run, with the plots of the page, extended with each picture."""
 
     def __init__(
         self, stream: rr.RecordingStream, panels: Sequence[Mapping[str, Any]], own_plots: int = OWN_PLOTS

@@ -103,13 +103,7 @@ class RerunScene(RunScene):
         self._stream.log(METRICS, rr.TextDocument(metrics_table(metrics), media_type=rr.MediaType.MARKDOWN))
 
     def close(self) -> None:
-        """Write the remaining data, and close the file; idempotent.
-
-        Raises
-        ------
-        RerunSceneError
-            It could not be written completely.
-        """
+        """Write the remaining data, and close the file; idempotent."""
         if self._closed:
             return
         self._closed = True

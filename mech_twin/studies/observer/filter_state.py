@@ -418,10 +418,6 @@ def output_variance(prediction: Prediction, state: FilterState, effect: Array, b
 
     Parameters
     ----------
-    state : FilterState
-        The filter before the step.
-    effect : ndarray, shape (w, q)
-        Effect of one standard deviation of each uncertain key on the columns in this step.
     by_keys : ndarray, shape (w,)
         Variance of the columns due to uncertain keys in this step alone, at least the sum of the squared effects.
     """

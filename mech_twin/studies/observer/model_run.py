@@ -108,13 +108,7 @@ class StepBank:
 
 @dataclass(frozen=True)
 class ModelRun:
-    """Rows of a simulated run, one for each coupling step from step 0.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (steps + 1, w)
-        All columns of each frame.
-    """
+    """Rows (steps + 1, w) of a simulated run: all columns of the frame at each coupling step from step 0."""
 
     bank: StepBank
     rows: Array
@@ -160,17 +154,10 @@ def without_turns(difference: Array) -> Array:
 
 
 def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
-    """Return the standard deviation of a held estimate, shape (w,).
+    """Return the standard deviation (w,) of an estimate, whose own is ``sigma``, held for ``silent_s`` (s).
 
     The error grows with the largest rate of change of a column, up to its range: the variance is
     ``sigma^2 + min(rate silence, range)^2``.  The range of an angle is at most a turn.
-
-    Parameters
-    ----------
-    sigma : ndarray, shape (w,)
-        Standard deviation at the last sample.
-    silent_s : float
-        Time since the last sample.
     """
     way = np.minimum(run.steepest * max(silent_s, 0.0), run.spread)
     return np.hypot(sigma, way)

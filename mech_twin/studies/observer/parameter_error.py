@@ -79,12 +79,8 @@ def parameter_error(
 
     Parameters
     ----------
-    parameters, build
-        The parameters, and a function that builds the machine from them.
     deviations : mapping
         Standard deviation of each uncertain key, in its unit; keys whose changed value is rejected are left out.
-    angle : int or None
-        Index of the angle that defines the phase.
     """
     first = len(run.rows) - len(run.settled)
     steps = np.unique(np.linspace(first, len(run.rows) - 2, FRAMES).astype(int))

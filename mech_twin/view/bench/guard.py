@@ -44,12 +44,8 @@ def silent_logger() -> logging.Logger:
 def is_own_host(host: str, port: int, *, others: bool) -> bool:
     """Return whether a Host header names this server.
 
-    A DNS name that could be rebound to this host is refused; an address cannot be rebound.
-
-    Parameters
-    ----------
-    others : bool
-        Whether other hosts are allowed: then any address and the name of this machine are valid.
+    A DNS name that could be rebound to this host is refused; an address cannot be rebound.  With ``others`` any
+    address and the name of this machine are valid.
     """
     name, _, named_port = host.rpartition(":")
     if named_port != str(port):

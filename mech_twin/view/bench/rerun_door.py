@@ -118,15 +118,7 @@ class _Viewer:
 
 
 class RerunDoor:
-    """Serves the viewer and the run.
-
-    Parameters
-    ----------
-    folder : Path
-        Of this user alone: the viewer's files go there.
-    states : mapping
-        Messages for the pages, as text by kind.
-    """
+    """Serves the viewer, whose files go to a folder of this user alone, and the run."""
 
     def __init__(self, folder: Path, states: Mapping[str, str], history: Pictures) -> None:
         self._folder, self._states, self._history = folder, states, history
