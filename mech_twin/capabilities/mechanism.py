@@ -24,9 +24,9 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from mech_twin.capabilities.figure import Colour, Point
+
 ROOT = "machine"
-Point = tuple[float, float]
-Colour = tuple[int, int, int]
 UNLIMITED = "1e6"  # effort and speed: the description has no limits
 PLANAR = "planar: of each inertia izz is known; ixx and iyy are those of a flat link"
 SHORTEST_M = 1e-6  # length of the box of a link without extent
