@@ -20,6 +20,7 @@ from mech_twin.capabilities.blow_gauge import RECENT_S, RecentBlows
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
 from mech_twin.engine.trajectory import StepSamples
+from mech_twin.measurements.units import TURN
 from mech_twin.roles import Machine
 from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample, Shape
 from mech_twin.view.extent import Bounds, round_above, with_prefix
@@ -34,7 +35,6 @@ RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
 AGAIN_S = 1.0  # a step so much before the last begins a new run
-TURN = 2.0 * math.pi
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")

@@ -134,12 +134,18 @@ def opened_stream(application_id: str, rrd_path: str | Path) -> rr.RecordingStre
     RerunSceneError
         The file cannot be created; one line.
     """
-    stream = rr.RecordingStream(application_id, batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_S))
+    batches = rr.ChunkBatcherConfig(flush_tick=FLUSH_S)
+    stream = without_clock(rr.RecordingStream(application_id, batcher_config=batches))
     _create_file(Path(rrd_path))
     try:
         stream.set_sinks(rr.FileSink(str(rrd_path)))
     except RuntimeError as reason:
         raise RerunSceneError(f"view: file {rrd_path}: cannot be written: {first_line(reason)}") from reason
+    return stream
+
+
+def without_clock(stream: rr.RecordingStream) -> rr.RecordingStream:
+    """Return a stream whose data have the times of the run only."""
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     return stream
@@ -153,7 +159,7 @@ def set_time(stream: rr.RecordingStream, time_s: float, step: int | None = None)
         stream.set_time(STEP, sequence=step)
 
 
-def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
+def closed_stream(stream: rr.RecordingStream) -> None:
     """Write the remaining data, and close the file.
 
     Raises
@@ -162,7 +168,7 @@ def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
         It could not be written completely.
     """
     try:
-        stream.flush(timeout_sec=limit_s)
+        stream.flush(timeout_sec=FLUSH_LIMIT_S)
     except (RuntimeError, ValueError) as reason:
         raise RerunSceneError(f"view: the file could not be written completely: {first_line(reason)}") from reason
     finally:
@@ -189,8 +195,6 @@ class RerunPictures:
         self, stream: rr.RecordingStream, panels: Sequence[Mapping[str, Any]], own_plots: int = OWN_PLOTS
     ) -> None:
         self._stream, self._own_plots = stream, own_plots
-        self._stream.set_log_time_enabled(False)
-        self._stream.set_log_tick_enabled(False)
         self._mechanism = Mechanism(self._stream)
         self._lanes: set[str] = set()
         self._bounds: Bounds | None = None
@@ -267,7 +271,7 @@ class RerunPictures:
 
 def converter(name: str, panels: Sequence[Mapping[str, Any]]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
     """Return a function that adds packed pictures to a recording, and returns its next bytes for the viewer."""
-    stream = rr.RecordingStream(name)
+    stream = without_clock(rr.RecordingStream(name))
     found, pictures = rr.binary_stream(stream), RerunPictures(stream, panels)
 
     def taken(packed: Sequence[Mapping[str, Any]]) -> bytes:
@@ -318,7 +322,7 @@ class RerunFile(Closing):
         """Write the remaining data, and close the file; idempotent."""
         stream, self._stream, self._pictures = self._stream, None, None
         if stream is not None:
-            closed_stream(stream, FLUSH_LIMIT_S)
+            closed_stream(stream)
 
 
 def unpacked_picture(packed: Mapping[str, Any]) -> dict[str, Any]:

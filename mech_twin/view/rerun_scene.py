@@ -26,7 +26,7 @@ from mech_twin.view.layout import (
     SceneContents,
     blueprint,
 )
-from mech_twin.view.rerun_pictures import FLUSH_LIMIT_S, Mechanism, closed_stream, opened_stream, set_time
+from mech_twin.view.rerun_pictures import Mechanism, closed_stream, opened_stream, set_time
 from mech_twin.view.run_scene import RunScene
 from mech_twin.view.sending import RECORDED
 
@@ -108,7 +108,7 @@ class RerunScene(RunScene):
             return
         self._closed = True
         self._send()
-        closed_stream(self._stream, FLUSH_LIMIT_S)
+        closed_stream(self._stream)
 
     def _send(self) -> None:
         """Send what has come in since the last time."""
@@ -119,7 +119,8 @@ class RerunScene(RunScene):
                 self._stream.log(curves.path, lines, static=True)
             send_rows(self._stream, curves.path, curves.values, curves.time_s, curves.step)
         self._send_events()
-        self._send_banner()
+        set_time(self._stream, self._time_s)
+        self._stream.log(BANNER, rr.TextDocument(self._banner.text(), media_type=rr.MediaType.MARKDOWN))
         self._lay_out()
 
     def _trace(self, body: BodySample) -> None:
@@ -130,11 +131,6 @@ class RerunScene(RunScene):
             )
         for portrait in self._portraits:
             portrait.add(body)
-
-    def _send_banner(self) -> None:
-        set_time(self._stream, self._time_s)
-        text = rr.TextDocument(self._banner.text(), media_type=rr.MediaType.MARKDOWN)
-        self._stream.log(BANNER, text)
 
     def _send_events(self) -> None:
         self._marks.send()
