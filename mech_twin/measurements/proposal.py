@@ -43,14 +43,9 @@ JOINT_WORDS: Mapping[str, tuple[str, ...]] = {
 _TWIN_TOPICS = {"linkage": "joint_states", "motor": "motor/joint_states", "body": "body/joint_states"}
 _WRENCH = {"wrench.force.x": "force_x_n", "wrench.force.y": "force_y_n", "wrench.torque.z": "moment_nm"}
 _FIELD_OF_SI = {
-    "rad": "position",
-    "m": "position",
-    "rad/s": "velocity",
-    "m/s": "velocity",
-    "N.m": "effort",
-    "N": "effort",
+    "rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity", "N.m": "effort", "N": "effort",
     "A": "effort",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -116,11 +111,9 @@ def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str
     role = ROLES.get(parts.role, 0.0)
     if joint >= ALIKE:
         return NEAR, joint + role, "a near name"
-    return (
-        (UNSURE, joint + role, "only the kind of quantity fits")
-        if source.field is not None and joint > 0.5
-        else (0, 0.0, "")
-    )
+    if source.field is None or joint <= 0.5:
+        return 0, 0.0, ""
+    return UNSURE, joint + role, "only the kind of quantity fits"
 
 
 def _rated_wrench(source: Source, column: str) -> tuple[int, float, str]:
@@ -157,13 +150,8 @@ def map_of(machine: str, time: TimeSource, channels: Sequence[ProposedChannel]) 
 
 
 def _channel(proposed: ProposedChannel) -> Channel:
-    tree: dict[str, object] = {
-        "source": proposed.source,
-        "is": proposed.column,
-        "unit": proposed.unit,
-        "sign": proposed.sign,
-    }
-    return Channel.model_validate({**tree, **_unknowns(proposed)})
+    known = {"source": proposed.source, "is": proposed.column, "unit": proposed.unit, "sign": proposed.sign}
+    return Channel.model_validate({**known, **_unknowns(proposed)})
 
 
 def _unknowns(proposed: ProposedChannel) -> dict[str, object]:
