@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
+from uuid import UUID
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from mech_twin import __version__
@@ -118,8 +119,7 @@ def export_fmu(
 def _token(unit: MachineUnit, version: int) -> str:
     """Return the GUID that links a library to its description; it depends on machine, FMI and program version."""
     key = repr((version, __version__, unit.packed, unit.first_row.tolist(), unit.variables))
-    digest = hashlib.sha256(key.encode()).hexdigest()
-    return f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
+    return f"{{{UUID(bytes=hashlib.sha256(key.encode()).digest()[:16])}}}"
 
 
 def _linked(unit: MachineUnit, code: StepCode, platform: Platform, version: int, token: str) -> bytes:

@@ -5,8 +5,6 @@ Unknown keys get suggestions, and every key has its unit and declaration.
 """
 
 import re
-import types
-import typing
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
@@ -65,13 +63,8 @@ def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
                     yield from keys(element, f"{prefix}{name}.{own}.")
                 else:
                     yield Key(f"{prefix}{name}.{own}", field, list(element))
-        elif not _is_group(field.annotation):
+        elif not any(_models(field.annotation)):
             yield Key(prefix + name, field, list(value) if isinstance(value, tuple) else value)
-
-
-def _is_group(annotation: Any) -> bool:
-    options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
-    return any(isinstance(option, type) and issubclass(option, Parameters) for option in options)
 
 
 def key_units(model: type[BaseModel]) -> dict[str, str]:

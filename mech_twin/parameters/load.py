@@ -32,7 +32,6 @@ from mech_twin.declarations.configuration_tree import (
     configuration_tree,
     merged_tree,
     tree_from_flat,
-    tree_from_json,
 )
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
@@ -403,11 +402,6 @@ def changed_configuration(name: str, base: Parameters, changes: Mapping[str, Any
     """Return the parameters of a machine with other values of some keys (dotted); see `validated`."""
     tree = merged_tree(configuration_tree(base), tree_from_flat(changes, source))
     return validated(catalogue_entry(name), tree, source)
-
-
-def configuration_read(name: str, tree: Mapping[str, Any], source: str) -> Parameters:
-    """Return the validated parameters of a machine from a tree read from JSON; see `validated`."""
-    return validated(catalogue_entry(name), tree_from_json(tree), source)
 
 
 def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:
