@@ -58,11 +58,6 @@ class RerunScene(RunScene):
         self._last_picture = -1
         self._closed = False
 
-    @property
-    def contents(self) -> SceneContents | None:
-        """The contents of the present layout; None before the first one."""
-        return self._shown
-
     def frame(self, step: AnyStep) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
         self._take(step)
@@ -212,12 +207,8 @@ class ImpactMarks:
         if path not in self._contacts:
             colour = PALETTE[len(self._contacts) // 2 % len(PALETTE)]
             self._contacts.add(path)
-            self._stream.log(path, _mark_lines(name, colour), static=True)
+            # the viewer would merge points that fall into one pixel
+            whole = rr.components.AggregationPolicy.Off
+            lines = rr.SeriesLines(names=[name], colors=[colour], widths=[1.5], aggregation_policy=whole)
+            self._stream.log(path, lines, static=True)
         self._marks.setdefault(path, []).append((time_s, value))
-
-
-def _mark_lines(name: str, colour: tuple[int, int, int]) -> rr.SeriesLines:
-    """Return the style of marks, without aggregation: the viewer would merge points that fall into one pixel."""
-    return rr.SeriesLines(
-        names=[name], colors=[colour], widths=[1.5], aggregation_policy=rr.components.AggregationPolicy.Off
-    )
