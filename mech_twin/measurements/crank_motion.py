@@ -60,7 +60,7 @@ def _zero(run: MeasuredRun, turn: ModelTurn, crank: MeasuredChannel) -> float:
     if best is None or best.correlation < FOLLOWED:
         raise MeasurementError(
             run.path,
-            f"the zero of {crank.name} is {crank.channel.zero} and no other channel tells it; expected a number",
+            f"the zero of {crank.name} is {crank.channel.zero} and no other channel determines it; expected a number",
         )
     return best.crank_zero_rad
 

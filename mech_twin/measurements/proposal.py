@@ -190,13 +190,13 @@ def map_text(
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}"]
     if (word := unread_unit(time.column or "")) and time_unit_in(time.column or "") is None:
-        lines += _comment("  ", f"unit: {word!r} is none of a map's; {time.unit} is assumed")
+        lines += _comment("  ", f"unit: {word!r} is no unit of a map; {time.unit} is assumed")
     lines.append("channels:")
     for each in channels:
         lead = "  # " if each.surety == UNSURE else "  "
         remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)
         lines += [*_source(lead, each.source), *_comment(f"{lead}  ", remark), f"{lead}  is: {each.column}"]
-        assumed = f"unit: {unknown_unit(each) or 'the name tells none'}; {columns[each.column]} is assumed"
+        assumed = f"unit: {unknown_unit(each) or 'none in the name'}; {columns[each.column]} is assumed"
         lines += [f"{lead}  unit: {each.unit}"] if each.unit else _comment(f"{lead}  ", assumed)
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
@@ -210,7 +210,7 @@ def map_text(
 def unknown_unit(each: ProposedChannel) -> str | None:
     """Return the remark on a unit in the channel's name that no map has; None without one."""
     word = None if each.unit else unread_unit(each.source.column or "")
-    return word and f"{word!r} is none of a map's"
+    return word and f"{word!r} is no unit of a map"
 
 
 def _left_out(machine: str, channels: Sequence[ProposedChannel], offered: Sequence[Source]) -> list[str]:

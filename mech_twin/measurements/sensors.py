@@ -222,7 +222,7 @@ def _check_sensors(sensors: MeasurementMap, gauge: BlowGauge | None) -> None:
                 raise ConfigurationError(f"{where}.{key}', value {value!r}: expected a number, a sensor has one")
         if gauge is None and is_event(channel.quantity) and channel.quantity.rpartition(".")[2] in GAUGE_UNITS:
             raise ConfigurationError(
-                f"{where}.is', value {channel.quantity!r}: this machine has no gauge; expected a blow told as a wave"
+                f"{where}.is', value {channel.quantity!r}: expected a machine with a gauge on a struck rod"
             )
         if channel.source.topic is None or channel.quantity.startswith(f"{EVENT}."):
             continue

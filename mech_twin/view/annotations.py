@@ -230,7 +230,7 @@ class Banner:
         self._body_regimes = () if machine.body is None else tuple(machine.body.regimes)
 
     def _begin(self) -> None:
-        """Forget a run."""
+        """Clear what is known of a run."""
         self._blows = RecentBlows()
         self._power: deque[tuple[float, float, float]] = deque()  # time, angle of the leading joint, work of the drive
         self._power_w = self._turned_rad = 0.0

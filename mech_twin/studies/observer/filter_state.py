@@ -108,7 +108,7 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     states = _acting(run, [*mechanism_joints, *anchored.later])
     if not states:
         raise ConfigurationError(
-            f"{machine_name}: no number of a frame acts on the next one; expected a running machine"
+            f"{machine_name}: no number of a frame changes the next frame; expected a running machine"
         )
     drive = [name for name in columns if name.startswith("motor.") and name.endswith((".velocity", ".effort"))]
     inputs = [name for name in _acting(run, drive) if name.endswith(".velocity") or not _carried(run, [name])]
@@ -299,7 +299,7 @@ class SaltedFilter:
         """Return frames advanced by a step, and their rows with the offsets of the drive."""
         later = self._bank.advanced(state.step, bank, target)
         if later.failed[0] != DONE:
-            raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
+            raise MotionError(f"the estimated motion cannot be computed at step {state.step}")
         return later, self._with_offsets(later.rows, state.offsets, change)
 
     def corrected(

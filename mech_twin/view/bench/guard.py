@@ -128,10 +128,10 @@ class Guard:
     def _refusal(self, request: web.Request) -> web.Response | None:
         host = request.headers.get(hdrs.HOST, "")
         if not is_own_host(host, self.port, others=self._others):
-            return plain(403, "this server is asked for by its address")
+            return plain(403, "expected the address of this server as host")
         origin = request.headers.get(hdrs.ORIGIN)
         if origin is not None and origin != f"http://{host}":
-            return plain(403, "another page may not ask here")
+            return plain(403, "requests of other pages are refused")
         if request.method != hdrs.METH_GET:
             return plain(405, "expected GET")
         return None

@@ -232,7 +232,7 @@ class BenchScene(RunScene):
         self._strike(event)
 
     def _scale_anew(self) -> None:
-        """Forget how far and how strong the run before was: it sets no scale of the one that begins."""
+        """Clear range and largest impulse of the previous run, so that they set no scale of this one."""
         self._extent, self._bounds, self._hardest_ns = DrawnExtent(), None, 0.0
         if self._annotations is not None:
             self._annotations.largest_n = 0.0
