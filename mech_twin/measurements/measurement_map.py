@@ -61,13 +61,7 @@ Lag = Annotated[float | str, _number(-LONGEST_LAG_S, LONGEST_LAG_S, words=(FREE,
 Size = Annotated[float, _number(0.0, LARGEST)]
 
 
-class _Group(Parameters):
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, populate_by_name=True
-    )
-
-
-class Source(_Group):
+class Source(Parameters):
     """Source of a channel: a topic (with joint and field, or only a dotted field), a column of a table, or both.
 
     For messages other than JointState, ``joint`` selects those with this ``frame_id``; field ``stamp`` is their time.
@@ -98,7 +92,7 @@ class Source(_Group):
         return " ".join(word for word in (self.topic, self.joint, self.field) if word)
 
 
-class TimeSource(_Group):
+class TimeSource(Parameters):
     """Source of the time: stamps of the headers or of the log in a bag, a column in a table."""
 
     stamps: Literal["header", "log"] | None = None
@@ -106,12 +100,13 @@ class TimeSource(_Group):
     unit: Annotated[str, _one_of(TIME_UNITS)] = "s"
 
 
-class Channel(_Group):
+class Channel(Parameters):
     """One measured channel; ``zero``, ``sigma`` and ``quantum`` are in the channel's own unit.
 
     The keys below ``sigma`` describe a simulated sensor, for `simulate --sensors`; reading ignores them.
     """
 
+    model_config = ConfigDict(populate_by_name=True)
     source: Source
     quantity: str = Field(alias="is", min_length=1)
     unit: Annotated[str, _one_of(UNITS)] | None = None
@@ -139,7 +134,7 @@ class Channel(_Group):
         return self.sign * value / (fixed(self.gain, 1.0) * self.si_factor) + fixed(self.zero, 0.0)
 
 
-class MeasurementMap(_Group):
+class MeasurementMap(Parameters):
     """Assignment of channels of a measurement to columns of the machine."""
 
     machine: str

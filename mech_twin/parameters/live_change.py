@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
+from mech_twin.capabilities.arguments import is_number
 from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
@@ -101,7 +102,7 @@ class ChangingMachine:
         for change in changes:
             of_command = change.key == COMMAND
             if change.time_s < ended_s[of_command]:
-                raise ConfigurationError(f"--change {change.text}: expected after the ramp before it has ended")
+                raise ConfigurationError(f"--change {change.text}: expected a time after the end of the previous ramp")
             ended_s[of_command] = change.until_s
             if of_command:
                 self._add_command(change)
@@ -111,7 +112,7 @@ class ChangingMachine:
     def _add_command(self, change: LiveChange) -> None:
         before = self._commands[-1][1]
         value = before * (1.0 + change.share) if change.share is not None else change.value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+        if not is_number(value) or not 0.0 <= value <= 1.0:
             raise ConfigurationError(f"--change {change.text}: expected a fraction of rated frequency, 0 to 1")
         self._commands += [(change.time_s, before), (change.until_s, float(value))]
 
@@ -169,7 +170,7 @@ def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
         if change.share is None:
             raise ConfigurationError(f"--change {change.text}: expected a share, such as {change.key}=-2%@12")
         return change.share
-    if change.share is not None or isinstance(change.value, bool) or not isinstance(change.value, int | float):
+    if change.share is not None or not is_number(change.value):
         raise ConfigurationError(f"--change {change.text}: expected a size, a number of unit {unit}")
     return float(change.value)
 
@@ -190,7 +191,7 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str, done: flo
             raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected a value")
         value = live[change.key] * (1.0 + change.share * done)
     elif done < 1.0:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not is_number(value):
             raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected it at once")
         value = live[change.key] + (value - live[change.key]) * done
     return changed_configuration(machine, parameters, {change.key: value}, f"--change {change.text}")
