@@ -187,13 +187,7 @@ def is_page(name: str | os.PathLike[str]) -> bool:
 
 
 def catalogue_entry(name: str) -> Entry:
-    """Return the machine of this name, or the page entry for the path of a page.
-
-    Raises
-    ------
-    ConfigurationError
-        If the catalogue has no such machine.
-    """
+    """Return the machine of this name in the catalogue, or the page entry for the path of a page."""
     text = name if isinstance(name, str) else ""  # anything may come from Python
     if is_page(name) or text == PAGE.name:
         return PAGE
@@ -211,13 +205,7 @@ def kind_of(name: str) -> str:
 
 
 def machine_of_prefix(text: str) -> str:
-    """Return the machine whose name is the only one with this prefix; a page's path is returned unchanged.
-
-    Raises
-    ------
-    ConfigurationError
-        If no machine has this prefix, or several do.
-    """
+    """Return the only machine whose name has this prefix; a page's path is returned unchanged."""
     if is_page(text):
         if Path(text).is_dir():
             raise ConfigurationError(f"{text}: is a directory; expected a page")

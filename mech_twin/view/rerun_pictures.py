@@ -282,13 +282,7 @@ def converter(name: str, panels: Sequence[Mapping[str, Any]]) -> Callable[[Seque
 
 
 class RerunFile(Closing):
-    """A file for rerun in the place of a bench; see `BenchLink`.
-
-    Raises
-    ------
-    RerunSceneError
-        The file cannot be created, or at the end not be written completely; one line.
-    """
+    """A file for rerun in the place of a bench; see `BenchLink`."""
 
     is_live = False
 

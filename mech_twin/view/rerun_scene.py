@@ -36,13 +36,7 @@ BATCH_S = 0.1  # simulated time per batch
 
 
 class RerunScene(RunScene):
-    """The rerun recording of one run; a context manager.
-
-    Raises
-    ------
-    RerunSceneError
-        The file cannot be created; one line.
-    """
+    """The rerun recording of one run; a context manager."""
 
     def __init__(self, application_id: str, rrd_path: str | Path) -> None:
         super().__init__()

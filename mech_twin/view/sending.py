@@ -33,11 +33,6 @@ def extreme_rows(values: Values, window: int) -> Rows:
     ----------
     window : int
         Rows per window, counted from row 0; the last window may be shorter.
-
-    Raises
-    ------
-    ValueError
-        The window is smaller than one row.
     """
     if window < 1:
         raise ValueError(f"window: expected at least 1 row, got {window}")
