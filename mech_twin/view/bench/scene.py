@@ -9,12 +9,14 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
+
+from pydantic import TypeAdapter
 
 from mech_twin.declarations.captions import caption
 from mech_twin.engine.trajectory import RunInvariants
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
+from mech_twin.samples import Drawing, Event, Frame, LinkageSample
 from mech_twin.view.annotations import RESET, AnyStep, is_stalled
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curves, packed_layout, packed_shapes
@@ -91,8 +93,7 @@ def _named(words: Sequence[str], number: int) -> str:
     return words[number].replace("_", " ") if 0 <= number < len(words) else str(number)
 
 
-AnySample = TypeVar("AnySample", MotorSample, LinkageSample, ForceSample, BodySample)
-NAMED = ("memory", "residuals", "quantities")
+_FRAME = TypeAdapter(Frame)
 LEFT_OUT = ("events", "loads")  # of the step that ends here; not needed to continue
 STATE_S = 0.1  # wall-clock time between two states of the run
 MOST_EVENTS = 200  # per picture
@@ -113,24 +114,8 @@ def listed(frame: Frame) -> dict[str, Any]:
 
 def framed(content: dict[str, Any]) -> Frame:
     """Return the frame made of the lists of `listed`."""
-    return Frame(
-        linkage=_sample(LinkageSample, content["linkage"]),
-        motor=_sample(MotorSample, content["motor"]),
-        forces=_sample(ForceSample, content["forces"]),
-        body=_sample(BodySample, content["body"]) if "body" in content else None,
-    )
-
-
-def _sample(kind: type[AnySample], content: dict[str, Any]) -> AnySample:
-    fields: dict[str, Any] = {}
-    for name, value in content.items():
-        if name in NAMED:
-            fields[name] = Named(*(tuple(part) for part in value))
-        elif name == "wrenches":
-            fields[name] = tuple(Wrench(*each) for each in value)
-        else:
-            fields[name] = tuple(value) if isinstance(value, list) else value
-    return kind(**fields)
+    found: Frame = _FRAME.validate_python({"body": None, **content})
+    return found
 
 
 class BenchScene(RunScene):
