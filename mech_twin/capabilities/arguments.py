@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Validation of arguments of the Python interface: an error is one line with name, value and what is expected."""
+"""Validation of arguments of the Python interface; a refusal is a StudyError with name, value and what is expected."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -21,11 +21,6 @@ def is_number(value: Any) -> TypeGuard[float]:
 def real_number(name: str, value: Any, expected: str, least: float = -math.inf, most: float = math.inf) -> float:
     """Return a finite number within bounds.
 
-    Raises
-    ------
-    StudyError
-        If it is not such a number.
-
     Examples
     --------
     >>> real_number("duration_s", 3, "seconds", 0.0)
@@ -37,26 +32,14 @@ def real_number(name: str, value: Any, expected: str, least: float = -math.inf, 
 
 
 def whole_number(name: str, value: Any, least: int, most: int) -> int:
-    """Return a whole number within bounds.
-
-    Raises
-    ------
-    StudyError
-        If it is not such a number.
-    """
+    """Return a whole number within bounds."""
     if not is_number(value) or not least <= value <= most or value != int(value):
         raise StudyError(f"{name}: expected a whole number from {least} to {most}, got {_shown(value)}")
     return int(value)
 
 
 def bounds_by_name(name: str, value: Any, expected: str) -> dict[str, tuple[float, float]]:
-    """Return a mapping to a lower and an upper number, which may be infinite; an empty one for None.
-
-    Raises
-    ------
-    StudyError
-        If it is not such a mapping.
-    """
+    """Return a mapping to a lower and an upper number, which may be infinite; an empty one for None."""
     found = {}
     for key, pair in by_name(name, value, expected).items():
         both = several(f"{name} of {key}", pair, "a lower and an upper number")
@@ -67,13 +50,7 @@ def bounds_by_name(name: str, value: Any, expected: str) -> dict[str, tuple[floa
 
 
 def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
-    """Return a mapping as a dictionary; an empty one for None.
-
-    Raises
-    ------
-    StudyError
-        If it is not a mapping with strings as keys.
-    """
+    """Return a mapping as a dictionary; an empty one for None."""
     if value is None:
         return {}
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
@@ -82,13 +59,7 @@ def by_name(name: str, value: Any, expected: str) -> dict[str, Any]:
 
 
 def several(name: str, value: Any, expected: str) -> tuple[Any, ...]:
-    """Return the items of a sequence that is not a string; numpy scalars are converted to Python numbers.
-
-    Raises
-    ------
-    StudyError
-        If it is a single item.
-    """
+    """Return the items of a sequence that is not a string; numpy scalars are converted to Python numbers."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise StudyError(f"{name} {_shown(value)}: expected {expected}")
     return tuple(item.item() if isinstance(item, np.generic) else item for item in value)

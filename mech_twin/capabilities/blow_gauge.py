@@ -98,8 +98,6 @@ def blow_remarks(roundings: Mapping[str, tuple[float, float]], numbers: Mapping[
     ----------
     roundings : dict
         Configured length and the length on the grid (m), by key.
-    numbers : dict
-        Metrics of the run.
     """
     for key, (asked, taken) in roundings.items():
         if abs(taken - asked) > ROUNDED * asked:

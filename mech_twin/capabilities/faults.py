@@ -5,6 +5,7 @@ An operating variable (supply, load, temperature, tolerance) moves within a rang
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 from mech_twin.declarations.configuration_tree import configuration_tree, value_in
@@ -47,22 +48,20 @@ def value_at(parameters: Parameters, key: str) -> Any:
     return value_in(configuration_tree(parameters), key)
 
 
+def _by_share(keys: Sequence[str], parameters: Parameters, share: float) -> dict[str, Any]:
+    return {key: float(value_at(parameters, key)) * (1.0 + share) for key in keys}
+
+
 def share_of_key(name: str, meaning: str, key: str, sizes: Sequence[float]) -> MachineFault:
     """Return a fault that changes a key by a share of its healthy value."""
-
-    def changes(parameters: Parameters, size: float) -> dict[str, Any]:
-        return {key: float(value_at(parameters, key)) * (1.0 + size)}
-
-    return MachineFault(name, meaning, "1", tuple(sizes), changes, key=key)
+    return MachineFault(name, meaning, "1", tuple(sizes), partial(_by_share, (key,)), key=key)
 
 
 def added_to_key(name: str, meaning: str, key: str, unit: str, sizes: Sequence[float]) -> MachineFault:
     """Return a fault that adds its size to a key."""
-
-    def changes(parameters: Parameters, size: float) -> dict[str, Any]:
-        return {key: float(value_at(parameters, key)) + size}
-
-    return MachineFault(name, meaning, unit, tuple(sizes), changes, key=key)
+    return MachineFault(
+        name, meaning, unit, tuple(sizes), lambda parameters, size: {key: float(value_at(parameters, key)) + size}, key
+    )
 
 
 def rod_faults(rod: Any, key: str, weak_key: str, prefix: str = "") -> tuple[MachineFault, ...]:
@@ -111,11 +110,7 @@ def varying_key(
     name: str, meaning: str, key: str, share: float, beyond: str, *more: str, is_commanded: bool = False
 ) -> OperatingVariable:
     """Return a variable that changes a key, and further ones with it, by a share of the healthy value."""
-
-    def changes(parameters: Parameters, size: float) -> dict[str, Any]:
-        return {each: float(value_at(parameters, each)) * (1.0 + size) for each in (key, *more)}
-
-    return OperatingVariable(name, meaning, share, changes, beyond, is_commanded)
+    return OperatingVariable(name, meaning, share, partial(_by_share, (key, *more)), beyond, is_commanded)
 
 
 def beyond_range(variable: OperatingVariable) -> MachineFault:
@@ -162,22 +157,18 @@ def motor_variables() -> tuple[OperatingVariable, ...]:
     in rad/s, are constant.  Torque at every slip is proportional to the square of the voltage; the slip at a torque is
     proportional to the resistance.
     """
-
-    def frequency(parameters: Parameters, size: float) -> dict[str, Any]:
-        return motor_changes(parameters, field=1.0 + size)
-
-    def voltage(parameters: Parameters, size: float) -> dict[str, Any]:
-        return motor_changes(parameters, torque=(1.0 + size) ** 2)
-
-    def resistance(parameters: Parameters, size: float) -> dict[str, Any]:
-        return motor_changes(parameters, slip=1.0 + size)
-
     return (
-        OperatingVariable("supply_frequency", "frequency of the supply", FREQUENCY_RANGE, frequency, FREQUENCY),
-        OperatingVariable("supply_voltage", "voltage of the supply", VOLTAGE_RANGE, voltage, "supply_voltage_range"),
         OperatingVariable(
-            "rotor_resistance", "resistance of the motor's rotor, by its temperature", RESISTANCE_RANGE, resistance,
-            "rotor_resistance_range",
+            "supply_frequency", "frequency of the supply", FREQUENCY_RANGE,
+            lambda parameters, share: motor_changes(parameters, field=1.0 + share), FREQUENCY,
+        ),
+        OperatingVariable(
+            "supply_voltage", "voltage of the supply", VOLTAGE_RANGE,
+            lambda parameters, share: motor_changes(parameters, torque=(1.0 + share) ** 2), "supply_voltage_range",
+        ),
+        OperatingVariable(
+            "rotor_resistance", "resistance of the motor's rotor, by its temperature", RESISTANCE_RANGE,
+            lambda parameters, share: motor_changes(parameters, slip=1.0 + share), "rotor_resistance_range",
         ),
     )  # fmt: skip
 

@@ -32,10 +32,13 @@ FORCE: Colour = (213, 94, 0)
 CIRCLE_POINTS = 36
 
 
+def _polar(centre: Point, radius_m: float, angle: float) -> Point:
+    return centre[0] + radius_m * cos(angle), centre[1] + radius_m * sin(angle)
+
+
 def circle(centre: Point, radius_m: float, points: int = CIRCLE_POINTS) -> Strip:
     """Return a closed circle (m)."""
-    angles = [2.0 * pi * i / points for i in range(points)]
-    strip = [(centre[0] + radius_m * cos(angle), centre[1] + radius_m * sin(angle)) for angle in angles]
+    strip = [_polar(centre, radius_m, 2.0 * pi * i / points) for i in range(points)]
     return (*strip, strip[0])
 
 
@@ -44,8 +47,7 @@ def toothed(centre: Point, radius_m: float, teeth: int, angle: float, height_m: 
     strip = []
     for i in range(teeth):
         for edge, out in ((-0.25, -1.0), (-0.25, 1.0), (0.25, 1.0), (0.25, -1.0)):
-            turn, reach = angle + 2.0 * pi * (i + edge) / teeth, radius_m + out * height_m
-            strip.append((centre[0] + reach * cos(turn), centre[1] + reach * sin(turn)))
+            strip.append(_polar(centre, radius_m + out * height_m, angle + 2.0 * pi * (i + edge) / teeth))
     return (*strip, strip[0])
 
 
@@ -55,8 +57,8 @@ def spiral(centre: Point, inner_m: float, outer_m: float, begin: float, end: flo
     strip = []
     for i in range(count + 1):
         share = i / count
-        turn, reach = begin + share * (end - begin + 2.0 * pi * turns), inner_m + share * (outer_m - inner_m)
-        strip.append((centre[0] + reach * cos(turn), centre[1] + reach * sin(turn)))
+        turn = begin + share * (end - begin + 2.0 * pi * turns)
+        strip.append(_polar(centre, inner_m + share * (outer_m - inner_m), turn))
     return tuple(strip)
 
 

@@ -24,9 +24,9 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from mech_twin.capabilities.figure import Colour, Point
+
 ROOT = "machine"
-Point = tuple[float, float]
-Colour = tuple[int, int, int]
 UNLIMITED = "1e6"  # effort and speed: the description has no limits
 PLANAR = "planar: of each inertia izz is known; ixx and iyy are those of a flat link"
 SHORTEST_M = 1e-6  # length of the box of a link without extent
@@ -165,20 +165,7 @@ def sliding(name: str, parent: str, child: str, axis: Point, travel_m: float, or
 
 
 def moved(joint: Joint, positions: Mapping[str, float]) -> Pose:
-    """Return the pose of a joint's child in its parent.
-
-    Parameters
-    ----------
-    joint : Joint
-        The joint.
-    positions : mapping
-        Positions of the machine's joints by name (rad or m).
-
-    Raises
-    ------
-    KeyError
-        If the position of the joint is not among them.
-    """
+    """Return the pose of a joint's child in its parent, at positions of the machine's joints by name (rad or m)."""
     x, y = joint.origin_m
     if joint.kind == "fixed":
         return Pose(x, y, joint.turned_rad)
@@ -215,10 +202,6 @@ def four_bar_chain(
 
     Parameters
     ----------
-    links : tuple of str
-        Crank, coupler and rocker.
-    lengths_m : tuple of float
-        Their lengths (m).
     pivot_m : (x, y)
         Bearing of the rocker in the base's frame (m).
     """
@@ -238,15 +221,7 @@ def four_bar_chain(
 
 
 def urdf(name: str, mechanism: FrameTree) -> str:
-    """Return the description of a machine.
-
-    Parameters
-    ----------
-    name : str
-        Name of the machine.
-    mechanism : FrameTree
-        Its frames; each becomes a link.
-    """
+    """Return the description of a machine, a link for each frame."""
     robot = Element("robot", name=name)
     for loop in mechanism.loops:
         robot.append(ElementTree.Comment(f" closed chain, opened here: {loop.first} and {loop.second} are one pin "))

@@ -16,15 +16,8 @@ from PIL import Image
 from mech_twin.files.output_file import written_file
 
 # Okabe and Ito's palette, without its yellow
-BLUE, RED, GREEN, ORANGE, PURPLE, SKY, GREY = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#e69f00",
-    "#cc79a7",
-    "#56b4e9",
-    "#7f7f7f",
-)
+BLUE, RED, GREEN = "#0072b2", "#d55e00", "#009e73"
+ORANGE, PURPLE, SKY, GREY = "#e69f00", "#cc79a7", "#56b4e9", "#7f7f7f"
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY)
 INK = "#2b2b2b"
 DPI = 200
@@ -91,9 +84,9 @@ def turn_axis(axes: Axes, label: str = "crank angle, degrees") -> None:
     axes.set_xlabel(label)
 
 
-def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "published", colour: str = INK) -> None:
+def published(axes: Axes, x: Sequence[float], y: Sequence[float], label: str = "published") -> None:
     """Plot published points as rings."""
-    ring: Any = {"color": "none", "markeredgecolor": colour, "markersize": 6.5, "markeredgewidth": 1.4}
+    ring: Any = {"color": "none", "markeredgecolor": INK, "markersize": 6.5, "markeredgewidth": 1.4}
     axes.plot(x, y, "o", label=label, zorder=5, clip_on=False, **ring)
 
 

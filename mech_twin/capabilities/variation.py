@@ -28,13 +28,7 @@ def varied(parameters: Model, changes: Mapping[str, Any]) -> Model:
 
 
 def scaled(parameters: Model, factors: Mapping[str, float]) -> Model:
-    """Return the configuration with these numbers multiplied by their factors.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If the scaled configuration is invalid.
-    """
+    """Return the configuration with these numbers multiplied by their factors; see `varied`."""
     tree = configuration_tree(parameters)
     return varied(parameters, {key: float(value_in(tree, key)) * factor for key, factor in factors.items()})
 

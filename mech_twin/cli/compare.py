@@ -285,7 +285,7 @@ class SeenRun:
             self.machine = machine
             self.scene.watch(machine)
         draw, self._undrawn = self.scene.drawing_due(frame.linkage.time_s), frame
-        self.scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+        self.scene.frame(frame)
         for event in frame_events(frame):
             self.scene.event(event)
         if draw:

@@ -22,6 +22,7 @@ from mech_twin.cli.console import (
 )
 from mech_twin.cli.measurement_verbs import MapVerb
 from mech_twin.cli.verbs import InfoVerb, ReplayVerb
+from mech_twin.engine.trajectory import StepSamples
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.measurement_map import MeasurementMap
@@ -290,6 +291,6 @@ def show_measured(scene: BenchScene | RerunScene, read: Read, stop: StopSignal) 
         for linkage, forces in shown:
             if stop.asked:
                 return
-            scene.frame(linkage=linkage, forces=forces)
+            scene.frame(StepSamples(linkage.step, linkage=linkage, forces=forces))
             if scene.drawing_due(linkage.time_s):
                 scene.drawing(Drawing(linkage.step, linkage.time_s, read.machine.draw(linkage, None)))

@@ -146,7 +146,7 @@ def _show(scene: BenchScene | RerunScene, samples: BagSamples, stop: StopSignal)
                 scene.drawing(item)
                 undrawn = None
                 continue
-            scene.frame(motor=item.motor, linkage=item.linkage, forces=item.forces, body=item.body)
+            scene.frame(item)
             for event in item.events:
                 scene.event(event)
             frame = None if history is None else item.frame(samples.has_body)

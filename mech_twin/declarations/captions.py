@@ -5,31 +5,10 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
 UNITS = {
-    "m": "m",
-    "mm": "mm",
-    "s": "s",
-    "hz": "Hz",
-    "rad": "rad",
-    "deg": "deg",
-    "rpm": "rpm",
-    "n": "N",
-    "kn": "kN",
-    "nm": "N m",
-    "ns": "N s",
-    "nms": "N m s",
-    "j": "J",
-    "w": "W",
-    "kw": "kW",
-    "kg": "kg",
-    "rad2": "rad²",
-    "m2": "m²",
-    "m3": "m³",
-    "s2": "s²",
-    "pa": "Pa",
-    "mpa": "MPa",
-    "percent": "%",
-    "bar": "bar",
-}
+    "m": "m", "mm": "mm", "s": "s", "hz": "Hz", "rad": "rad", "deg": "deg", "rpm": "rpm", "n": "N", "kn": "kN",
+    "nm": "N m", "ns": "N s", "nms": "N m s", "j": "J", "w": "W", "kw": "kW", "kg": "kg", "rad2": "rad²", "m2": "m²",
+    "m3": "m³", "s2": "s²", "pa": "Pa", "mpa": "MPa", "percent": "%", "bar": "bar",
+}  # fmt: skip
 
 
 def caption(name: str) -> tuple[str, str]:
@@ -94,14 +73,7 @@ def unknown_name(name: object, known: Iterable[str], kind: str = "") -> str:
 
 
 def axis_title(column: str, unit: str = "") -> str:
-    """Return the axis title for a column of a run, without its role.
-
-    Parameters
-    ----------
-    column : str
-        Dotted name.
-    unit : str
-        Unit of the column, if the name does not end in one.
+    """Return the axis title for a column of a run, without its role; ``unit`` if the name ends in none.
 
     Examples
     --------

@@ -9,18 +9,18 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.errors import OneLineError
 
 
-def at_most(limit: float, reserve: float = 0.05) -> float:
-    """Return a suggested value below an upper limit: two digits, with a relative margin ``reserve``.
+def at_most(limit: float) -> float:
+    """Return a suggested value 5 % below an upper limit, to two digits.
 
     Examples
     --------
     >>> at_most(0.2563)
     0.24
     """
-    return _two_digits((1.0 - reserve) * limit, math.floor)
+    return _two_digits(0.95 * limit, math.floor)
 
 
-def at_least(limit: float, reserve: float = 0.05) -> float:
+def at_least(limit: float) -> float:
     """Return a suggested value above a lower limit; see `at_most`.
 
     Examples
@@ -28,7 +28,7 @@ def at_least(limit: float, reserve: float = 0.05) -> float:
     >>> at_least(0.2563)
     0.27
     """
-    return _two_digits((1.0 + reserve) * limit, math.ceil)
+    return _two_digits(1.05 * limit, math.ceil)
 
 
 def _two_digits(value: float, rounding: Callable[[float], int]) -> float:

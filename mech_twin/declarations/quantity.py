@@ -13,37 +13,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 # smallest nonzero and largest magnitude of any parameter in this unit: wide, but within the range in which the
 # equations can be solved
 RANGES: dict[str, tuple[float, float]] = {
-    "1": (1e-9, 1e6),
-    "1/min": (1e-6, 1e6),
-    "1/s": (1e-6, 1e6),
-    "Hz": (1e-6, 1e6),
-    "MiB": (1e-3, 1e9),
-    "N": (1e-9, 1e9),
-    "N m": (1e-9, 1e9),
-    "N m s": (1e-9, 1e9),
-    "N m s/rad": (1e-9, 1e9),
-    "N m/rad": (1e-9, 1e12),
-    "N s/m": (1e-9, 1e9),
-    "s/m": (1e-9, 1e6),
-    "N/m": (1e-9, 1e13),
-    "Pa": (1e-3, 1e13),
-    "W": (1e-6, 1e9),
-    "deg": (1e-9, 1e5),
-    "kg": (1e-9, 1e7),
-    "kg m2": (1e-12, 1e8),
-    "kg/m3": (1e-3, 1e5),
-    "m": (1e-6, 1e4),
-    "m2": (1e-12, 1e6),
-    "m3": (1e-12, 1e9),
-    "m/s": (1e-9, 1e4),
-    "m/s2": (1e-9, 1e4),
-    "rad": (1e-9, 1e4),
-    "rad/s": (1e-9, 1e6),
-    "rpm": (1e-6, 1e6),
-    "s": (1e-9, 1e6),
-}
-
-
+    "1": (1e-9, 1e6), "1/min": (1e-6, 1e6), "1/s": (1e-6, 1e6), "Hz": (1e-6, 1e6), "MiB": (1e-3, 1e9),
+    "N": (1e-9, 1e9), "N m": (1e-9, 1e9), "N m s": (1e-9, 1e9), "N m s/rad": (1e-9, 1e9), "N m/rad": (1e-9, 1e12),
+    "N s/m": (1e-9, 1e9), "s/m": (1e-9, 1e6), "N/m": (1e-9, 1e13), "Pa": (1e-3, 1e13), "W": (1e-6, 1e9),
+    "deg": (1e-9, 1e5), "kg": (1e-9, 1e7), "kg m2": (1e-12, 1e8), "kg/m3": (1e-3, 1e5),
+    "m": (1e-6, 1e4), "m2": (1e-12, 1e6), "m3": (1e-12, 1e9), "m/s": (1e-9, 1e4), "m/s2": (1e-9, 1e4),
+    "rad": (1e-9, 1e4), "rad/s": (1e-9, 1e6), "rpm": (1e-6, 1e6), "s": (1e-9, 1e6),
+}  # fmt: skip
 LONGEST_RUN_S = 2**31 - 1  # largest number of seconds in a ROS time
 
 

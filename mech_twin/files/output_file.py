@@ -54,8 +54,6 @@ def check_output_file(path: Path, *, force: bool = False, suffixes: Sequence[str
 
     Parameters
     ----------
-    path : Path
-        The file.
     force : bool
         Whether an existing regular file may be overwritten.
     suffixes : sequence of str
@@ -81,8 +79,6 @@ def check_output_directory(path: Path, *, force: bool = False) -> None:
 
     Parameters
     ----------
-    path : Path
-        The directory.
     force : bool
         Whether it may contain files.
 

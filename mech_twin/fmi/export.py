@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
+from uuid import UUID
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from mech_twin import __version__
@@ -67,8 +68,6 @@ def export_fmu(
 
     Parameters
     ----------
-    machine : Machine
-        The machine with its configuration.
     out : path
         File to write, ``NAME.fmu``.
     version : int
@@ -120,8 +119,7 @@ def export_fmu(
 def _token(unit: MachineUnit, version: int) -> str:
     """Return the GUID that links a library to its description; it depends on machine, FMI and program version."""
     key = repr((version, __version__, unit.packed, unit.first_row.tolist(), unit.variables))
-    digest = hashlib.sha256(key.encode()).hexdigest()
-    return f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
+    return f"{{{UUID(bytes=hashlib.sha256(key.encode()).digest()[:16])}}}"
 
 
 def _linked(unit: MachineUnit, code: StepCode, platform: Platform, version: int, token: str) -> bytes:
@@ -250,17 +248,7 @@ def base_unit(unit: str) -> tuple[dict[str, int], float] | None:
 
 
 def described(unit: MachineUnit, version: int, token: str) -> bytes:
-    """Return the model description (XML) of a unit.
-
-    Parameters
-    ----------
-    unit : MachineUnit
-        The machine.
-    version : int
-        Version of the FMI standard, 2 or 3.
-    token : str
-        GUID that links the library to this description.
-    """
+    """Return the model description (XML) of a unit; ``token`` links its library to it."""
     name, step_s = unit.name, repr(float(unit.machine.coupling_step_s))
     able = {
         "modelIdentifier": unit.name,

@@ -106,15 +106,7 @@ class _StepText(NamedTuple):
 
 
 class StepCode:
-    """The compiled step of a machine, independent of the target platform.
-
-    Parameters
-    ----------
-    compiled : CompiledMachine
-        The machine.
-    packed : PackedModels
-        Its constants.
-    """
+    """The compiled step of a machine, with its constants, independent of the target platform."""
 
     def __init__(self, compiled: CompiledMachine, packed: PackedModels) -> None:
         layout, widths = compiled.layout, compiled.widths

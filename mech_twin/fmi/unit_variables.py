@@ -9,12 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from mech_twin.declarations.configuration_tree import (
-    ConfigurationError,
-    configuration_tree,
-    merged_tree,
-    tree_from_flat,
-)
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.compiled_machine import CompiledMachine, PackedModels, compiled_machine, packed_models
 from mech_twin.engine.coupling import complete_frame
@@ -23,7 +18,7 @@ from mech_twin.fmi.step_object import EVENT_FIELDS
 from mech_twin.measurements.units import column_unit, sliding_in
 from mech_twin.mechanics.recording import generated_at
 from mech_twin.parameters.errors import Key, keys
-from mech_twin.parameters.load import catalogue_entry, validated
+from mech_twin.parameters.load import catalogue_entry, changed_configuration
 from mech_twin.roles import EffortMotor, Machine, own_name
 from mech_twin.samples import Frame
 
@@ -151,9 +146,8 @@ class _Built(NamedTuple):
 
 def _configured(machine: Machine, values: Mapping[str, float]) -> Parameters | None:
     """Return the configuration with other values of some keys; None if it is not valid."""
-    tree = merged_tree(configuration_tree(machine.parameters), tree_from_flat(values, "unit"))
     try:
-        return validated(catalogue_entry(machine.name), tree, "unit")
+        return changed_configuration(machine.name, machine.parameters, values, "unit")
     except ConfigurationError:
         return None
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ MOST_PANELS = 8
 Value = TypeVar("Value")
 
 
-class _WithUnits(Mapping[str, Value], Generic[Value]):
+class _WithUnits(Mapping[str, Value]):
     """Immutable mapping by names that end in their units."""
 
     def __init__(
@@ -79,12 +79,8 @@ class Columns(_WithUnits[NDArray[Any]]):
 
     Parameters
     ----------
-    title : str
-        Title of the columns.
     along : str
         Name of the column on the horizontal axis.
-    values : mapping of str to sequence
-        The columns.
     units : mapping of str to str
         Units of columns whose names do not end in theirs, such as the position of a joint.
     """

@@ -60,21 +60,16 @@ def _zero(run: MeasuredRun, turn: ModelTurn, crank: MeasuredChannel) -> float:
     if best is None or best.correlation < FOLLOWED:
         raise MeasurementError(
             run.path,
-            f"the zero of {crank.name} is {crank.channel.zero} and no other channel tells it; expected a number",
+            f"the zero of {crank.name} is {crank.channel.zero} and no other channel determines it; expected a number",
         )
     return best.crank_zero_rad
 
 
 def smoothed(times_s: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Return values, first and second derivative of a smoothing spline, shape (n,) each.
+    """Return values, first and second derivative of a smoothing spline at ascending times, shape (n,) each.
 
     Its penalty is the median of those chosen by generalised cross-validation in a few pieces of the run: that choice
     takes most of the time, and the noise of a sensor is constant.
-
-    Parameters
-    ----------
-    times_s, values : ndarray
-        Shape (n,), times ascending.
     """
     starts = np.linspace(0, max(0, len(times_s) - CHOSEN), CHOICES).astype(int)
     found = [_chosen(times_s[i : i + CHOSEN], values[i : i + CHOSEN]) for i in dict.fromkeys(starts.tolist())]

@@ -8,12 +8,12 @@ A channel reads ``sign * of_the_machine / gain + zero``, in its own unit and del
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
@@ -41,18 +41,27 @@ def _number(least: float, largest: float, *, words: tuple[str, ...] = ()) -> Bef
     return BeforeValidator(checked)
 
 
+def _one_of(words: Collection[str]) -> AfterValidator:
+    def checked(value: str) -> str:
+        if value not in words:
+            raise ValueError(f"expected one of {', '.join(words)}")
+        return value
+
+    return AfterValidator(checked)
+
+
+def _not_zero(value: float | str) -> float | str:
+    if value == 0.0:
+        raise ValueError("expected a number that is not 0, free or per_run")
+    return value
+
+
 Number = Annotated[float | str, _number(-LARGEST, LARGEST, words=(FREE, PER_RUN))]
 Lag = Annotated[float | str, _number(-LONGEST_LAG_S, LONGEST_LAG_S, words=(FREE, PER_RUN))]
 Size = Annotated[float, _number(0.0, LARGEST)]
 
 
-class _Group(Parameters):
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True, populate_by_name=True
-    )
-
-
-class Source(_Group):
+class Source(Parameters):
     """Source of a channel: a topic (with joint and field, or only a dotted field), a column of a table, or both.
 
     For messages other than JointState, ``joint`` selects those with this ``frame_id``; field ``stamp`` is their time.
@@ -83,53 +92,33 @@ class Source(_Group):
         return " ".join(word for word in (self.topic, self.joint, self.field) if word)
 
 
-class TimeSource(_Group):
+class TimeSource(Parameters):
     """Source of the time: stamps of the headers or of the log in a bag, a column in a table."""
 
     stamps: Literal["header", "log"] | None = None
     column: str | None = Field(default=None, min_length=1)
-    unit: str = "s"
-
-    @field_validator("unit")
-    @classmethod
-    def _of_time(cls, value: str) -> str:
-        if value not in TIME_UNITS:
-            raise ValueError(f"expected one of {', '.join(TIME_UNITS)}")
-        return value
+    unit: Annotated[str, _one_of(TIME_UNITS)] = "s"
 
 
-class Channel(_Group):
+class Channel(Parameters):
     """One measured channel; ``zero``, ``sigma`` and ``quantum`` are in the channel's own unit.
 
     The keys below ``sigma`` describe a simulated sensor, for `simulate --sensors`; reading ignores them.
     """
 
+    model_config = ConfigDict(populate_by_name=True)
     source: Source
     quantity: str = Field(alias="is", min_length=1)
-    unit: str | None = None
+    unit: Annotated[str, _one_of(UNITS)] | None = None
     sign: Literal[1, -1] = 1
     zero: Number = 0.0
-    gain: Number = 1.0
+    gain: Annotated[Number, AfterValidator(_not_zero)] = 1.0
     lag_s: Lag = 0.0
     sigma: Size | None = None
     rate_hz: Annotated[float, _number(1e-6, FASTEST_HZ)] | None = None
     jitter_s: Annotated[float, _number(0.0, LONGEST_LAG_S)] = 0.0
     quantum: Size = 0.0
     drop: Annotated[float, _number(0.0, 0.999)] = 0.0
-
-    @field_validator("unit")
-    @classmethod
-    def _known(cls, value: str | None) -> str | None:
-        if value is not None and value not in UNITS:
-            raise ValueError(f"expected one of {', '.join(UNITS)}")
-        return value
-
-    @field_validator("gain")
-    @classmethod
-    def _not_zero(cls, value: float | str) -> float | str:
-        if value == 0.0:
-            raise ValueError("expected a number that is not 0, free or per_run")
-        return value
 
     @property
     def si_factor(self) -> float:
@@ -145,7 +134,7 @@ class Channel(_Group):
         return self.sign * value / (fixed(self.gain, 1.0) * self.si_factor) + fixed(self.zero, 0.0)
 
 
-class MeasurementMap(_Group):
+class MeasurementMap(Parameters):
     """Assignment of channels of a measurement to columns of the machine."""
 
     machine: str
@@ -184,21 +173,16 @@ def read_map(path: Path, columns_of: Any) -> MeasurementMap:
     ConfigurationError
         If the map is invalid; the message names file, key, value and what was expected.
     """
-    return checked_map(document_tree(path), str(path), columns_of)
-
-
-def checked_map(tree: Mapping[str, Any], source: str, columns_of: Any) -> MeasurementMap:
-    """Return the map in a tree of values; see `read_map`."""
     try:
-        found = MeasurementMap.model_validate(tree)
+        found = MeasurementMap.model_validate(document_tree(path))
     except ValidationError as error:
-        raise refusal(source, error, MeasurementMap) from error
+        raise refusal(str(path), error, MeasurementMap) from error
     try:
         columns = columns_of(found.machine)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{source}: key 'machine': {error}") from error
+        raise ConfigurationError(f"{path}: key 'machine': {error}") from error
     for place, channel in enumerate(found.channels):
-        _check_channel(channel, f"{source}: key 'channels.{place}", found.machine, columns)
+        _check_channel(channel, f"{path}: key 'channels.{place}", found.machine, columns)
     return found
 
 

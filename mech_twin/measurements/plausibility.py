@@ -56,10 +56,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
         return found
     turned = float(np.ptp(crank.values))
     if turned < TURN:
-        swapped = _swinging_crank(run, crank, units)
-        if swapped is None:
-            return [*found, _no_cycle(crank, turned, turn)]
-        return [*found, swapped]
+        return [*found, *(_swinging_crank(run, crank, units) or [_no_cycle(crank, turned, turn)])]
     return found + _standing_still(run, turn, units) + _turning_speed(crank, turn) + _following(run, crank, turn, units)
 
 
@@ -74,12 +71,12 @@ def _clock(run: MeasuredRun) -> list[str]:
                 "left out: has the clock been set back, or the machine begun anew? Cut the run there"
             ]
     crank = next((channel for channel in run.channels if channel.name in TURNING), None)
-    jumps = [] if crank is None or isinstance(crank.channel.gain, str) else _gaps_without_motion(crank)
+    if crank is None or isinstance(crank.channel.gain, str):
+        return []
     return [
         f"{crank.name}: in the gap of {gap_s:.4g} s after {at_s:.6g} s the crank turns no further than in one "
         "interval: has the clock been set forward? Cut the run there"
-        for at_s, gap_s in jumps
-        if crank is not None
+        for at_s, gap_s in _gaps_without_motion(crank)
     ]
 
 
@@ -155,11 +152,9 @@ def _speeds(run: MeasuredRun, units: Mapping[str, str]) -> list[str]:
     lines = []
     for channel in run.channels:
         parts = joint_column(channel.name)
-        position = (
-            None
-            if parts is None or parts.field != "velocity"
-            else run.channel(channel.name[: -len("velocity")] + "position")
-        )
+        if parts is None or parts.field != "velocity":
+            continue
+        position = run.channel(f"{parts.role}.{parts.joint}.position")
         if position is None or isinstance(channel.channel.gain, str) or isinstance(position.channel.gain, str):
             continue
         differences = np.diff(position.values) / np.diff(position.times_s)
@@ -237,13 +232,14 @@ def _turning_speed(crank: MeasuredChannel, turn: ModelTurn) -> list[str]:
     return [] if speed * usual > 0.0 else [f"{turning}: expected sign {-crank.channel.sign}"]
 
 
-def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel, units: Mapping[str, str]) -> str | None:
-    for channel in run.channels:
-        if channel is not crank and units.get(channel.name) == "rad" and np.ptp(channel.values) >= TURN:
-            return (
-                f"{crank.name} swings while {channel.name} turns round: expected the other way round, are they swapped?"
-            )
-    return None
+def _swinging_crank(run: MeasuredRun, crank: MeasuredChannel, units: Mapping[str, str]) -> list[str]:
+    turning = [
+        each.name
+        for each in run.channels
+        if each is not crank and units.get(each.name) == "rad" and np.ptp(each.values) >= TURN
+    ]
+    swapped = "turns round: expected the other way round, are they swapped?"
+    return [f"{crank.name} swings while {name} {swapped}" for name in turning[:1]]
 
 
 def _following(run: MeasuredRun, crank: MeasuredChannel, turn: ModelTurn, units: Mapping[str, str]) -> list[str]:

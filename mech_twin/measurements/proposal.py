@@ -43,14 +43,9 @@ JOINT_WORDS: Mapping[str, tuple[str, ...]] = {
 _TWIN_TOPICS = {"linkage": "joint_states", "motor": "motor/joint_states", "body": "body/joint_states"}
 _WRENCH = {"wrench.force.x": "force_x_n", "wrench.force.y": "force_y_n", "wrench.torque.z": "moment_nm"}
 _FIELD_OF_SI = {
-    "rad": "position",
-    "m": "position",
-    "rad/s": "velocity",
-    "m/s": "velocity",
-    "N.m": "effort",
-    "N": "effort",
+    "rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity", "N.m": "effort", "N": "effort",
     "A": "effort",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -116,11 +111,9 @@ def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str
     role = ROLES.get(parts.role, 0.0)
     if joint >= ALIKE:
         return NEAR, joint + role, "a near name"
-    return (
-        (UNSURE, joint + role, "only the kind of quantity fits")
-        if source.field is not None and joint > 0.5
-        else (0, 0.0, "")
-    )
+    if source.field is None or joint <= 0.5:
+        return 0, 0.0, ""
+    return UNSURE, joint + role, "only the kind of quantity fits"
 
 
 def _rated_wrench(source: Source, column: str) -> tuple[int, float, str]:
@@ -157,13 +150,8 @@ def map_of(machine: str, time: TimeSource, channels: Sequence[ProposedChannel]) 
 
 
 def _channel(proposed: ProposedChannel) -> Channel:
-    tree: dict[str, object] = {
-        "source": proposed.source,
-        "is": proposed.column,
-        "unit": proposed.unit,
-        "sign": proposed.sign,
-    }
-    return Channel.model_validate({**tree, **_unknowns(proposed)})
+    known = {"source": proposed.source, "is": proposed.column, "unit": proposed.unit, "sign": proposed.sign}
+    return Channel.model_validate({**known, **_unknowns(proposed)})
 
 
 def _unknowns(proposed: ProposedChannel) -> dict[str, object]:
@@ -198,19 +186,17 @@ def map_text(
         Further remarks by the label of a channel's source, such as the correlation.
     columns : mapping
         SI unit of each column of the machine.
-    offered : sequence of Source
-        All channels of the measurement.
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}"]
     if (word := unread_unit(time.column or "")) and time_unit_in(time.column or "") is None:
-        lines += _comment("  ", f"unit: {word!r} is none of a map's; {time.unit} is assumed")
+        lines += _comment("  ", f"unit: {word!r} is no unit of a map; {time.unit} is assumed")
     lines.append("channels:")
     for each in channels:
         lead = "  # " if each.surety == UNSURE else "  "
         remark = "; ".join(word for word in (each.reason, notes.get(each.source.label, "")) if word)
         lines += [*_source(lead, each.source), *_comment(f"{lead}  ", remark), f"{lead}  is: {each.column}"]
-        assumed = f"unit: {unknown_unit(each) or 'the name tells none'}; {columns[each.column]} is assumed"
+        assumed = f"unit: {unknown_unit(each) or 'none in the name'}; {columns[each.column]} is assumed"
         lines += [f"{lead}  unit: {each.unit}"] if each.unit else _comment(f"{lead}  ", assumed)
         lines += [f"{lead}  sign: -1"] if each.sign < 0 else []
         lines += [f"{lead}  {key}: {value}" for key, value in _unknowns(each).items()]
@@ -224,7 +210,7 @@ def map_text(
 def unknown_unit(each: ProposedChannel) -> str | None:
     """Return the remark on a unit in the channel's name that no map has; None without one."""
     word = None if each.unit else unread_unit(each.source.column or "")
-    return word and f"{word!r} is none of a map's"
+    return word and f"{word!r} is no unit of a map"
 
 
 def _left_out(machine: str, channels: Sequence[ProposedChannel], offered: Sequence[Source]) -> list[str]:

@@ -60,11 +60,6 @@ def read_parts(reader: RunReader, measurement_map: MeasurementMap) -> list[Measu
     """Return a run split at restarts of the machine; a single part without a restart.
 
     At a restart, the stamps of a channel go back by more than `RESTART_S` and continue from there.
-
-    Raises
-    ------
-    MeasurementError
-        As in `read_run`.
     """
     raw = _read(reader, measurement_map)
     whole, cuts = _whole(reader.path, raw), [_restarts(each.times_s) for each in raw]
@@ -144,13 +139,7 @@ def _whole(path: Path, raw: Sequence[MeasuredChannel]) -> MeasuredRun:
 
 
 def require_usable(path: Path, channel: Channel, quality: Quality) -> None:
-    """Raise if a channel is unusable: too few samples, no number, constant, stamps that go back.
-
-    Raises
-    ------
-    MeasurementError
-        The message has the file, the channel and what was expected.
-    """
+    """Raise a MeasurementError for an unusable channel: too few samples, no number, constant, stamps that go back."""
     where = f"channel {channel.source.label!r} ({channel.quantity}):"
     if quality.samples - quality.nan < FEW_SAMPLES and not channel.quantity.startswith("event."):
         numbers = quality.samples - quality.nan

@@ -14,7 +14,6 @@ import heapq
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count
-from math import pi
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -26,12 +25,11 @@ from mech_twin.engine.rollout import RollOut
 from mech_twin.engine.trajectory import frame_events, frame_numbers
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import TIME_COLUMN, Channel, MeasurementMap, Source
-from mech_twin.measurements.units import EVENT, TIME_UNITS, is_angle, is_event, joint_column
+from mech_twin.measurements.units import EVENT, TIME_UNITS, TURN, is_angle, is_event, joint_column
 from mech_twin.process.closing import Closing
 from mech_twin.process.dependencies import require_extra
 from mech_twin.samples import Event, Frame
 
-TURN = 2.0 * pi
 LARGEST_JITTER = 0.45  # of the interval, so that stamps stay in order
 EVENT_FIELDS = {
     "time": "time_s",
@@ -87,8 +85,6 @@ class SensorBench:
         Coupling step: the sampling interval of a channel without a rate.
     seed : int
         Seed of jitter, noise and losses; each channel and each clock has its own generator.
-    gauge : BlowGauge, optional
-        Strain gauge of the machine.
 
     Raises
     ------
@@ -200,17 +196,13 @@ class SensorBench:
                 continue
             if what in GAUGE_UNITS and not (self.gauge and self.gauge.tells(event)):
                 continue
-            value = self._shown(place, channel, self._of_event(event, what))
+            told = self.gauge.number(event, what) if self.gauge and what in GAUGE_UNITS else None
+            value = self._shown(place, channel, getattr(event, EVENT_FIELDS[what]) if told is None else told)
             key = channel.source.model_copy(update={"field": None}) if channel.source.topic else channel.source
             together.setdefault(key, []).append((channel.source, value))
             stamp_s = event.time_s + float(channel.lag_s)
         for shown in together.values():
             self._push(Reading(stamp_s, tuple(source for source, _ in shown), tuple(value for _, value in shown)))
-
-    def _of_event(self, event: Event, what: str) -> float:
-        if self.gauge is not None and what in GAUGE_UNITS:
-            return self.gauge.number(event, what)
-        return float(getattr(event, EVENT_FIELDS[what]))
 
     def _push(self, reading: Reading) -> None:
         heapq.heappush(self._waiting, (reading.time_s, next(self._number), reading))
@@ -230,7 +222,7 @@ def _check_sensors(sensors: MeasurementMap, gauge: BlowGauge | None) -> None:
                 raise ConfigurationError(f"{where}.{key}', value {value!r}: expected a number, a sensor has one")
         if gauge is None and is_event(channel.quantity) and channel.quantity.rpartition(".")[2] in GAUGE_UNITS:
             raise ConfigurationError(
-                f"{where}.is', value {channel.quantity!r}: this machine has no gauge; expected a blow told as a wave"
+                f"{where}.is', value {channel.quantity!r}: expected a machine with a gauge on a struck rod"
             )
         if channel.source.topic is None or channel.quantity.startswith(f"{EVENT}."):
             continue
@@ -248,14 +240,10 @@ ROWS_PER_BATCH = 1 << 16
 
 
 class TableWriter(Closing):
-    """A table in progress; rows are written in batches, in order of time.
+    """A table in progress, Parquet, CSV or TSV by its suffix; rows are written in batches, in order of time.
 
     Parameters
     ----------
-    path : Path
-        File to write: Parquet, CSV or TSV.
-    columns : sequence of str
-        Columns besides the time.
     time_column, time_factor : str, float
         Name of the time column, and its unit in seconds.
     """

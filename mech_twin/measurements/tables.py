@@ -60,17 +60,12 @@ def _head(path: Path) -> bytes:
 
 
 class TableReader:
-    """A table open for reading; only the requested columns are converted.
+    """A table open for reading, CSV, TSV or Parquet; only the requested columns are converted.
 
     Parameters
     ----------
     path : Path
         CSV (comma, semicolon or tab between the cells), TSV or Parquet file; without a header, columns are 1, 2, 3...
-
-    Raises
-    ------
-    MeasurementError
-        The file cannot be read as a table.
     """
 
     def __init__(self, path: Path) -> None:

@@ -13,13 +13,7 @@ from mech_twin.engine.coupling import complete_frame
 from mech_twin.engine.trajectory import frame_numbers
 from mech_twin.roles import Machine
 
-SLIDING = (
-    "slider",
-    "mass",
-    "yarn",
-    "package_radius",
-    "cart_",
-)  # prefixes of names of sliding joints; others turn
+SLIDING = ("slider", "mass", "yarn", "package_radius", "cart_")  # prefixes of names of sliding joints; others turn
 _SLIDING_UNITS = {"position": "m", "velocity": "m/s", "effort": "N"}
 _TURNING_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N.m"}
 POWERS = str.maketrans("²³", "23")
@@ -35,40 +29,26 @@ class Unit(NamedTuple):
 
 
 TURN = 2.0 * pi
+# size of each unit in the SI unit of its quantity
+_SIZES: Mapping[str, Mapping[str, float]] = {
+    "rad": {"deg": pi / 180.0, "mrad": 1e-3, "turn": TURN},
+    "rad/s": {"deg/s": pi / 180.0, "rpm": TURN / 60.0, "turn/s": TURN},
+    "rad/s2": {},
+    "m": {"cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "m/s": {"mm/s": 1e-3, "m/min": 1.0 / 60.0},
+    "m/s2": {},
+    "N": {"kN": 1e3},
+    "N.m": {"N.mm": 1e-3, "kN.m": 1e3},
+    "N.s": {},
+    "W": {"kW": 1e3},
+    "J": {},
+    "s": {},
+    "A": {},
+    "count": {},
+    "1": {"um/m": 1e-6},
+}
 UNITS: Mapping[str, Unit] = MappingProxyType(
-    {
-        "rad": Unit("rad", 1.0),
-        "deg": Unit("rad", pi / 180.0),
-        "mrad": Unit("rad", 1e-3),
-        "turn": Unit("rad", TURN),
-        "rad/s": Unit("rad/s", 1.0),
-        "deg/s": Unit("rad/s", pi / 180.0),
-        "rpm": Unit("rad/s", TURN / 60.0),
-        "turn/s": Unit("rad/s", TURN),
-        "rad/s2": Unit("rad/s2", 1.0),
-        "m": Unit("m", 1.0),
-        "cm": Unit("m", 1e-2),
-        "mm": Unit("m", 1e-3),
-        "um": Unit("m", 1e-6),
-        "m/s": Unit("m/s", 1.0),
-        "mm/s": Unit("m/s", 1e-3),
-        "m/min": Unit("m/s", 1.0 / 60.0),
-        "m/s2": Unit("m/s2", 1.0),
-        "N": Unit("N", 1.0),
-        "kN": Unit("N", 1e3),
-        "N.m": Unit("N.m", 1.0),
-        "N.mm": Unit("N.m", 1e-3),
-        "kN.m": Unit("N.m", 1e3),
-        "N.s": Unit("N.s", 1.0),
-        "W": Unit("W", 1.0),
-        "kW": Unit("W", 1e3),
-        "J": Unit("J", 1.0),
-        "um/m": Unit("1", 1e-6),
-        "s": Unit("s", 1.0),
-        "A": Unit("A", 1.0),
-        "count": Unit("count", 1.0),
-        "1": Unit("1", 1.0),
-    }
+    {name: Unit(si, size) for si, sizes in _SIZES.items() for name, size in {si: 1.0, **sizes}.items()}
 )
 TIME_UNITS: Mapping[str, float] = MappingProxyType(
     {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
@@ -90,20 +70,10 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
     }
 )  # fmt: skip
 _TIME_SPELLINGS = {
-    "sec": "s",
-    "seconds": "s",
-    "second": "s",
-    "msec": "ms",
-    "milliseconds": "ms",
-    "µs": "us",
-    "usec": "us",
-    "microseconds": "us",
-    "nanoseconds": "ns",
-    "minutes": "min",
-    "hours": "h",
-    "hour": "h",
-    "hr": "h",
-}
+    **{name: name for name in TIME_UNITS},
+    "sec": "s", "seconds": "s", "second": "s", "msec": "ms", "milliseconds": "ms", "µs": "us", "usec": "us",
+    "microseconds": "us", "nanoseconds": "ns", "minutes": "min", "hours": "h", "hour": "h", "hr": "h",
+}  # fmt: skip
 
 
 BRACKETED = r"[(\[{<]\s*([^)\]}>]+?)\s*[)\]}>]"  # what stands in brackets of a header
@@ -121,7 +91,7 @@ def unit_in(text: str) -> str | None:
 
 def time_unit_in(text: str) -> str | None:
     """Return the unit of time in a header; None without one."""
-    return _found_in(text, {**{name: name for name in TIME_UNITS}, **_TIME_SPELLINGS})
+    return _found_in(text, _TIME_SPELLINGS)
 
 
 def unread_unit(text: str) -> str | None:
@@ -133,7 +103,7 @@ def unread_unit(text: str) -> str | None:
 def is_unit(text: str) -> bool:
     """Return whether a cell is a unit alone, such as ``mm`` or ``[deg]``."""
     word = "".join(text.lower().split()).strip("()[]")
-    return word in _SPELLINGS or word in _TIME_SPELLINGS or word in TIME_UNITS
+    return word in _SPELLINGS or word in _TIME_SPELLINGS
 
 
 def _found_in(text: str, spellings: Mapping[str, str]) -> str | None:

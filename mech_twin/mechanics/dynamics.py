@@ -359,15 +359,14 @@ class Action(NamedTuple):
     loads: list[AppliedLoad]
 
 
-def joint_action(at: ReducedSystem, number: int, size: Number, part: int = 0) -> Action:
-    """Return a force or moment of a joint, on its second body and back on its first, along one of its coordinates."""
+def joint_action(at: ReducedSystem, number: int, size: Number) -> Action:
+    """Return a force or moment of a joint, on its second body and back on its first, along its first coordinate."""
     joint, structure = at.structure.joints[number], at.structure
-    scalar = at.motion.joint_coordinates(number)[part]
+    scalar = at.motion.joint_coordinates(number)[0]
     efforts = [JointEffort(scalar, size)]
-    if joint.kind == REVOLUTE or part == 2:
+    if joint.kind == REVOLUTE:
         return Action(efforts, _both(joint.first, joint.second, (0.0, 0.0), (0.0, 0.0), size))
-    axis = joint.axis if joint.kind == SLIDER else ((1.0, 0.0), (0.0, 1.0))[part]
-    x, y = at.motion.frames[joint.first].turned(axis)
+    x, y = at.motion.frames[joint.first].turned(joint.axis if joint.kind == SLIDER else (1.0, 0.0))
     end = at.motion.point(joint.second, structure.joints[number].second_at)
     return Action(efforts, _both(joint.first, joint.second, (end.x, end.y), (size * x, size * y), 0.0))
 

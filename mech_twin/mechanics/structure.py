@@ -187,8 +187,6 @@ def split_of(
 
     Parameters
     ----------
-    size, closures : int
-        How many coordinates and closures there are.
     driven : sequence of int
         Coordinates that a drive leads.
     order : sequence of int

@@ -47,13 +47,7 @@ class Description(NamedTuple):
 
 
 def description(text: str, source: str = "description") -> Description:
-    """Return the configuration in the description of a run or a bag.
-
-    Raises
-    ------
-    ConfigurationError
-        If the text is not a description, or its parameters are invalid.
-    """
+    """Return the configuration in the description of a run or a bag."""
     tree = text_tree(text, source)
     head = text_document(text, source)
     name = str(tree.get(MACHINE_KEY, head.get("machine")))

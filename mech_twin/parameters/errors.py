@@ -5,8 +5,6 @@ Unknown keys get suggestions, and every key has its unit and declaration.
 """
 
 import re
-import types
-import typing
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args, get_origin
@@ -38,14 +36,16 @@ class Key(NamedTuple):
     @property
     def live(self) -> bool:
         """Whether the key may change while the machine runs."""
-        extra = self.field.json_schema_extra
-        return bool(isinstance(extra, dict) and extra.get("live"))
+        return bool(_declared(self.field).get("live"))
 
     @property
     def unit(self) -> str:
         """Unit of a number, empty if none is declared."""
-        extra = self.field.json_schema_extra
-        return str(extra.get("unit") or "") if isinstance(extra, dict) else ""
+        return str(_declared(self.field).get("unit", ""))
+
+
+def _declared(field: FieldInfo) -> Mapping[str, Any]:
+    return field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
 
 
 def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
@@ -63,13 +63,8 @@ def keys(parameters: Parameters, prefix: str = "") -> Iterator[Key]:
                     yield from keys(element, f"{prefix}{name}.{own}.")
                 else:
                     yield Key(f"{prefix}{name}.{own}", field, list(element))
-        elif not _is_group(field.annotation):
+        elif not any(_models(field.annotation)):
             yield Key(prefix + name, field, list(value) if isinstance(value, tuple) else value)
-
-
-def _is_group(annotation: Any) -> bool:
-    options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
-    return any(isinstance(option, type) and issubclass(option, Parameters) for option in options)
 
 
 def key_units(model: type[BaseModel]) -> dict[str, str]:
@@ -80,13 +75,12 @@ def key_units(model: type[BaseModel]) -> dict[str, str]:
 def described_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str]]:
     """Yield every dotted key of a parameter model that has a value, its unit (empty without one) and its meaning."""
     for name, field in model.model_fields.items():
-        extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         groups = list(_models(field.annotation))
         named = f"{ANY_NAME}." if get_origin(field.annotation) is dict else ""
         for group in groups:
             yield from described_keys(group, f"{prefix}{name}.{named}")
         if not groups:
-            yield f"{prefix}{name}", str(extra.get("unit", "")), field.description or ""
+            yield f"{prefix}{name}", str(_declared(field).get("unit", "")), field.description or ""
 
 
 def declared_key(key: str, units: Mapping[str, str]) -> str:
@@ -171,10 +165,6 @@ def refusal(
 
     Parameters
     ----------
-    source : str
-        Name of the source of the values.
-    error : ValidationError
-        Error of the validation.
     model : type, optional
         Validated model, for units and for suggestions of similar keys.
     lines : callable
@@ -191,8 +181,7 @@ def refusal(
 
 
 def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[str, int]) -> str:
-    location = item["loc"]
-    key = ".".join(str(part) for part in location) if isinstance(location, tuple) else str(location)
+    key = ".".join(map(str, item["loc"]))
     message = str(item["msg"]).removeprefix("Value error, ")
     parts = [part for part in key.split(".") if not part.isdigit()]  # without the indices of lists
     declared = ".".join(parts)
@@ -211,10 +200,8 @@ def _complaint(item: dict[str, Any], units: Mapping[str, str], lines: Mapping[st
         return f"key '{key}' is missing" + (f"; expected a number in {unit}" if unit else "")
     if not key:
         return message
-    value = item["input"]
-    shown = f"value {shown_value(value)}" if not isinstance(value, dict) else ""
-    where = f" ({line})" if line else ""
-    return f"key '{key}'{where}{f', {shown}' if shown else ''}: {_expected(message, str(kind), unit)}"
+    value = "" if isinstance(item["input"], dict) else f", value {shown_value(item['input'])}"
+    return f"key '{key}'{f' ({line})' if line else ''}{value}: {_expected(message, kind, unit)}"
 
 
 def shown_value(value: Any) -> str:

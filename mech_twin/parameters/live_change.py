@@ -17,18 +17,14 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
+from mech_twin.capabilities.arguments import is_number
 from mech_twin.capabilities.faults import MachineFault, OperatingVariable
 from mech_twin.capabilities.variation import varied
-from mech_twin.declarations.configuration_tree import (
-    ConfigurationError,
-    configuration_tree,
-    merged_tree,
-    tree_from_flat,
-)
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.machines.catalog import Entry
 from mech_twin.parameters.errors import declared_key, did_you_mean, key_units, keys
-from mech_twin.parameters.load import assignments, catalogue_entry, validated
+from mech_twin.parameters.load import assignments, catalogue_entry, changed_configuration
 from mech_twin.parts.induction_motor import InductionMotorParameters
 from mech_twin.roles import Machine
 
@@ -86,13 +82,6 @@ def _change(text: str) -> LiveChange:
 class ChangingMachine:
     """A machine whose live parameters change during the run; the changes are validated before it starts.
 
-    Parameters
-    ----------
-    machine : Machine
-        The machine at the start.
-    changes : sequence of LiveChange
-        In order of time.
-
     Attributes
     ----------
     revisions : list of (int, Machine)
@@ -113,7 +102,7 @@ class ChangingMachine:
         for change in changes:
             of_command = change.key == COMMAND
             if change.time_s < ended_s[of_command]:
-                raise ConfigurationError(f"--change {change.text}: expected after the ramp before it has ended")
+                raise ConfigurationError(f"--change {change.text}: expected a time after the end of the previous ramp")
             ended_s[of_command] = change.until_s
             if of_command:
                 self._add_command(change)
@@ -123,7 +112,7 @@ class ChangingMachine:
     def _add_command(self, change: LiveChange) -> None:
         before = self._commands[-1][1]
         value = before * (1.0 + change.share) if change.share is not None else change.value
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+        if not is_number(value) or not 0.0 <= value <= 1.0:
             raise ConfigurationError(f"--change {change.text}: expected a fraction of rated frequency, 0 to 1")
         self._commands += [(change.time_s, before), (change.until_s, float(value))]
 
@@ -142,8 +131,7 @@ class ChangingMachine:
                 healthy = self.revisions[0][1].parameters
                 for key, size in self._point.items():
                     changes |= made[key].changes(varied(healthy, changes), size)
-                tree = merged_tree(configuration_tree(before), tree_from_flat(changes))
-                parameters = validated(entry, tree, f"--change {change.text}")
+                parameters = changed_configuration(name, before, changes, f"--change {change.text}")
             else:
                 parameters = _changed(before, change, name, i / count, made)
             time_s = change.until_s if i == count else change.time_s + (change.until_s - change.time_s) * i / count
@@ -182,7 +170,7 @@ def _size(change: LiveChange, named: MachineFault | OperatingVariable) -> float:
         if change.share is None:
             raise ConfigurationError(f"--change {change.text}: expected a share, such as {change.key}=-2%@12")
         return change.share
-    if change.share is not None or isinstance(change.value, bool) or not isinstance(change.value, int | float):
+    if change.share is not None or not is_number(change.value):
         raise ConfigurationError(f"--change {change.text}: expected a size, a number of unit {unit}")
     return float(change.value)
 
@@ -203,11 +191,10 @@ def _changed(parameters: Parameters, change: LiveChange, machine: str, done: flo
             raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected a value")
         value = live[change.key] * (1.0 + change.share * done)
     elif done < 1.0:
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if not is_number(value):
             raise ConfigurationError(f"--change {change.text}: {change.key} is no number, expected it at once")
         value = live[change.key] + (value - live[change.key]) * done
-    tree = merged_tree(configuration_tree(parameters), tree_from_flat({change.key: value}))
-    return validated(catalogue_entry(machine), tree, f"--change {change.text}")
+    return changed_configuration(machine, parameters, {change.key: value}, f"--change {change.text}")
 
 
 def _not_live(key: str, model: type[Parameters], live: Iterable[str], machine: str, named: Iterable[str]) -> str:

@@ -27,7 +27,12 @@ import yaml
 from pydantic import ValidationError
 
 from mech_twin.capabilities.arguments import by_name
-from mech_twin.declarations.configuration_tree import ConfigurationError, merged_tree, tree_from_flat, tree_from_json
+from mech_twin.declarations.configuration_tree import (
+    ConfigurationError,
+    configuration_tree,
+    merged_tree,
+    tree_from_flat,
+)
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.files.input_file import opened_input
 from mech_twin.machines.catalog import CATALOGUE, Entry
@@ -36,17 +41,6 @@ from mech_twin.roles import Machine
 
 DEPTH_LIMIT = 20
 LARGEST_BITS, LONGEST_NUMBER = 1023, 1100  # largest bits of an integer; largest length of any number as text
-
-
-def document_of(text: str) -> Any:
-    """Return the parsed text as a copy that the caller may change.
-
-    Raises
-    ------
-    yaml.YAMLError, ValueError, RecursionError
-        It cannot be parsed, or contains what a parameter file may not.
-    """
-    return deepcopy(_tree_of(text))
 
 
 @lru_cache(maxsize=8)
@@ -193,13 +187,7 @@ def is_page(name: str | os.PathLike[str]) -> bool:
 
 
 def catalogue_entry(name: str) -> Entry:
-    """Return the machine of this name, or the page entry for the path of a page.
-
-    Raises
-    ------
-    ConfigurationError
-        If the catalogue has no such machine.
-    """
+    """Return the machine of this name in the catalogue, or the page entry for the path of a page."""
     text = name if isinstance(name, str) else ""  # anything may come from Python
     if is_page(name) or text == PAGE.name:
         return PAGE
@@ -217,13 +205,7 @@ def kind_of(name: str) -> str:
 
 
 def machine_of_prefix(text: str) -> str:
-    """Return the machine whose name is the only one with this prefix; a page's path is returned unchanged.
-
-    Raises
-    ------
-    ConfigurationError
-        If no machine has this prefix, or several do.
-    """
+    """Return the only machine whose name has this prefix; a page's path is returned unchanged."""
     if is_page(text):
         if Path(text).is_dir():
             raise ConfigurationError(f"{text}: is a directory; expected a page")
@@ -264,13 +246,7 @@ def configuration_file(name: str) -> Path:
 
 
 def file_tree(path: Path) -> dict[str, Any]:
-    """Return the parameters of a ROS 2 parameter file as a nested dictionary.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, is not YAML, or does not have the form of a parameter file.
-    """
+    """Return the parameters of a ROS 2 parameter file as a nested dictionary; see `text_tree`."""
     return text_tree(configuration_text(path), str(path))
 
 
@@ -316,13 +292,7 @@ def text_tree(text: str, source: str) -> dict[str, Any]:
 
 
 def document_tree(path: Path) -> dict[str, Any]:
-    """Return a YAML file that is not a parameter file, such as a measurement map, as a nested dictionary.
-
-    Raises
-    ------
-    ConfigurationError
-        If the file cannot be read, is not YAML, or has no keys.
-    """
+    """Return a YAML file that is not a parameter file, such as a measurement map, as a nested dictionary."""
     document = text_document(configuration_text(path), str(path))
     if not isinstance(document, dict):
         raise ConfigurationError(f"{path}: expected keys and their values, found {type(document).__name__}")
@@ -330,9 +300,9 @@ def document_tree(path: Path) -> dict[str, Any]:
 
 
 def text_document(text: str, source: str) -> Any:
-    """Return the content of a YAML text; invalid text is refused in one line."""
+    """Return the content of a YAML text, which the caller may change; invalid text is refused in one line."""
     try:
-        return document_of(text)
+        return deepcopy(_tree_of(text))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         said = str(error).replace('in "<unicode string>", line', "at line")  # the parser's name for a string
         line = " ".join(said.split())[:300] or type(error).__name__
@@ -365,8 +335,6 @@ def machine_parameters(name: str, path: Path | None = None, overrides: Mapping[s
 
     Parameters
     ----------
-    name : str
-        Machine of the catalogue.
     path : Path, optional
         Configuration file; the installed ``NAME.yaml`` if absent.
     overrides : mapping, optional
@@ -418,9 +386,10 @@ def validated(entry: Entry, tree: Mapping[str, Any], source: str, lines: KeyLine
         raise refusal(source, error, entry.parameters, lines) from error
 
 
-def configuration_read(name: str, tree: Mapping[str, Any], source: str) -> Parameters:
-    """Return the validated parameters of a machine from a tree read from JSON; see `validated`."""
-    return validated(catalogue_entry(name), tree_from_json(tree), source)
+def changed_configuration(name: str, base: Parameters, changes: Mapping[str, Any], source: str) -> Parameters:
+    """Return the parameters of a machine with other values of some keys (dotted); see `validated`."""
+    tree = merged_tree(configuration_tree(base), tree_from_flat(changes, source))
+    return validated(catalogue_entry(name), tree, source)
 
 
 def machine(name: str, path: Path | None = None, overrides: Mapping[str, Any] | None = None) -> Machine:

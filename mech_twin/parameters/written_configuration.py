@@ -47,12 +47,6 @@ def write_configuration(
 
     Parameters
     ----------
-    name : str
-        Machine of the catalogue.
-    parameters : Parameters
-        Configuration of the machine.
-    path : Path
-        File to write.
     base : Path, optional
         File that the configuration was derived from; the installed one if absent.  Its comments are kept.
     notes : sequence of str

@@ -63,23 +63,16 @@ class SurroundingsError(Exception):
 
 
 def lacking(error: BaseException) -> str | None:
-    """Return a line that names the exceeded limit of the system; None if the error has another reason.
-
-    Parameters
-    ----------
-    error : BaseException
-        The error; its causes and contexts are checked too.
-    """
+    """Return a line that names the limit of the system that an error, or what caused it, exceeded; None for none."""
     if isinstance(error, SurroundingsError):
         return str(error)
     cause: BaseException | None = error
     while cause is not None:
         if _is_open_files(cause):
-            limit = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-            return f"too many open files (limit {_limit(limit, 1)}): raise it, ulimit -n 256"
+            return f"too many open files (limit {_limit(resource.RLIMIT_NOFILE)}): raise it, ulimit -n 256"
         if _is_memory(cause):
-            limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-            return f"not enough memory (limit of address space {_limit(limit, MIB)}): raise it, ulimit -v unlimited"
+            limit = _limit(resource.RLIMIT_AS)
+            return f"not enough memory (limit of address space {limit}): raise it, ulimit -v unlimited"
         if isinstance(cause, RuntimeError) and _SECURITY in str(cause).lower():
             reason = str(cause).partition("\n")[0].partition(", at /")[0]
             return f"ROS_SECURITY_ENABLE is set, and DDS security cannot be had: {reason}"
@@ -101,10 +94,11 @@ def _is_memory(error: BaseException) -> bool:
     return isinstance(error, ImportError | RuntimeError) and any(words in str(error) for words in _NO_MEMORY)
 
 
-def _limit(limit: int, unit: int) -> str:
+def _limit(kind: int) -> str:
+    limit = resource.getrlimit(kind)[0]
     if limit == resource.RLIM_INFINITY:
         return UNLIMITED
-    return f"{limit // unit} MiB" if unit == MIB else str(limit)
+    return f"{limit // MIB} MiB" if kind == resource.RLIMIT_AS else str(limit)
 
 
 def _number(text: str) -> tuple[int, ...]:

@@ -150,13 +150,6 @@ def end_at_once(code: int) -> NoReturn:
 def end_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
     """Let the kernel send a signal when the parent process ends; exit at once if it has ended already.
 
-    Parameters
-    ----------
-    parent : int
-        Process id of the parent.
-    number : int
-        The signal.
-
     Raises
     ------
     OSError

@@ -77,7 +77,7 @@ class Run:
 
         times = self.samples["time_s"]
         if not len(times):
-            raise StudyError(f"{self.machine}: how long the run was, only its samples say; there are none")
+            raise StudyError(f"{self.machine}: expected a run with samples, which tell its duration")
         machine = catalogue_entry(self.machine).build(self.parameters)
         found = checked_numbers(machine, float(times[-1]), set(self.summary) - set(machine.report()))
         return Numbers(f"{self.summary.title}, in shorter steps", dict(found.numbers))
@@ -199,7 +199,7 @@ class SizingResult(Sizing):
             If the sizing has no trade-off.
         """
         if not self.trade_off:
-            raise StudyError(f"{self.machine}: nothing is told of other choices than the one that was found")
+            raise StudyError(f"{self.machine}: this sizing has no other choices to compare")
         names = list(self.trade_off[0])
         rows = {name: [row[name] for row in self.trade_off] for name in names}
         return Columns(f"{self.machine}: around the choice", names[0], rows)

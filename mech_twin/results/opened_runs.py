@@ -51,13 +51,7 @@ class BagRun:
 
 
 def topic_field(source: Source, where: str) -> TopicField:
-    """Return the topic field that is the source of a channel.
-
-    Raises
-    ------
-    MeasurementError
-        The source is only a column of a table.
-    """
+    """Return the topic field that is the source of a channel; a source that is only a column is refused."""
     from mech_twin.recording.measured_topics import TopicField
 
     if source.topic is None or source.field is None:

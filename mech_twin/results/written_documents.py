@@ -33,7 +33,7 @@ from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns, Numbers
 from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.errors import refusal
-from mech_twin.parameters.load import catalogue_entry, configuration_read
+from mech_twin.parameters.load import catalogue_entry, validated
 from mech_twin.results import printed_documents
 from mech_twin.results.objects import Analysis, Run, RunComparison, SizingResult
 from mech_twin.samples import Event
@@ -138,8 +138,8 @@ def from_document(text: str, source: str) -> Any:
         raise StudyError(f"{source}: not as `{kind.verb}` prints it ({type(error).__name__}: {error})") from error
 
 
-def _parameters(document: Document) -> Parameters:
-    return configuration_read(document["machine"], document["config"], "config")
+def _parameters(machine: str, config: Any, source: str = "config") -> Parameters:
+    return validated(catalogue_entry(machine), tree_from_json(config), source)
 
 
 def _numbers(title: str, values: Document) -> Numbers:
@@ -148,7 +148,8 @@ def _numbers(title: str, values: Document) -> Numbers:
 
 
 def _run(document: Document) -> Run:
-    name, parameters = document["machine"], _parameters(document)
+    name = document["machine"]
+    parameters = _parameters(name, document["config"])
     samples = document.get("samples", {"time_s": []})
     built, numbers = catalogue_entry(name).build(parameters), _numbers(name, document["summary"])
     units = shown_units(built)
@@ -166,13 +167,14 @@ def _run(document: Document) -> Run:
 def _analysis(document: Document) -> Analysis:
     name = document["machine"]
     cycle = Columns(name, "crank_rad", document.get("cycle", {"crank_rad": []}))
-    return Analysis(name, _parameters(document), _numbers(name, document["summary"]), cycle)
+    return Analysis(name, _parameters(name, document["config"]), _numbers(name, document["summary"]), cycle)
 
 
 def _sizes(document: Document) -> SizingResult:
-    constraints, parameters = read_as(tuple[Constraint, ...], document["constraints"]), _parameters(document)
+    machine, constraints = document["machine"], read_as(tuple[Constraint, ...], document["constraints"])
+    parameters = _parameters(machine, document["config"])
     return SizingResult(
-        document["machine"], document["objective"], document["sizes"], parameters, document["metrics"],
+        machine, document["objective"], document["sizes"], parameters, document["metrics"],
         constraints, document["binding"], tuple(document["trade_off"]), document["tolerance"],
         tuple(document.get("uncertain", ())), _shorter(document, parameters),
     )  # fmt: skip
@@ -195,7 +197,7 @@ def _designs(document: Document) -> list[Design]:
 
 
 def _design(machine: str, named: set[str], row: dict[str, Any]) -> Design:
-    margins, parameters = row.pop("margins"), configuration_read(machine, row.pop("config"), "config")
+    margins, parameters = row.pop("margins"), _parameters(machine, row.pop("config"))
     shorter = _shorter(row, parameters)
     row.pop("shorter_steps", None)
     objectives, variables = ({name: row[name] for name in row if (name in named) == asked} for asked in (True, False))
@@ -218,7 +220,7 @@ def _identified(document: Document) -> SavedIdentification:
     runs, held_out = (tuple(map(Path, document[name])) for name in ("runs", "held_out_runs"))
     map_file = None if document["map"] is None else Path(document["map"])
     machine, held, correlation = document["machine"], document["held_out"], document["correlation"]
-    parameters, base = (configuration_read(machine, document[name], name) for name in ("config", "before"))
+    parameters, base = (_parameters(machine, document[name], name) for name in ("config", "before"))
     asked = {"base": base, "machine": machine, "seed": document["seed"], **document["asked"]}
     found = Identification(
         read_as(IdentificationQuestion, asked),
@@ -271,7 +273,7 @@ def _synthesis(document: Document) -> SynthesisAnswer:
     parts = {name: part for name, part in document.items() if name not in rest}
     records = {name: part for name, part in parts.items() if "config" in part}
     cycles = tuple(
-        CycleAnswer(name, configuration_read(machine, record["config"], "config"), record, question.lines(record))
+        CycleAnswer(name, _parameters(machine, record["config"]), record, question.lines(record))
         for name, record in records.items()
     )
     return SynthesisAnswer({name: parts[name] for name in parts.keys() - records.keys()}, cycles, document["chosen"])

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from mech_twin.capabilities.arguments import by_name, several
-from mech_twin.declarations.configuration_tree import configuration_tree, merged_tree, tree_from_flat
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import Profile
 from mech_twin.engine.rollout import RollOut, RunPlan, planned
@@ -22,7 +21,7 @@ from mech_twin.errors import StudyError
 from mech_twin.measurements.columns import Columns
 from mech_twin.measurements.units import shown_units
 from mech_twin.parameters.live_change import live_numbers
-from mech_twin.parameters.load import catalogue_entry, machine_parameters, validated
+from mech_twin.parameters.load import catalogue_entry, changed_configuration, machine_parameters
 from mech_twin.process.dependencies import require_extra
 from mech_twin.process.interruption import raising_interrupt
 from mech_twin.roles import Machine
@@ -252,8 +251,7 @@ def changed(name: str, parameters: Parameters, keys: Mapping[str, Any], source: 
     for key in keys:
         if key not in live:
             raise StudyError(f"{source}: key '{key}' cannot change during a run; expected one of {', '.join(live)}")
-    tree = merged_tree(configuration_tree(parameters), tree_from_flat(keys, source))
-    return validated(catalogue_entry(name), tree, source)
+    return changed_configuration(name, parameters, keys, source)
 
 
 @dataclass(frozen=True)
@@ -305,8 +303,7 @@ def _built(machine: str | Machine, parameters: Parameters | Mapping[str, Any] | 
     if known is None:
         return catalogue_entry(name).build(machine_parameters(name, None, parameters))
     keys = by_name("settings", parameters, "settings by dotted key, or a configuration")
-    tree = merged_tree(configuration_tree(known), tree_from_flat(keys, "settings"))
-    return catalogue_entry(name).build(validated(catalogue_entry(name), tree, "settings"))
+    return catalogue_entry(name).build(changed_configuration(name, known, keys, "settings"))
 
 
 def _of_configuration(name: str, parameters: Any, source: str) -> Machine:

@@ -19,10 +19,13 @@ from typing import Any, NamedTuple
 from mech_twin.capabilities.blow_gauge import RECENT_S, RecentBlows
 from mech_twin.capabilities.figure import FORCE, STEEL, Point, label, measure, millimetres
 from mech_twin.capabilities.mechanism import FrameTree, Pose, poses
+from mech_twin.engine.trajectory import StepSamples
+from mech_twin.measurements.units import TURN
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Coordinate, Event, ForceSample, LinkageSample, MotorSample, Shape
+from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample, Shape
 from mech_twin.view.extent import Bounds, round_above, with_prefix
 
+AnyStep = Frame | StepSamples
 LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 KEPT_STEPS = 256  # steps by which a drawing may lag behind its forces
 ARROW_SHARE = 0.20  # length of the arrow at full scale, in widths of the figure
@@ -32,7 +35,6 @@ RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
 AGAIN_S = 1.0  # a step so much before the last begins a new run
-TURN = 2.0 * math.pi
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
@@ -204,8 +206,6 @@ class Banner:
     ----------
     tree : FrameTree, optional
         Tells whether the leading joint turns or slides; without it its speed has no unit and is left out.
-    energy : callable
-        Returns the energy of an impact (J).
     """
 
     def __init__(self, tree: FrameTree | None, energy: Callable[[Event], float] = lost_energy) -> None:
@@ -230,7 +230,7 @@ class Banner:
         self._body_regimes = () if machine.body is None else tuple(machine.body.regimes)
 
     def _begin(self) -> None:
-        """Forget a run."""
+        """Clear what is known of a run."""
         self._blows = RecentBlows()
         self._power: deque[tuple[float, float, float]] = deque()  # time, angle of the leading joint, work of the drive
         self._power_w = self._turned_rad = 0.0
@@ -239,14 +239,9 @@ class Banner:
         self._begin_s: float | None = None
         self._last_blow: tuple[float, float] | None = None
 
-    def add(
-        self,
-        motor: MotorSample | None,
-        linkage: LinkageSample | None,
-        forces: ForceSample | None,
-        body: BodySample | None = None,
-    ) -> None:
+    def add(self, step: AnyStep) -> None:
         """Update with a step."""
+        linkage, motor, forces, body = step.linkage, step.motor, step.forces, step.body
         if motor is not None:
             self._command = motor.command
         if linkage is not None:

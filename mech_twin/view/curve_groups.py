@@ -146,13 +146,7 @@ def present(curves: Mapping[str, tuple[str, ...]], *prefixes: str) -> list[str]:
 
 
 def plots(curves: Mapping[str, tuple[str, ...]], units: Mapping[str, str]) -> dict[str, list[str]]:
-    """Return the entity paths of the plots of a run by title, in order of relevance: pressing, impacts, rotation.
-
-    Parameters
-    ----------
-    curves, units : mapping
-        Names of the curves, and unit, by entity path.
-    """
+    """Return the entity paths of the plots of a run by title, the most relevant first; names and units are by path."""
     known = {quantity_path(unit): f"{name}, {unit}" for unit, name in QUANTITIES.items()}
     rest = [path for path in present(curves, "quantities") if path not in (MOMENTS, FORCES, *known)]
     # without a body the moment on it is zero

@@ -20,15 +20,9 @@ STEP = "step"
 
 # legible on dark and light backgrounds, distinguishable by colour-blind readers (after Okabe and Ito)
 PALETTE = (
-    (86, 180, 233),
-    (230, 159, 0),
-    (0, 178, 130),
-    (204, 121, 167),
-    (213, 94, 0),
-    (120, 120, 235),
-    (178, 168, 40),
+    (86, 180, 233), (230, 159, 0), (0, 178, 130), (204, 121, 167), (213, 94, 0), (120, 120, 235), (178, 168, 40),
     (150, 150, 150),
-)
+)  # fmt: skip
 # groups that share a panel with others start at a later palette colour
 FIRST_COLOUR = {
     "motor/torque": 4,

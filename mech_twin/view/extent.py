@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from mech_twin.samples import Event, Shape
 
@@ -170,8 +169,14 @@ class DrawnExtent:
         """Extend the visible range to these shapes."""
         points = np.array([point for shape in shapes for point in shape.points_m]).reshape(-1, 2)
         points = points[np.isfinite(points).all(axis=1)]
-        if len(points):
-            self._widen(points)
+        if not len(points):
+            return
+        (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
+        extent = self._extent
+        if extent is not None:
+            left, right = min(left, extent.left_m), max(right, extent.right_m)
+            low, high = min(low, extent.low_m), max(high, extent.high_m)
+        self._extent = Bounds(float(left), float(right), float(low), float(high))
 
     def within(self, bounds: Bounds | None) -> bool:
         """Return whether everything drawn so far lies within these bounds."""
@@ -201,11 +206,3 @@ class DrawnExtent:
     def kept(self, bounds: Bounds | None) -> Bounds | None:
         """Return these bounds while everything drawn lies within them, else those of everything drawn."""
         return bounds if self.within(bounds) else self.bounds()
-
-    def _widen(self, points: npt.NDArray[np.float64]) -> None:
-        (left, low), (right, high) = points.min(axis=0), points.max(axis=0)
-        extent = self._extent
-        if extent is not None:
-            left, right = min(left, extent.left_m), max(right, extent.right_m)
-            low, high = min(low, extent.low_m), max(high, extent.high_m)
-        self._extent = Bounds(float(left), float(right), float(low), float(high))

@@ -54,15 +54,12 @@ CONTACTS = ("a contact",)  # typical length of a mark's name, which is that of a
 # plots that share a panel; those left share the last one
 SLOTS = (
     (
-        "Torque, N m",
-        "Moment on the body, N m",
-        "Force of the drive, N",
-        "Effort of the joints, N m",
+        "Torque, N m", "Moment on the body, N m", "Force of the drive, N", "Effort of the joints, N m",
         "Effort of the joints, N",
     ),
     ("Speed, rad/s", "Speed, m/s", "Position, rad", "Position, m", "Supply, share of rated"),
     ("Pin reactions, N", "Pin reactions along x, N", "Pin reactions along y, N", "Forces, N"),
-)
+)  # fmt: skip
 SHADES = 6
 TRACE = (86, 180, 233)
 NOW = (230, 159, 0)
@@ -81,16 +78,15 @@ class SceneContents(NamedTuple):
 
 
 def blueprint(contents: SceneContents, window_s: float) -> rrb.Blueprint:
-    """Return the layout for these contents; a machine without body gets no body panels.
-
-    Parameters
-    ----------
-    window_s : float
-        Simulated time span of the curves (s).
-    """
-    panels = _full(contents, window_s)
-    shares = [5, *([68, 27] if len(panels) > 2 else [95])]
-    return page(rrb.Vertical(*panels, row_shares=shares))
+    """Return the layout for these contents, with curves of ``window_s`` (s); without a body it has no body panels."""
+    below = _lower_row(contents, window_s)
+    alone = len(below) == 1  # a row with the metrics alone would be half empty
+    curves = _curve_stack(contents, window_s, below if alone else [])
+    beside = [] if curves is None else [curves]
+    above = rrb.Horizontal(mechanism_view(contents.bounds), *beside, column_shares=[5, 4])
+    if alone:
+        return page(rrb.Vertical(banner_view(), above, row_shares=[5, 95]))
+    return page(rrb.Vertical(banner_view(), above, rrb.Horizontal(*below), row_shares=[5, 68, 27]))
 
 
 def page(panels: rrb.Container) -> rrb.Blueprint:
@@ -103,16 +99,6 @@ def page(panels: rrb.Container) -> rrb.Blueprint:
         auto_layout=False,
         auto_views=False,
     )
-
-
-def _full(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.Container]:
-    below = _lower_row(contents, window_s)
-    alone = len(below) == 1  # a row with the metrics alone would be half empty
-    curves = _curve_stack(contents, window_s, [*below] if alone else [])
-    above = rrb.Horizontal(
-        mechanism_view(contents.bounds), *([curves] if curves is not None else []), column_shares=[5, 4]
-    )
-    return [banner_view(), above] if alone else [banner_view(), above, rrb.Horizontal(*below)]
 
 
 def banner_view() -> rrb.TextDocumentView:
@@ -141,10 +127,8 @@ def events_view(*, has_level: bool) -> rrb.TextLogView:
 def _curve_stack(contents: SceneContents, window_s: float, last: Sequence[rrb.View | rrb.Tabs]) -> rrb.Vertical | None:
     shown = plots(contents.curves, contents.units)
     titles = [*SLOTS, [title for title in shown if not any(title in slot for slot in SLOTS)]]
-    stack = [
-        [plot(title, shown[title], window_s, _names(contents.curves, shown[title])) for title in slot if title in shown]
-        for slot in titles
-    ]
+    names = {title: [name for path in paths for name in contents.curves[path]] for title, paths in shown.items()}
+    stack = [[plot(title, shown[title], window_s, names[title]) for title in slot if title in shown] for slot in titles]
     panels = [_slot([*views, *last] if place == len(stack) - 1 else views) for place, views in enumerate(stack)]
     filled = [panel for panel in panels if panel is not None]
     return rrb.Vertical(*filled) if filled else None
@@ -154,10 +138,6 @@ def _slot(panels: Sequence[rrb.View | rrb.Tabs]) -> rrb.Tabs | rrb.View | None:
     if len(panels) <= 1:
         return panels[0] if panels else None
     return rrb.Tabs(*panels, active_tab=0)
-
-
-def _names(curves: Mapping[str, Sequence[str]], paths: Sequence[str]) -> list[str]:
-    return [name for path in paths for name in curves[path]]
 
 
 def legend_share(names: Iterable[str]) -> float:
@@ -170,15 +150,7 @@ def legend_share(names: Iterable[str]) -> float:
 
 
 def plot(name: str, paths: Sequence[str], window_s: float, names: Iterable[str]) -> rrb.TimeSeriesView:
-    """Return a panel of curves over the last ``window_s`` (s), with room for the legend beside them.
-
-    Parameters
-    ----------
-    name : str
-        Title, with the unit.
-    window_s : float
-        Time span shown (s).
-    """
+    """Return a panel of curves over the last ``window_s`` (s), with room for the legend beside them."""
     begin = rr.TimeRangeBoundary.cursor_relative(seconds=-window_s)
     recent = rr.VisibleTimeRange(SIM_TIME, start=begin, end=rr.TimeRangeBoundary.cursor_relative())
     beside = rr.TimeRangeBoundary.cursor_relative(seconds=legend_share(names) * window_s)
@@ -215,14 +187,12 @@ def _lower_row(contents: SceneContents, window_s: float) -> list[rrb.View | rrb.
 
 
 class PhasePortrait:
-    """Recent motion of one body joint, drawn in a rectangle of height 2.
+    """Motion of one body joint over the last ``span_s`` of simulated time, drawn in a rectangle of height 2.
 
     Parameters
     ----------
     place : int
         Index of the joint in the body sample.
-    span_s : float
-        Simulated time span of the trace.
     """
 
     def __init__(self, path: str, joint: str, place: int, span_s: float) -> None:

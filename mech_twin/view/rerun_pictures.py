@@ -42,13 +42,7 @@ Values = npt.NDArray[np.float64]
 
 
 class Mechanism(DrawnExtent):
-    """The drawing of the mechanism: one entity, one row per drawing, in the machine's frame.
-
-    Parameters
-    ----------
-    stream : rr.RecordingStream
-        Destination of the drawing; the caller sets the time.
-    """
+    """The drawing of the mechanism: one entity, one row per drawing; the caller sets the time."""
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         super().__init__()
@@ -56,13 +50,7 @@ class Mechanism(DrawnExtent):
         stream.log(MECHANISM, rr.Transform3D(mat3x3=MIRROR), static=True)  # the viewer's second axis points down
 
     def show(self, shapes: Sequence[Shape], notes: Sequence[Shape] = ()) -> None:
-        """Log the shapes at the stream's time, with notes over them; `widen` sets the range, not this.
-
-        Raises
-        ------
-        ValueError
-            The kind of a shape is unknown.
-        """
+        """Log the shapes at the stream's time, with notes over them; `widen` sets the range, not this."""
         self.place(with_placed_texts(shapes, notes, self.bounds()))
 
     def place(self, shapes: Sequence[Shape]) -> None:
@@ -146,12 +134,18 @@ def opened_stream(application_id: str, rrd_path: str | Path) -> rr.RecordingStre
     RerunSceneError
         The file cannot be created; one line.
     """
-    stream = rr.RecordingStream(application_id, batcher_config=rr.ChunkBatcherConfig(flush_tick=FLUSH_S))
+    batches = rr.ChunkBatcherConfig(flush_tick=FLUSH_S)
+    stream = without_clock(rr.RecordingStream(application_id, batcher_config=batches))
     _create_file(Path(rrd_path))
     try:
         stream.set_sinks(rr.FileSink(str(rrd_path)))
     except RuntimeError as reason:
         raise RerunSceneError(f"view: file {rrd_path}: cannot be written: {first_line(reason)}") from reason
+    return stream
+
+
+def without_clock(stream: rr.RecordingStream) -> rr.RecordingStream:
+    """Return a stream whose data have the times of the run only."""
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     return stream
@@ -165,7 +159,7 @@ def set_time(stream: rr.RecordingStream, time_s: float, step: int | None = None)
         stream.set_time(STEP, sequence=step)
 
 
-def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
+def closed_stream(stream: rr.RecordingStream) -> None:
     """Write the remaining data, and close the file.
 
     Raises
@@ -174,7 +168,7 @@ def closed_stream(stream: rr.RecordingStream, limit_s: float) -> None:
         It could not be written completely.
     """
     try:
-        stream.flush(timeout_sec=limit_s)
+        stream.flush(timeout_sec=FLUSH_LIMIT_S)
     except (RuntimeError, ValueError) as reason:
         raise RerunSceneError(f"view: the file could not be written completely: {first_line(reason)}") from reason
     finally:
@@ -195,20 +189,12 @@ def _create_file(path: Path) -> None:
 
 
 class RerunPictures:
-    """The rerun recording of a run, extended with each picture.
-
-    Parameters
-    ----------
-    panels : sequence of mapping
-        The plots, as sent to the page.
-    """
+    """The rerun recording of a run, with the plots of the page, extended with each picture."""
 
     def __init__(
         self, stream: rr.RecordingStream, panels: Sequence[Mapping[str, Any]], own_plots: int = OWN_PLOTS
     ) -> None:
         self._stream, self._own_plots = stream, own_plots
-        self._stream.set_log_time_enabled(False)
-        self._stream.set_log_tick_enabled(False)
         self._mechanism = Mechanism(self._stream)
         self._lanes: set[str] = set()
         self._bounds: Bounds | None = None
@@ -285,7 +271,7 @@ class RerunPictures:
 
 def converter(name: str, panels: Sequence[Mapping[str, Any]]) -> Callable[[Sequence[Mapping[str, Any]]], bytes]:
     """Return a function that adds packed pictures to a recording, and returns its next bytes for the viewer."""
-    stream = rr.RecordingStream(name)
+    stream = without_clock(rr.RecordingStream(name))
     found, pictures = rr.binary_stream(stream), RerunPictures(stream, panels)
 
     def taken(packed: Sequence[Mapping[str, Any]]) -> bytes:
@@ -296,13 +282,7 @@ def converter(name: str, panels: Sequence[Mapping[str, Any]]) -> Callable[[Seque
 
 
 class RerunFile(Closing):
-    """A file for rerun in the place of a bench; see `BenchLink`.
-
-    Raises
-    ------
-    RerunSceneError
-        The file cannot be created, or at the end not be written completely; one line.
-    """
+    """A file for rerun in the place of a bench; see `BenchLink`."""
 
     is_live = False
 
@@ -336,7 +316,7 @@ class RerunFile(Closing):
         """Write the remaining data, and close the file; idempotent."""
         stream, self._stream, self._pictures = self._stream, None, None
         if stream is not None:
-            closed_stream(stream, FLUSH_LIMIT_S)
+            closed_stream(stream)
 
 
 def unpacked_picture(packed: Mapping[str, Any]) -> dict[str, Any]:

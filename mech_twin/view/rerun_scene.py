@@ -12,7 +12,8 @@ from pathlib import Path
 import rerun as rr
 
 from mech_twin.declarations.captions import metrics_table
-from mech_twin.samples import BodySample, Drawing, Event, ForceSample, LinkageSample, MotorSample
+from mech_twin.samples import BodySample, Drawing, Event
+from mech_twin.view.annotations import AnyStep
 from mech_twin.view.curves import FIRST_COLOUR, PALETTE, send_rows, series_lines, times
 from mech_twin.view.extent import Bounds, event_line, is_logged
 from mech_twin.view.layout import (
@@ -25,7 +26,7 @@ from mech_twin.view.layout import (
     SceneContents,
     blueprint,
 )
-from mech_twin.view.rerun_pictures import FLUSH_LIMIT_S, Mechanism, closed_stream, opened_stream, set_time
+from mech_twin.view.rerun_pictures import Mechanism, closed_stream, opened_stream, set_time
 from mech_twin.view.run_scene import RunScene
 from mech_twin.view.sending import RECORDED
 
@@ -35,13 +36,7 @@ BATCH_S = 0.1  # simulated time per batch
 
 
 class RerunScene(RunScene):
-    """The rerun recording of one run; a context manager.
-
-    Raises
-    ------
-    RerunSceneError
-        The file cannot be created; one line.
-    """
+    """The rerun recording of one run; a context manager."""
 
     def __init__(self, application_id: str, rrd_path: str | Path) -> None:
         super().__init__()
@@ -57,22 +52,11 @@ class RerunScene(RunScene):
         self._last_picture = -1
         self._closed = False
 
-    @property
-    def contents(self) -> SceneContents | None:
-        """The contents of the present layout; None before the first one."""
-        return self._shown
-
-    def frame(
-        self,
-        motor: MotorSample | None = None,
-        linkage: LinkageSample | None = None,
-        forces: ForceSample | None = None,
-        body: BodySample | None = None,
-    ) -> None:
+    def frame(self, step: AnyStep) -> None:
         """Add the samples of a step, all or some; they are sent in batches."""
-        self._take(motor, linkage, forces, body)
-        given = [sample.time_s for sample in (motor, linkage, forces, body) if sample is not None]
-        self._time_s = max([self._time_s, *given])
+        self._take(step)
+        body, given = step.body, (step.motor, step.linkage, step.forces, step.body)
+        self._time_s = max([self._time_s, *(sample.time_s for sample in given if sample is not None)])
         if body is not None:
             self._trace(body)
         if self._roles.spans(BATCH_S):
@@ -108,18 +92,12 @@ class RerunScene(RunScene):
         self._stream.log(METRICS, rr.TextDocument(metrics_table(metrics), media_type=rr.MediaType.MARKDOWN))
 
     def close(self) -> None:
-        """Write the remaining data, and close the file; idempotent.
-
-        Raises
-        ------
-        RerunSceneError
-            It could not be written completely.
-        """
+        """Write the remaining data, and close the file; idempotent."""
         if self._closed:
             return
         self._closed = True
         self._send()
-        closed_stream(self._stream, FLUSH_LIMIT_S)
+        closed_stream(self._stream)
 
     def _send(self) -> None:
         """Send what has come in since the last time."""
@@ -130,7 +108,8 @@ class RerunScene(RunScene):
                 self._stream.log(curves.path, lines, static=True)
             send_rows(self._stream, curves.path, curves.values, curves.time_s, curves.step)
         self._send_events()
-        self._send_banner()
+        set_time(self._stream, self._time_s)
+        self._stream.log(BANNER, rr.TextDocument(self._banner.text(), media_type=rr.MediaType.MARKDOWN))
         self._lay_out()
 
     def _trace(self, body: BodySample) -> None:
@@ -141,11 +120,6 @@ class RerunScene(RunScene):
             )
         for portrait in self._portraits:
             portrait.add(body)
-
-    def _send_banner(self) -> None:
-        set_time(self._stream, self._time_s)
-        text = rr.TextDocument(self._banner.text(), media_type=rr.MediaType.MARKDOWN)
-        self._stream.log(BANNER, text)
 
     def _send_events(self) -> None:
         self._marks.send()
@@ -227,12 +201,8 @@ class ImpactMarks:
         if path not in self._contacts:
             colour = PALETTE[len(self._contacts) // 2 % len(PALETTE)]
             self._contacts.add(path)
-            self._stream.log(path, _mark_lines(name, colour), static=True)
+            # the viewer would merge points that fall into one pixel
+            whole = rr.components.AggregationPolicy.Off
+            lines = rr.SeriesLines(names=[name], colors=[colour], widths=[1.5], aggregation_policy=whole)
+            self._stream.log(path, lines, static=True)
         self._marks.setdefault(path, []).append((time_s, value))
-
-
-def _mark_lines(name: str, colour: tuple[int, int, int]) -> rr.SeriesLines:
-    """Return the style of marks, without aggregation: the viewer would merge points that fall into one pixel."""
-    return rr.SeriesLines(
-        names=[name], colors=[colour], widths=[1.5], aggregation_policy=rr.components.AggregationPolicy.Off
-    )

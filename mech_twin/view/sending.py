@@ -24,27 +24,15 @@ Values = npt.NDArray[np.float64]
 
 
 def extreme_rows(values: Values, window: int) -> Rows:
-    """Return the rows at which any column has the smallest or the largest value of its window.
+    """Return the rows, ascending, at which any column has the smallest or the largest value of its window.
 
     The decimated curve consists of original samples at their original times and has in every window the extremes
     of the full curve.  NaN counts as an extreme, so it is never hidden.
 
     Parameters
     ----------
-    values : array, shape (n,) or (n, k)
-        Curves with common time stamps.
     window : int
         Rows per window, counted from row 0; the last window may be shorter.
-
-    Returns
-    -------
-    array of int
-        Rows to keep, ascending; at most 2 k per window.
-
-    Raises
-    ------
-    ValueError
-        The window is smaller than one row.
     """
     if window < 1:
         raise ValueError(f"window: expected at least 1 row, got {window}")

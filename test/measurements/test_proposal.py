@@ -71,10 +71,10 @@ def test_a_unit_that_no_map_knows_is_named_beside_the_one_assumed() -> None:
     columns = machine_columns(built("vibration_crank"))
     foreign, plain = proposed_channels(offered, columns)
     text = map_text("vibration_crank", TimeSource(), [foreign, plain], {}, columns)
-    assert "# unit: 'inch' is none of a map's; m is assumed" in text
+    assert "# unit: 'inch' is no unit of a map; m is assumed" in text
     assert (unknown_unit(foreign) is not None, unknown_unit(plain)) == (True, None)
     weeks = map_text("vibration_crank", TimeSource(column="Time [weeks]"), [plain], {}, columns)
-    assert "# unit: 'weeks' is none of a map's; s is assumed" in weeks and yaml.safe_load(weeks)["time"]
+    assert "# unit: 'weeks' is no unit of a map; s is assumed" in weeks and yaml.safe_load(weeks)["time"]
 
 
 @pytest.mark.parametrize("pin", ["follower_pin", "crank_pin", "crank_bearing"])

@@ -98,7 +98,7 @@ def test_a_line_of_the_supply_opens_and_closes() -> None:
         ([f"{CURVE}=single_phase@1..2"], "is no number, expected it at once"),
         (["motor.command=1.2@1"], "expected a fraction of rated frequency, 0 to 1"),
         (["supply_frequency=0.98@1"], "expected a share, such as supply_frequency=-2%@12"),
-        (["motor.command=0.5@1..5", "motor.command=1@3"], "expected after the ramp before it has ended"),
+        (["motor.command=0.5@1..5", "motor.command=1@3"], "expected a time after the end of the previous ramp"),
         (["motor.command=0.5@5..1"], "or @BEGIN..END"),
         (["supply_frequency=1%@0..1e6"], "expected a ramp of at most 100 s"),
     ],

@@ -23,7 +23,7 @@ from mech_twin.roles import Machine
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SeenSample, SensedChannel
 from mech_twin.studies.observer.filter_state import FilterState, SaltedFilter, state_space
 from mech_twin.studies.observer.model_run import AnchorNow, held_sigma, model_run, without_turns
-from mech_twin.studies.observer.observer import PhaseLockedObserver
+from mech_twin.studies.observer.observer import LOCK_S, PhaseLockedObserver
 
 LATER_S = 1000.0  # clocks of a machine and of a model have nothing to do with each other
 CRANK = ("linkage.crank.position", 1e-3)
@@ -232,7 +232,7 @@ def test_one_stamp_that_jumps_costs_a_search_and_no_more(at: int, shift_s: float
         if i == at:
             observer.take(sample._replace(time_s=sample.time_s + shift_s))
         estimates += observer.take(sample) is not None
-    searched = observer.options.lock_s * 100.0
+    searched = LOCK_S * 100.0
     assert observer.state is ObserverState.LOCKED
     assert estimates >= len(stream) - 2.0 * searched
 

@@ -12,7 +12,7 @@ from catalogue import NAMES, built
 
 from mech_twin.capabilities.mechanism import poses
 from mech_twin.engine.run import frames
-from mech_twin.engine.trajectory import frame_events
+from mech_twin.engine.trajectory import StepSamples, frame_events
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.measurements.units import leading_in
 from mech_twin.parameters.load import machine
@@ -29,7 +29,7 @@ def run_of(name, seconds):
     banner = Banner(machine.mechanism, machine.blow_energy or lost_energy)
     for frame in frames(machine, seconds):
         notes.add(frame.linkage, frame.forces)
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
         for event in frame_events(frame):
             notes.strike(event)
             banner.strike(event)
@@ -89,10 +89,10 @@ def test_the_line_above_says_state_and_speed_in_their_units():
     assert " rad/s" in run_of("compaction_press", 0.1)[3].text()
     assert "m/s" in run_of("impact_mass", 0.1)[3].text()
     _machine, frame, _, banner = run_of("compaction_press", 0.1)
-    banner.add(frame.motor._replace(command=0.0), None, None)
+    banner.add(StepSamples(0, motor=frame.motor._replace(command=0.0)))
     assert "running down" in banner.text()
     broken = frame.linkage._replace(position=(math.nan, *frame.linkage.position[1:]))
-    banner.add(None, broken, None)
+    banner.add(StepSamples(0, linkage=broken))
     assert "ALARM: crank is not finite" in banner.text()
 
 
@@ -165,7 +165,7 @@ def test_two_blows_close_together_are_no_rate_of_a_thousand_a_second():
     machine = built("impact_mass")
     banner = Banner(machine.mechanism, lambda event: event.impulse_ns)
     for frame in frames(machine, 2.5):
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
     for time_s in (1.999, 2.0):
         banner.strike(Event(time_s, "impact", "stop", 1.0, -0.5, 3.0, 0))
     rate = next(card for card in banner.cards() if card.key == "blow rate")
@@ -184,7 +184,7 @@ def test_the_speed_of_a_shaft_at_rest_is_shown_as_zero():
     machine = built("mb10_breaker")
     banner = Banner(machine.mechanism)
     frame = next(iter(frames(machine, 0.1)))
-    banner.add(frame.motor, frame.linkage._replace(velocity=(2.8e-30,) * len(frame.linkage.joints)), frame.forces)
+    banner.add(frame._replace(linkage=frame.linkage._replace(velocity=(2.8e-30,) * len(frame.linkage.joints))))
     assert banner.cards()[0].shown == "0 rad/s"
 
 
@@ -194,6 +194,6 @@ def test_the_leading_joint_is_that_of_the_drive(page, drive, joint):
     assert leading_in(built_page) == joint == built_page.parameters.drives[drive].joint
     banner = Banner(built_page.mechanism)
     for frame in frames(built_page, 0.01):
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
     card = banner.cards()[0]
     assert (card.name, card.unit, card.value) == (joint, "rad/s", frame.linkage.joint(joint).velocity)

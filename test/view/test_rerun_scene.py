@@ -9,7 +9,7 @@ from rrd_tables import rrd_tables
 from synthetic_four_bar import PINS, drawing, events, frame, metrics
 
 from mech_twin.engine.run import frames
-from mech_twin.engine.trajectory import frame_events
+from mech_twin.engine.trajectory import StepSamples, frame_events
 from mech_twin.errors import RerunSceneError
 from mech_twin.parameters.load import machine as built_machine
 from mech_twin.samples import BodySample, Drawing, Event, Named, Shape
@@ -26,7 +26,7 @@ def shown(scene, steps=STEPS, *, with_body=True):
     """Show a synthetic run as a run's loop would."""
     for step in range(steps + 1):
         now = frame(step)
-        scene.frame(now.motor, now.linkage, now.forces, now.body if with_body else None)
+        scene.frame(now if with_body else now._replace(body=None))
         for event in events(step):
             scene.event(event)
         if scene.drawing_due(now.linkage.time_s):
@@ -49,7 +49,7 @@ def test_a_joint_has_the_same_colour_in_every_plot_of_its_role(name, tmp_path):
     with RerunScene(name, rrd_path=path) as scene:
         scene.know(machine.mechanism)
         for now in frames(machine, 0.01):
-            scene.frame(now.motor, now.linkage, now.forces, now.body)
+            scene.frame(now)
     for entity, batch in rrd_tables(path)[1].items():
         if found := re.fullmatch(r"/(linkage|body)(?:_sliding)?/(?:position|speed|effort)", entity):
             names, drawn = (batch.column(f"SeriesLines:{column}")[0].as_py() for column in ("names", "colors"))
@@ -213,9 +213,9 @@ def test_samples_may_come_one_role_at_a_time(tmp_path):
     path = tmp_path / "run.rrd"
     with RerunScene("four_bar", rrd_path=path) as scene:
         for step in range(101):
-            scene.frame(linkage=frame(step).linkage)
+            scene.frame(StepSamples(step, linkage=frame(step).linkage))
         for step in range(101):
-            scene.frame(body=frame(step).body)
+            scene.frame(StepSamples(step, body=frame(step).body))
     moving, _ = rrd_tables(path)
     assert max(moving["/linkage/speed"]["step"].to_pylist()) == 100
     assert max(moving["/body/pressing_force"]["step"].to_pylist()) == 100
@@ -225,7 +225,8 @@ def test_of_the_shortest_steps_no_sample_is_left_out(tmp_path):
     path, count = tmp_path / "run.rrd", 2 * KEPT_SAMPLES + 1
     with RerunScene("four_bar", rrd_path=path) as scene:
         for step in range(count):
-            scene.frame(motor=frame(0).motor._replace(step=step, time_s=1e-6 * step, effort=(float(-step),)))
+            motor = frame(0).motor._replace(step=step, time_s=1e-6 * step, effort=(float(-step),))
+            scene.frame(StepSamples(step, motor=motor))
     rows = dict(zip(*sorted_rows(rrd_tables(path)[0]["/motor/torque"], "Scalars:scalars"), strict=True))
     assert rows[0] == 0.0
     assert rows[count - 1] == 1.0 - count
@@ -235,12 +236,11 @@ def test_names_that_change_start_curves_of_their_own(tmp_path):
     path = tmp_path / "run.rrd"
     with RerunScene("four_bar", rrd_path=path) as scene:
         for step in range(40):
-            scene.frame(motor=frame(step).motor)
+            scene.frame(StepSamples(step, motor=frame(step).motor))
         for step in range(40, 81):
             sample = frame(step).motor
-            scene.frame(
-                motor=sample._replace(joints=("a", "b"), position=(0, 0), velocity=(1, 2), effort=(3.0, step * 1.0))
-            )
+            motor = sample._replace(joints=("a", "b"), position=(0, 0), velocity=(1, 2), effort=(3.0, step * 1.0))
+            scene.frame(StepSamples(step, motor=motor))
     moving, _ = rrd_tables(path)
     widths = {len(row) for row in moving["/motor/torque"]["Scalars:scalars"].to_pylist()}
     assert widths == {1, 2}
@@ -275,7 +275,7 @@ def test_a_body_that_rests_is_drawn_without_fault(tmp_path):
     still = BodySample(0, 0.0, ("body",), (0.0,), (0.0,), (0.0,), 0, 0.0, Named(), Named())
     with RerunScene("four_bar", rrd_path=tmp_path / "run.rrd") as scene:
         for step in range(101):
-            scene.frame(body=still._replace(step=step, time_s=step * 0.001))
+            scene.frame(StepSamples(step, body=still._replace(step=step, time_s=step * 0.001)))
 
 
 @pytest.mark.parametrize(("value", "scale"), [(0.0, 1.0), (0.0054, 0.01), (0.24, 0.5), (1.0, 1.0), (7.3, 10.0)])
@@ -297,8 +297,8 @@ def test_the_banner_of_a_file_has_the_headline_numbers_of_the_bench(tmp_path):
             shows.watch(machine)
             shows.know(machine.mechanism, machine.blow_energy)
         for now in frames(machine, 0.3):
-            scene.frame(now.motor, now.linkage, now.forces, now.body)
-            banner.add(now.motor, now.linkage, now.forces, now.body)
+            scene.frame(now)
+            banner.add(now)
             for event in frame_events(now):
                 scene.event(event)
                 banner.strike(event)

@@ -4,7 +4,8 @@
 import math
 from itertools import pairwise
 
-from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, Point, fixed, sliding, turning
+from mech_twin.capabilities.figure import Point
+from mech_twin.capabilities.mechanism import ROOT, Bar, FrameTree, Inertia, Joint, Loop, fixed, sliding, turning
 from mech_twin.machines.page.drawing import COLOURS
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.parameters import GROUND, Page, distinct

@@ -13,12 +13,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from mech_twin.declarations.configuration_tree import (
-    ConfigurationError,
-    configuration_tree,
-    merged_tree,
-    tree_from_flat,
-)
+from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import restarted
 from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
@@ -30,8 +25,7 @@ from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, 
 from mech_twin.nodes.roles.role_node import PLACES, RETRY_S, RoleNode
 from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
 from mech_twin.parameters.description import description_text
-from mech_twin.parameters.load import RUN_GROUP, catalogue_entry, is_of_ros
-from mech_twin.parameters.load import validated as validated_tree
+from mech_twin.parameters.load import RUN_GROUP, changed_configuration, is_of_ros
 from mech_twin.samples import LinkageSample
 
 CHANGE_SHARE = 0.1  # largest share of a run's wall time for parameter changes
@@ -49,7 +43,7 @@ class LiveParameters:
     """
 
     def __init__(self, machine_name: str) -> None:
-        self._entry = catalogue_entry(machine_name)
+        self._machine_name = machine_name
         self._pending: Parameters | None = None
 
     def validated(self, in_force: Parameters, changes: Mapping[str, Any]) -> Parameters:
@@ -61,8 +55,7 @@ class LiveParameters:
             If it does not validate as a whole.
         """
         flat = {name: value for name, value in changes.items() if not name.startswith(f"{RUN_GROUP}.")}
-        base = configuration_tree(self._pending or in_force)
-        return validated_tree(self._entry, merged_tree(base, tree_from_flat(flat)), "parameter change")
+        return changed_configuration(self._machine_name, self._pending or in_force, flat, "parameter change")
 
     def request(self, in_force: Parameters, changes: Mapping[str, Any]) -> None:
         """Request a change; see `validated`."""

@@ -168,7 +168,7 @@ class ViewerNode(ObserverNode):
         self.newest_s = max(self.newest_s, self.time_s)  # without topics the frames set the run's time
         if self.run_metrics.frames == 0:
             self.scene.watch(self.run_metrics.machine)
-        self.scene.frame(motor=frame.motor, linkage=frame.linkage, forces=frame.forces, body=frame.body)
+        self.scene.frame(frame)
         for event in self.run_metrics.observe(frame):
             self.scene.event(event)
         if isinstance(self.scene, BenchScene):

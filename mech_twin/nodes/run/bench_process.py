@@ -106,8 +106,8 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     banner = Banner(machine.mechanism, *([] if machine.blow_energy is None else [machine.blow_energy]))
     banner.watch(machine)
     for frame in continued(machine, begin, SPAN_S, begin.motor.command):
-        roles.add(frame.motor, frame.linkage, frame.forces, frame.body)
-        banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+        roles.add(frame)
+        banner.add(frame)
         for event in frame_events(frame):
             banner.strike(event)
     return {

@@ -52,7 +52,7 @@ from mech_twin.roles import Machine
 from mech_twin.samples import Event
 from mech_twin.studies.observer.estimate import FrameEstimate, ObserverState, SeenSample, SensedChannel
 from mech_twin.studies.observer.model_run import held_sigma
-from mech_twin.studies.observer.observer import ObserverOptions, PhaseLockedObserver
+from mech_twin.studies.observer.observer import PhaseLockedObserver
 
 PRESSING_FORCE_COLUMN = "body.pressing_force_n"
 FIELDS = ("position", "velocity", "effort")
@@ -179,11 +179,10 @@ LATENCIES = 1000  # newest samples of which the median is taken
 
 
 class ShadowSetup(NamedTuple):
-    """Setup of a shadow: namespace of the machine, map (None: the twin's own topics), options of the observer."""
+    """Setup of a shadow: namespace, map (None: the twin's own topics), standard deviations of uncertain keys."""
 
     namespace: str
     given: MeasurementMap | None = None
-    options: ObserverOptions = ObserverOptions()
     deviations: Mapping[str, float] | None = None
 
 
@@ -236,7 +235,7 @@ class ShadowNode(TwinNode):
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.at_other_time: list[Callable[[], None]] = []
         self.at_command: list[Callable[[float], None]] = []
-        self.observer = PhaseLockedObserver(machine, entry.build, self._sensed, setup.options, setup.deviations)
+        self.observer = PhaseLockedObserver(machine, entry.build, self._sensed, setup.deviations)
         self.estimate: FrameEstimate | None = None
         self._counted: dict[str, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=LATENCIES)
@@ -266,8 +265,7 @@ class ShadowNode(TwinNode):
     def adopt(self, parameters: Parameters) -> None:
         """Switch to a model with other parameters; the search for the machine's state restarts."""
         entry, before = catalogue_entry(self.machine_name), self.observer
-        options, deviations = self.setup.options, self.setup.deviations
-        self.observer = PhaseLockedObserver(entry.build(parameters), entry.build, self._sensed, options, deviations)
+        self.observer = PhaseLockedObserver(entry.build(parameters), entry.build, self._sensed, self.setup.deviations)
         self.observer.counts.update(before.counts)
         self.observer.command(before.target)
 

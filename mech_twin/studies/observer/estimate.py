@@ -76,13 +76,7 @@ class Found(NamedTuple):
 
 
 def located(run: ModelRun, places: Indices, samples: Sequence[SeenSample]) -> Found | None:
-    """Return the best-fitting step of the run at the newest sample; None if the run is shorter than the samples.
-
-    Parameters
-    ----------
-    places : ndarray of int
-        Index of each channel's column in a row.
-    """
+    """Return the best-fitting step of the run at the newest sample; None if the run is shorter than the samples."""
     end_s = samples[-1].time_s
     back = np.array([round((end_s - sample.time_s) / run.bank.step_s) for sample in samples])
     first = int(back.max())

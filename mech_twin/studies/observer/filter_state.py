@@ -108,7 +108,7 @@ def state_space(run: ModelRun, machine_name: str) -> StateSpace:
     states = _acting(run, [*mechanism_joints, *anchored.later])
     if not states:
         raise ConfigurationError(
-            f"{machine_name}: no number of a frame acts on the next one; expected a running machine"
+            f"{machine_name}: no number of a frame changes the next frame; expected a running machine"
         )
     drive = [name for name in columns if name.startswith("motor.") and name.endswith((".velocity", ".effort"))]
     inputs = [name for name in _acting(run, drive) if name.endswith(".velocity") or not _carried(run, [name])]
@@ -162,10 +162,15 @@ def undetermined(run: ModelRun, space: StateSpace) -> Indices:
     return np.array(sorted(places), dtype=np.int64)
 
 
+def leading_angle(run: ModelRun, space: StateSpace) -> int | None:
+    """Return the index of the angle that defines the phase, the first of the state; None without one."""
+    return next((place for place in space.state_places.tolist() if place in run.angles), None)
+
+
 def _geared(run: ModelRun, space: StateSpace) -> set[int]:
     """Return the indices of angles geared to the first angle of the state by a non-integer ratio."""
     angles = run.angles.tolist()
-    leading = next((int(place) for place in space.state_places if int(place) in angles), None)
+    leading = leading_angle(run, space)
     if leading is None:
         return set()
     way = without_turns(np.diff(run.settled[:, angles], axis=0)).sum(axis=0)
@@ -290,16 +295,11 @@ class SaltedFilter:
             slopes[:, i] = self._other_side(state, target, i, rows[0], int(later.event_counts[0]))
         return Prediction(rows[0], slopes, self._bank.events(later.events))
 
-    def again(self, state: FilterState, target: float, slopes: Array) -> Prediction:
-        """Return the frame one step after a state, with given derivatives."""
-        later, rows = self._stepped(state, target, self._begun(state)[None, :], 0.0)
-        return Prediction(rows[0], slopes, self._bank.events(later.events))
-
     def _stepped(self, state: FilterState, target: float, bank: Array, change: float) -> tuple[BankStep, Array]:
         """Return frames advanced by a step, and their rows with the offsets of the drive."""
         later = self._bank.advanced(state.step, bank, target)
         if later.failed[0] != DONE:
-            raise MotionError(f"the estimated motion cannot be followed at step {state.step}")
+            raise MotionError(f"the estimated motion cannot be computed at step {state.step}")
         return later, self._with_offsets(later.rows, state.offsets, change)
 
     def corrected(
@@ -336,7 +336,9 @@ class SaltedFilter:
         covariance = rest @ state.covariance @ rest.T - crossing - crossing.T + gain @ alone @ gain.T
         with_keys = rest @ state.with_keys - gain @ d
         moved = self._moved(state, gain @ innovations[used], 0.5 * (covariance + covariance.T), with_keys)
-        return Correction(moved, self.again(moved, target, prediction.slopes), innovations, used)
+        later, rows = self._stepped(moved, target, self._begun(moved)[None, :], 0.0)
+        again = Prediction(rows[0], prediction.slopes, self._bank.events(later.events))
+        return Correction(moved, again, innovations, used)
 
     def committed(self, state: FilterState, prediction: Prediction, noise: Array, effect: Array) -> FilterState:
         """Return the filter at the predicted frame, with the process noise (n + k, n + k) of the next step added.
@@ -416,14 +418,9 @@ def output_variance(prediction: Prediction, state: FilterState, effect: Array, b
 
     Parameters
     ----------
-    state : FilterState
-        The filter before the step.
-    effect : ndarray, shape (w, q)
-        Effect of one standard deviation of each uncertain key on the columns in this step.
     by_keys : ndarray, shape (w,)
         Variance of the columns due to uncertain keys in this step alone, at least the sum of the squared effects.
     """
     spread = ((prediction.slopes @ state.covariance) * prediction.slopes).sum(axis=1)
     crossed = ((prediction.slopes @ state.with_keys) * effect).sum(axis=1)
-    found: Array = np.maximum(spread + 2.0 * crossed + by_keys, 0.0)
-    return found
+    return np.asarray(np.maximum(spread + 2.0 * crossed + by_keys, 0.0))

@@ -108,13 +108,7 @@ class StepBank:
 
 @dataclass(frozen=True)
 class ModelRun:
-    """Rows of a simulated run, one for each coupling step from step 0.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (steps + 1, w)
-        All columns of each frame.
-    """
+    """Rows (steps + 1, w) of a simulated run: all columns of the frame at each coupling step from step 0."""
 
     bank: StepBank
     rows: Array
@@ -138,8 +132,7 @@ class ModelRun:
         """Largest rate of change of each column in the settled rows (per s), shape (w,); angles are unwrapped."""
         rises = np.diff(self.settled, axis=0)
         rises[:, self.angles] = without_turns(rises[:, self.angles])
-        steepest: Array = np.abs(rises).max(axis=0) / self.bank.step_s
-        return steepest
+        return np.asarray(np.abs(rises).max(axis=0) / self.bank.step_s)
 
     @cached_property
     def angles(self) -> Indices:
@@ -157,26 +150,17 @@ def model_run(machine: Machine, duration_s: float) -> ModelRun:
 
 def without_turns(difference: Array) -> Array:
     """Return differences of angles (rad) wrapped to the range -pi to pi."""
-    wrapped: Array = difference - TURN * np.round(difference / TURN)
-    return wrapped
+    return difference - TURN * np.round(difference / TURN)
 
 
 def held_sigma(run: ModelRun, sigma: Array, silent_s: float) -> Array:
-    """Return the standard deviation of a held estimate, shape (w,).
+    """Return the standard deviation (w,) of an estimate, whose own is ``sigma``, held for ``silent_s`` (s).
 
     The error grows with the largest rate of change of a column, up to its range: the variance is
     ``sigma^2 + min(rate silence, range)^2``.  The range of an angle is at most a turn.
-
-    Parameters
-    ----------
-    sigma : ndarray, shape (w,)
-        Standard deviation at the last sample.
-    silent_s : float
-        Time since the last sample.
     """
     way = np.minimum(run.steepest * max(silent_s, 0.0), run.spread)
-    held: Array = np.hypot(sigma, way)
-    return held
+    return np.hypot(sigma, way)
 
 
 class AnchorNow:

@@ -4,7 +4,6 @@
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from mech_twin.studies.observer.filter_state import (
     Observation,
     Prediction,
     SaltedFilter,
+    leading_angle,
     output_variance,
     state_space,
     undetermined,
@@ -39,42 +39,15 @@ ON_STEP = 1e-6  # of a step: tolerance for a stamp that coincides with a step
 UNKNOWN_SIGMA = 5e-4  # of a column's range: standard deviation of a sensor if it is unknown
 UNKNOWN_IN_STEP = 0.3  # standard deviation of an instant within a known step, in steps
 JUDGED = 40  # newest samples that decide whether the observer has lost the machine
-
-
-class ObserverOptions(NamedTuple):
-    """Uncertainty of the model and duration of the search; shares refer to the scales of the model's own run.
-
-    Attributes
-    ----------
-    run_s : float
-        Duration of the model's run that is searched for the phase (s).
-    lock_s : float
-        Duration of the samples that are fitted to it (s).
-    longest_gap_s : float
-        Longest gap of samples bridged by prediction (s); after a longer one the observer searches again.
-    parameter_share : float
-        Relative standard deviation of each uncertain key.
-    drive_walk : float
-        Standard deviation of the random walk of the drive torque's offset after one second, in scales.
-    led_walk : float
-        The same for the offset of a prescribed drive speed.
-    acceleration_share : float
-        Standard deviation of the unmodelled acceleration, as a share of the 95 % quantile of the model's own.
-    acceleration_s : float
-        Correlation time of that acceleration (s).
-    """
-
-    run_s: float = 5.0
-    lock_s: float = 0.25
-    longest_gap_s: float = 0.25
-    parameter_share: float = 0.02
-    drive_walk: float = 0.3
-    led_walk: float = 0.005
-    acceleration_share: float = 0.05
-    acceleration_s: float = 0.01
-
-
-USUAL = ObserverOptions()
+RUN_S = 5.0  # of the model's run that is searched for the phase
+LOCK_S = 0.25  # of the samples that are fitted to it
+LONGEST_GAP_S = 0.25  # bridged by prediction; after a longer one the observer searches again
+LATE_STEPS = 20.0  # a sample may be so many steps older than the newest estimate
+PARAMETER_SHARE = 0.02  # relative standard deviation of each uncertain key
+# standard deviation of the random walk of an offset after one second, in scales: torque, prescribed speed of the drive
+DRIVE_WALK, LED_WALK = 0.3, 0.005
+ACCELERATION_SHARE = 0.05  # unmodelled acceleration, of the 95 % quantile of the model's own
+ACCELERATION_S = 0.01  # correlation time of that acceleration
 
 
 class PhaseLockedObserver:
@@ -106,24 +79,23 @@ class PhaseLockedObserver:
         machine: Machine,
         build: Callable[[Parameters], Machine],
         channels: Sequence[SensedChannel],
-        options: ObserverOptions = USUAL,
         deviations: Mapping[str, float] | None = None,
     ) -> None:
-        self.options = options
         self.state = ObserverState.SEARCHING
         self.counts: Counter[str] = Counter()
-        self.run = model_run(machine, options.run_s)
+        self.run = model_run(machine, RUN_S)
         self.columns = self.run.bank.columns
         self.places = _places(channels, self.columns, machine.name)
         self.channels = tuple(map(self._with_sigma, channels))
         self.space = state_space(self.run, machine.name)
-        keys = uncertain_keys(machine.parameters, options.parameter_share) if deviations is None else deviations
-        self.parameters = parameter_error(self.run, machine.parameters, build, keys, self._angle())
+        angle = leading_angle(self.run, self.space)
+        keys = uncertain_keys(machine.parameters, PARAMETER_SHARE) if deviations is None else deviations
+        self.parameters = parameter_error(self.run, machine.parameters, build, keys, angle)
         self.undetermined = undetermined(self.run, self.space)
         self._anchor = AnchorNow(self.run, machine.name)
-        self._regimes = RegimeByAngle(self.run, self._angle(), has_body=machine.body is not None)
+        self._regimes = RegimeByAngle(self.run, angle, has_body=machine.body is not None)
         self._filter = SaltedFilter(self.run.bank, self.space, self.run.angles)
-        self._noise = _process_noise(self, options)
+        self._noise = _process_noise(self)
         self._believed: deque[bool] = deque(maxlen=JUDGED)
         self._waiting: list[SeenSample] = []
         self._base: FilterState | None = None
@@ -151,12 +123,12 @@ class PhaseLockedObserver:
         self._newest_s[sample.channels] = sample.time_s
         if self._base is None:
             return self._search(sample)
-        step = int(np.ceil((sample.time_s - self._origin_s) / self.run.bank.step_s - ON_STEP))  # at or after the sample
+        step = int(np.ceil((sample.time_s - self._origin_s) / self.step_s - ON_STEP))  # at or after the sample
         steps = step - self._base.step - 1
-        if steps < 0 and self._origin_s + self._base.step * self.run.bank.step_s - sample.time_s > self.late_limit_s:
+        if steps < 0 and self._origin_s + self._base.step * self.step_s - sample.time_s > LATE_STEPS * self.step_s:
             self.counts["late"] += 1
             return None
-        if steps * self.run.bank.step_s > self.options.longest_gap_s:
+        if steps * self.step_s > LONGEST_GAP_S:
             self.counts["jump"] += 1
             self._forget()
             return self._search(sample)
@@ -168,11 +140,6 @@ class PhaseLockedObserver:
             self._lose()
             return None
 
-    @property
-    def late_limit_s(self) -> float:
-        """Age relative to the newest estimate up to which a sample is used (s)."""
-        return 20.0 * self.run.bank.step_s
-
     def _with_sigma(self, channel: SensedChannel) -> SensedChannel:
         """Return a channel with known noise; if unknown, a small share of the column's range is assumed."""
         assumed = UNKNOWN_SIGMA * float(self.run.spread[self.columns[channel.column]])
@@ -183,7 +150,7 @@ class PhaseLockedObserver:
     def _not_newer(self, sample: SeenSample, newest_s: float) -> None:
         if sample.time_s == newest_s:
             self.counts["repeated"] += 1
-        elif newest_s - sample.time_s <= self.options.longest_gap_s:
+        elif newest_s - sample.time_s <= LONGEST_GAP_S:
             self.counts["late"] += 1
         else:
             self.counts["jump"] += 1
@@ -192,11 +159,11 @@ class PhaseLockedObserver:
             self._waiting = [sample]
 
     def _search(self, sample: SeenSample) -> FrameEstimate | None:
-        near = [each for each in self._waiting if abs(sample.time_s - each.time_s) <= self.options.lock_s]
+        near = [each for each in self._waiting if abs(sample.time_s - each.time_s) <= LOCK_S]
         self._waiting = sorted([*near, sample], key=attrgetter("time_s"))
         if self._waiting[-1] is not sample:  # a slightly late sample of another channel
             return None
-        if len(self._waiting) < 5 or sample.time_s - self._waiting[0].time_s < 0.8 * self.options.lock_s:
+        if len(self._waiting) < 5 or sample.time_s - self._waiting[0].time_s < 0.8 * LOCK_S:
             return None
         found = located(self.run, self.places, self._waiting)
         if found is None or found.difference > ACCEPTED:
@@ -210,7 +177,7 @@ class PhaseLockedObserver:
         deviation = 0.1 * spread[space.places] / space.scales
         deviation[np.isin(space.places, self.run.angles)] = 0.1
         deviation[space.of_time] = UNKNOWN_IN_STEP
-        self._origin_s = sample.time_s - step * self.run.bank.step_s
+        self._origin_s = sample.time_s - step * self.step_s
         offsets = np.zeros(len(space.places) - space.states)
         deviation[space.states :] = 0.1
         covariance = np.diag(deviation**2) + self._noise
@@ -249,7 +216,7 @@ class PhaseLockedObserver:
         rise = self._ahead.row - self._base.row
         rise[self.space.input_places] -= self._base.offsets
         rise[self.run.angles] = without_turns(rise[self.run.angles])
-        before, self._rates = self._rates, rise / self.run.bank.step_s
+        before, self._rates = self._rates, rise / self.step_s
         self._kinks = np.abs(self._rates - before) if self._ahead.events else np.zeros_like(before)
 
     def _within_step(self, after_s: float) -> Array:
@@ -258,12 +225,12 @@ class PhaseLockedObserver:
         Columns are interpolated linearly over the step.  Up to the event the true rate is that of the previous step;
         after it, the true curve leads to the frame at the step's end.
         """
-        away_s = min(abs(after_s), abs(self.run.bank.step_s - abs(after_s)))
+        away_s = min(abs(after_s), abs(self.step_s - abs(after_s)))
         return np.asarray((self._kinks * away_s) ** 2)
 
     def _estimate(self, sample: SeenSample) -> FrameEstimate | None:
         assert self._base is not None and self._ahead is not None
-        at_s = self._origin_s + (self._base.step + 1) * self.run.bank.step_s
+        at_s = self._origin_s + (self._base.step + 1) * self.step_s
         by_parameters = self.parameters.at(self._ahead.row) + self._within_step(sample.time_s - at_s)
         places = self.places[list(sample.channels)]
         sigma = np.array([self.channels[channel].sigma for channel in sample.channels])
@@ -308,11 +275,6 @@ class PhaseLockedObserver:
         """Coupling step of the model."""
         return self.run.bank.step_s
 
-    def _angle(self) -> int | None:
-        """Return the index of the angle that defines the phase, the first of the state; None without one."""
-        angles = set(self.run.angles.tolist())
-        return next((int(place) for place in self.space.state_places if int(place) in angles), None)
-
 
 def _places(channels: Sequence[SensedChannel], columns: Mapping[str, int], machine: str) -> Indices:
     if not channels:
@@ -323,21 +285,21 @@ def _places(channels: Sequence[SensedChannel], columns: Mapping[str, int], machi
     return np.array([columns[channel.column] for channel in channels], dtype=np.int64)
 
 
-def _process_noise(observer: PhaseLockedObserver, options: ObserverOptions) -> Array:
+def _process_noise(observer: PhaseLockedObserver) -> Array:
     """Return the covariance added in one step, in scales of the state.
 
     Offsets of the drive are random walks.  Speeds have the noise of an unmodelled acceleration, constant for
-    ``acceleration_s`` and independent after that.  Its size is a share of the 95 % quantile of the model's
+    `ACCELERATION_S` and independent after that.  Its size is a share of the 95 % quantile of the model's
     accelerations.
     """
     space, run = observer.space, observer.run
     variance = np.zeros(len(space.places))
     for i, name in enumerate(space.names):
         if i >= space.states:
-            walk = options.led_walk if name.endswith(".velocity") else options.drive_walk
+            walk = LED_WALK if name.endswith(".velocity") else DRIVE_WALK
             variance[i] = walk**2 * run.bank.step_s
         elif name.endswith(("velocity", "velocity_m_per_s")):
             usual = float(np.quantile(np.abs(np.diff(run.settled[:, space.later[i]])), 0.95)) / run.bank.step_s
-            missing = options.acceleration_share * usual / space.scales[i]
-            variance[i] = missing**2 * options.acceleration_s * run.bank.step_s
+            missing = ACCELERATION_SHARE * usual / space.scales[i]
+            variance[i] = missing**2 * ACCELERATION_S * run.bank.step_s
     return np.diag(variance)

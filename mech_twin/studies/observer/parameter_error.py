@@ -50,13 +50,11 @@ class ParameterError:
 
     def at(self, row: Array) -> Array:
         """Return the variance of each column of a frame, shape (w,)."""
-        found: Array = self.variance[self._bin(row)]
-        return found
+        return np.asarray(self.variance[self._bin(row)])
 
     def effect_at(self, row: Array) -> Array:
         """Return the effect of one standard deviation of each key on each column in a step, shape (w, q)."""
-        found: Array = self.effect[self._bin(row)]
-        return found
+        return np.asarray(self.effect[self._bin(row)])
 
     def _bin(self, row: Array) -> int:
         return int(_bins(row[None, :], self.angle, len(self.variance))[0])
@@ -81,12 +79,8 @@ def parameter_error(
 
     Parameters
     ----------
-    parameters, build
-        The parameters, and a function that builds the machine from them.
     deviations : mapping
         Standard deviation of each uncertain key, in its unit; keys whose changed value is rejected are left out.
-    angle : int or None
-        Index of the angle that defines the phase.
     """
     first = len(run.rows) - len(run.settled)
     steps = np.unique(np.linspace(first, len(run.rows) - 2, FRAMES).astype(int))

@@ -54,13 +54,7 @@ class BenchPage:
 
 
 def check_order(message: Mapping[str, Any]) -> None:
-    """Check the form of an order: name, fault and values.
-
-    Raises
-    ------
-    OrderError
-        The form is invalid; the message gives what was expected.
-    """
+    """Raise an OrderError unless an order has a name, values by key, and no fault or the name of one."""
     name, values, fault = message.get("name"), message.get("values", {}), message.get("fault")
     if not isinstance(name, str):
         raise OrderError("expected the name of an order")

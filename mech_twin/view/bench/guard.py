@@ -44,12 +44,8 @@ def silent_logger() -> logging.Logger:
 def is_own_host(host: str, port: int, *, others: bool) -> bool:
     """Return whether a Host header names this server.
 
-    A DNS name that could be rebound to this host is refused; an address cannot be rebound.
-
-    Parameters
-    ----------
-    others : bool
-        Whether other hosts are allowed: then any address and the name of this machine are valid.
+    A DNS name that could be rebound to this host is refused; an address cannot be rebound.  With ``others`` any
+    address and the name of this machine are valid.
     """
     name, _, named_port = host.rpartition(":")
     if named_port != str(port):
@@ -132,10 +128,10 @@ class Guard:
     def _refusal(self, request: web.Request) -> web.Response | None:
         host = request.headers.get(hdrs.HOST, "")
         if not is_own_host(host, self.port, others=self._others):
-            return plain(403, "this server is asked for by its address")
+            return plain(403, "expected the address of this server as host")
         origin = request.headers.get(hdrs.ORIGIN)
         if origin is not None and origin != f"http://{host}":
-            return plain(403, "another page may not ask here")
+            return plain(403, "requests of other pages are refused")
         if request.method != hdrs.METH_GET:
             return plain(405, "expected GET")
         return None

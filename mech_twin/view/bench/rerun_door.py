@@ -72,13 +72,7 @@ def fetch_viewer(folder: Path) -> None:
 
 
 def keep_own(program: Path, content: bytes, file: Path) -> None:
-    """Write content that a program contains to a file, atomically.
-
-    Raises
-    ------
-    ViewerError
-        The program does not contain it.
-    """
+    """Write content to a file, atomically, if a program contains it; else raise a ViewerError."""
     with program.open("rb") as stream, mmap(stream.fileno(), 0, access=ACCESS_READ) as inside:
         if not content or inside.find(content) < 0:
             raise ViewerError(f"view: {file.name} was served by another program than {program}")
@@ -118,15 +112,7 @@ class _Viewer:
 
 
 class RerunDoor:
-    """Serves the viewer and the run.
-
-    Parameters
-    ----------
-    folder : Path
-        Of this user alone: the viewer's files go there.
-    states : mapping
-        Messages for the pages, as text by kind.
-    """
+    """Serves the viewer, whose files go to a folder of this user alone, and the run."""
 
     def __init__(self, folder: Path, states: Mapping[str, str], history: Pictures) -> None:
         self._folder, self._states, self._history = folder, states, history

@@ -9,18 +9,18 @@ import math
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
+
+from pydantic import TypeAdapter
 
 from mech_twin.declarations.captions import caption
 from mech_twin.engine.trajectory import RunInvariants
 from mech_twin.roles import Machine
-from mech_twin.samples import BodySample, Drawing, Event, ForceSample, Frame, LinkageSample, MotorSample, Named, Wrench
-from mech_twin.view.annotations import RESET, is_stalled
+from mech_twin.samples import Drawing, Event, Frame, LinkageSample
+from mech_twin.view.annotations import RESET, AnyStep, is_stalled
 from mech_twin.view.bench.link import BenchLink
 from mech_twin.view.bench.picture import Curves, Panel, metric_rows, packed_curves, packed_layout, packed_shapes
-from mech_twin.view.curve_groups import (
-    plots,
-)
+from mech_twin.view.curve_groups import plots
 from mech_twin.view.extent import Bounds, DrawnExtent, event_line, is_logged, with_placed_texts
 from mech_twin.view.run_scene import RunScene
 from mech_twin.view.sending import Sending
@@ -42,9 +42,9 @@ class Lanes:
         self._begin_s: float | None = None
         self._changes: dict[str, list[list[Any]]] = {}
 
-    def add(self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None) -> None:
+    def add(self, step: AnyStep) -> None:
         """Update with a step."""
-        for time_s, lane, word in self._words(motor, linkage, body):
+        for time_s, lane, word in self._words(step):
             if self._begin_s is None:
                 self._begin_s = time_s
             before = self._now.get(lane)
@@ -67,9 +67,8 @@ class Lanes:
         self._first, self._changes, self._begin_s = dict(self._now), {}, None
         return rows
 
-    def _words(
-        self, motor: MotorSample | None, linkage: LinkageSample | None, body: BodySample | None
-    ) -> Iterator[tuple[float, str, str]]:
+    def _words(self, step: AnyStep) -> Iterator[tuple[float, str, str]]:
+        motor, linkage, body = step.motor, step.linkage, step.body
         if linkage is not None:
             if len(self._linkage) > 1 and not self._body:  # else the regimes are those of the body
                 yield linkage.time_s, "machine", _named(self._linkage, linkage.regime)
@@ -94,8 +93,7 @@ def _named(words: Sequence[str], number: int) -> str:
     return words[number].replace("_", " ") if 0 <= number < len(words) else str(number)
 
 
-AnySample = TypeVar("AnySample", MotorSample, LinkageSample, ForceSample, BodySample)
-NAMED = ("memory", "residuals", "quantities")
+_FRAME = TypeAdapter(Frame)
 LEFT_OUT = ("events", "loads")  # of the step that ends here; not needed to continue
 STATE_S = 0.1  # wall-clock time between two states of the run
 MOST_EVENTS = 200  # per picture
@@ -116,24 +114,8 @@ def listed(frame: Frame) -> dict[str, Any]:
 
 def framed(content: dict[str, Any]) -> Frame:
     """Return the frame made of the lists of `listed`."""
-    return Frame(
-        linkage=_sample(LinkageSample, content["linkage"]),
-        motor=_sample(MotorSample, content["motor"]),
-        forces=_sample(ForceSample, content["forces"]),
-        body=_sample(BodySample, content["body"]) if "body" in content else None,
-    )
-
-
-def _sample(kind: type[AnySample], content: dict[str, Any]) -> AnySample:
-    fields: dict[str, Any] = {}
-    for name, value in content.items():
-        if name in NAMED:
-            fields[name] = Named(*(tuple(part) for part in value))
-        elif name == "wrenches":
-            fields[name] = tuple(Wrench(*each) for each in value)
-        else:
-            fields[name] = tuple(value) if isinstance(value, list) else value
-    return kind(**fields)
+    found: Frame = _FRAME.validate_python({"body": None, **content})
+    return found
 
 
 class BenchScene(RunScene):
@@ -160,15 +142,9 @@ class BenchScene(RunScene):
         super().watch(machine)
         self._lanes, self._invariants = Lanes(machine), RunInvariants(machine)
 
-    def frame(
-        self,
-        motor: MotorSample | None = None,
-        linkage: LinkageSample | None = None,
-        forces: ForceSample | None = None,
-        body: BodySample | None = None,
-    ) -> None:
+    def frame(self, step: AnyStep) -> None:
         """Add the samples of a step, all or some."""
-        for sample in (motor, linkage, forces, body):
+        for sample in (step.motor, step.linkage, step.forces, step.body):
             if sample is not None:
                 if sample.time_s < self._time_s - 1.0:
                     self._link.tell("anew", {})
@@ -176,11 +152,12 @@ class BenchScene(RunScene):
                     self._time_s = sample.time_s
                     self._drawn_s = -math.inf
                 self._time_s = max(self._time_s, sample.time_s)
-        self._take(motor, linkage, forces, body)
+        self._take(step)
         if self._lanes is not None:
-            self._lanes.add(motor, linkage, body)
-        if self._invariants is not None and linkage is not None and forces is not None and motor is not None:
-            self._invariants.observe(Frame(linkage, motor, forces, body))
+            self._lanes.add(step)
+        whole = step if isinstance(step, Frame) else step.frame(has_body=False)
+        if self._invariants is not None and whole is not None:
+            self._invariants.observe(whole)
 
     def state(self, frame: Frame) -> None:
         """Send the whole state of the run from time to time; the bench can roll out from it."""
@@ -240,7 +217,7 @@ class BenchScene(RunScene):
         self._strike(event)
 
     def _scale_anew(self) -> None:
-        """Forget how far and how strong the run before was: it sets no scale of the one that begins."""
+        """Clear range and largest impulse of the previous run, so that they set no scale of this one."""
         self._extent, self._bounds, self._hardest_ns = DrawnExtent(), None, 0.0
         if self._annotations is not None:
             self._annotations.largest_n = 0.0

@@ -89,7 +89,7 @@ class StartedBench(Closing):
         if open_to_other_hosts:
             announce(
                 f"view: OPEN TO OTHER HOSTS, in plain text: page on port {self.port}, all interfaces of "
-                f"{socket.gethostname()}; who has its whole address watches and commands"
+                f"{socket.gethostname()}; anyone with the whole address can watch and command"
             )
 
     @property
@@ -125,7 +125,7 @@ class StartedBench(Closing):
         """Send the process its configuration; return its answer."""
         stdin, stdout = self._process.stdin, self._process.stdout
         if stdin is None or stdout is None:
-            raise ViewerError("view: the page's process cannot be talked to")
+            raise ViewerError("view: the page's process has no input or output")
         try:
             stdin.write(line + "\n")
             stdin.close()

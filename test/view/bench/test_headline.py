@@ -11,7 +11,7 @@ import pytest
 from catalogue import built
 
 from mech_twin.engine.run import frames
-from mech_twin.engine.trajectory import frame_events
+from mech_twin.engine.trajectory import StepSamples, frame_events
 from mech_twin.parameters.load import machine as machine_of
 from mech_twin.samples import Drawing, Event, Frame
 from mech_twin.view.annotations import RECENT_S, Banner
@@ -25,7 +25,7 @@ def test_the_mean_drive_power_stands_beside_the_rated_power_of_the_motor():
     banner = Banner(machine.mechanism)
     banner.watch(machine)
     for frame in frames(machine, 0.1):
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
     cards = {card.key: card for card in banner.cards()}
     assert (cards["mean drive power"].unit, cards["mean drive power"].most) == ("W", 11000.0)
     assert cards["mean drive power"].value != 0.0
@@ -39,7 +39,7 @@ def test_the_mean_drive_power_is_that_of_whole_turns(name, rpm):
     machine = machine_of(name, None, {"drive.speed_rpm": rpm})
     banner, shown = Banner(machine.mechanism), []
     for frame in frames(machine, 4.0):
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
         if frame.linkage.time_s > 3.0:
             shown.append({card.key: card for card in banner.cards()}["mean drive power"].value)
     expected = machine.report()["power_mean_w"] if name == "compaction_press" else 0.0
@@ -59,7 +59,7 @@ def test_headline_numbers_of_a_run_that_begins_anew_know_nothing_of_the_one_befo
     run = list(frames(machine, 3.0))
     for banner, begin in ((first, run), (again, [])):
         for frame in [*begin, *run[:700]]:
-            banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+            banner.add(frame)
             for event in frame_events(frame):
                 banner.strike(event)
     assert first.cards() == again.cards()
@@ -70,7 +70,7 @@ def test_one_blow_far_harder_than_the_others_does_not_make_bounces_of_them():
     machine = built("impact_mass")
     banner = Banner(machine.mechanism)
     for frame in frames(machine, 1.9):
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
         for event in frame_events(frame):
             banner.strike(event)
     cards = {card.key: card for card in banner.cards()}
@@ -98,7 +98,7 @@ def test_headline_numbers_after_a_reset_know_nothing_of_the_time_before_it(name)
         reset = again[0].linkage._replace(events=(Event(reset_s, "reset", "linkage"),))
         run = [*frames(machine, reset_s - machine.coupling_step_s), again[0]._replace(linkage=reset), *again[1:]]
         for frame in run if reset_s else again:
-            banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+            banner.add(frame)
             for event in frame_events(frame):
                 banner.strike(event)
         shown.append({card.key: card.value for card in banner.cards()})
@@ -110,9 +110,9 @@ def test_a_value_that_is_not_finite_is_no_alarm_after_a_reset():
     machine, banner = built("vibration_crank"), Banner(None)
     begin = next(frames(machine, 0.1)).linkage
     for linkage in (begin, begin._replace(position=(np.nan,) * len(begin.joints)), begin):
-        banner.add(None, linkage, None)
+        banner.add(StepSamples(0, linkage=linkage))
     assert banner.alarm()
-    banner.add(None, begin._replace(events=(Event(0.0, "reset", "linkage"),)), None)
+    banner.add(StepSamples(0, linkage=begin._replace(events=(Event(0.0, "reset", "linkage"),))))
     assert banner.alarm() == ""
 
 
@@ -121,7 +121,7 @@ def test_a_machine_whose_configuration_tells_no_rated_power_has_no_limit():
     banner = Banner(machine.mechanism)
     banner.watch(machine)
     for frame in frames(machine, 0.1):
-        banner.add(frame.motor, frame.linkage, frame.forces)
+        banner.add(frame)
     (power,) = [card for card in banner.cards() if card.key == "mean drive power"]
     assert power.most is None
 
@@ -132,7 +132,7 @@ def test_pressing_force_and_contact_share_are_those_of_the_last_two_seconds():
     banner.watch(machine)
     run = list(frames(machine, 3.0))
     for frame in run:
-        banner.add(frame.motor, frame.linkage, frame.forces, frame.body)
+        banner.add(frame)
     recent = [frame.body for frame in run if frame.body.time_s >= run[-1].body.time_s - RECENT_S]
     cards = {card.key: card for card in banner.cards()}
     mean_n = sum(body.pressing_force_n for body in recent) / len(recent)
@@ -168,7 +168,7 @@ def test_what_came_after_the_last_drawing_is_shown_before_the_scene_closes():
     with BenchScene(link, RECORDED) as scene:
         scene.know(machine.mechanism)
         for place, frame in enumerate(run):
-            scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+            scene.frame(frame)
             for event in frame_events(frame):
                 scene.event(event)
             if place == 0:
@@ -193,7 +193,7 @@ def test_after_a_reset_the_drawing_is_to_the_scale_of_the_new_run():
             for frame in (*before, *frames(installed, 0.2)):
                 if before and frame.linkage.step == 0 and frame is not before[0]:
                     scene.event(Event(frame.linkage.time_s, "reset", "mass", 0, 0.0, 0.0, 0.0))
-                scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+                scene.frame(frame)
                 scene.drawing(Drawing(0, frame.linkage.time_s, installed.draw(frame.linkage, None)))
         drawn[name] = link.pictures[-1]
     assert drawn["after"]["bounds"] == drawn["alone"]["bounds"]
@@ -209,7 +209,7 @@ def test_a_value_that_is_not_finite_reaches_the_page_as_an_alarm_with_its_first_
             linkage, nothing = frame.linkage, (np.nan,) * len(frame.linkage.joints)
             if linkage.time_s > 0.05:
                 linkage = linkage._replace(velocity=nothing, position=nothing)
-            scene.frame(frame.motor, linkage, frame.forces)
+            scene.frame(frame._replace(linkage=linkage))
             scene.drawing(Drawing(linkage.step, linkage.time_s, machine.draw(linkage, None)))
     told = json.loads(encoded(link.pictures[-1], finite=True), parse_constant=pytest.fail)
     first_s = next(frame.linkage.time_s for frame in frames(machine, 0.1) if frame.linkage.time_s > 0.05)

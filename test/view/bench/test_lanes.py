@@ -38,7 +38,7 @@ def test_the_regime_of_each_step_is_in_its_lane_however_seldom_pictures_go_out(n
     machine = built(name)
     lanes, told, steps = Lanes(machine), [], list(frames(machine, SPAN_S))
     for number, frame in enumerate(steps):
-        lanes.add(frame.motor, frame.linkage, frame.body)
+        lanes.add(frame)
         if number % every == 0:
             told.append(lanes.taken())
     found = words_over_time([*told, lanes.taken()])
@@ -56,7 +56,7 @@ def test_a_page_that_has_lost_the_oldest_pictures_knows_the_regimes_from_the_nex
     machine = built("mb10_breaker")
     lanes, told = Lanes(machine), []
     for frame in frames(machine, SPAN_S):
-        lanes.add(frame.motor, frame.linkage, frame.body)
+        lanes.add(frame)
         if frame.linkage.step % 20 == 0:
             told.append(lanes.taken())
     whole, late = words_over_time(told), words_over_time(told[7:])
@@ -100,7 +100,7 @@ def test_residuals_stand_beside_their_limits_the_nearest_first():
     scene = BenchScene(link, LIVE)
     scene.watch(machine)
     for frame in frames(machine, SPAN_S):
-        scene.frame(frame.motor, frame.linkage, frame.forces, frame.body)
+        scene.frame(frame)
     scene.close()
     rows = [content for kind, content in link.told if kind == "health"][-1]["residuals"]
     limits = {name for role in (machine.linkage, machine.forces, machine.body) for name in role.residual_limits}
