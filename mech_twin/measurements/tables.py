@@ -190,6 +190,9 @@ class _TextForm:
         comma = self._delimiter != "," and any("," in cell and _is_number(cell) for cell in data)
         self._decimal = "," if comma else "."
         names = _names(rows[:first])
+        if any(names[cells:]):
+            expected = "expected a cell for each name"
+            raise MeasurementError(path, f"line {ends[first]}: {cells} cells under {len(names)} names; {expected}")
         names += [f"{i + 1}" for i in range(len(names), cells)]
         self.columns = tuple(
             name if name and name not in names[:i] else f"{name or 'column'} {i + 1}"

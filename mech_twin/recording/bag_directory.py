@@ -146,9 +146,13 @@ def bag_files(path: Path) -> list[Path]:
         raise MissingBagError(path, "is not a regular file" if path.exists() else "there is no such bag")
     files = [inside(path, file) for file in parts(path, MCAP_SUFFIX)]
     if not files:
-        hint = "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if is_sqlite_bag(path) else ""
-        raise MissingBagError(path, f"holds no .mcap file{hint}")
+        raise MissingBagError(path, f"holds no .mcap file{conversion(path)}")
     return files
+
+
+def conversion(path: Path) -> str:
+    """Return what makes a bag in sqlite3 storage one of MCAP files; empty for another."""
+    return "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if is_sqlite_bag(path) else ""
 
 
 def missing_parts(path: Path, files: list[Path]) -> list[str]:

@@ -266,3 +266,13 @@ def test_a_file_is_a_table_by_what_it_holds_and_not_by_its_name(tmp_path: Path) 
     bag.write_bytes(b"\x89MCAP0\r\n" + bytes(20))
     assert [is_table(path) for path in (text, parquet, bag, tmp_path)] == [True, True, False, False]
     assert TableReader(text).columns == TableReader(parquet).columns == ("t", "x")
+
+
+def test_more_names_than_cells_are_refused_with_line_and_counts(tmp_path: Path) -> None:
+    """Which name is the one too many is not known: each column might bear another's."""
+    path = tmp_path / "a.csv"
+    path.write_text("exported\nt_s,phi,omega,m\n0,1,2\n1,2,3\n")
+    with pytest.raises(MeasurementError, match=r"a\.csv: line 3: 3 cells under 4 names"):
+        TableReader(path)
+    path.write_text("t_s,phi,omega,,\n0,1,2\n1,2,3\n")  # delimiters at the end of a line name nothing
+    assert TableReader(path).columns == ("t_s", "phi", "omega")
