@@ -205,8 +205,9 @@ def map_text(
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}"]
-    if (word := unread_unit(time.column or "")) and time_unit_in(time.column or "") is None:
-        lines += _comment("  ", f"unit: {word!r} is none of a map's; {time.unit} is assumed")
+    if time.column and time_unit_in(time.column) is None:
+        told = f"{word!r} is none of a map's" if (word := unread_unit(time.column)) else "the name tells none"
+        lines += _comment("  ", f"unit: {told}; {time.unit} is assumed")
     lines.append("channels:")
     for each in channels:
         lead = "  # " if each.surety == UNSURE else "  "
