@@ -22,7 +22,7 @@ STATED_ELSEWHERE = {
 }
 HEAD = """# Licences
 
-What an installation for development brings (`make test`), with the licence each distribution states;
+Here you find what an installation for development brings (`make test`), with the licence each distribution states;
 written by `make licences`.
 The twin itself is Apache-2.0 (`LICENSE`). Nothing of what is listed is copied into it.
 Packages of the extra `cuda` named nvidia are proprietary, and free to use.

@@ -40,6 +40,8 @@ class CommandGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the arguments after giving each ``KEY=VALUE`` of several its option."""
         typed = tuple(args)
+        if not (args or self.invoke_without_command or ctx.resilient_parsing):
+            raise CommandError(f"{ctx.info_name}: expected a {self.entry} after it: {', '.join(self.commands)}")
         with own_words(ctx, typed):
             return super().parse_args(ctx, with_options_repeated(args))
 

@@ -270,9 +270,9 @@ def _show_sweep(request: SweepVerb, done: Sweep, varying: Sequence[str]) -> None
         say(f"{' and '.join(omitted)} with --all")
     refused = [point for point in done.points if point.refused]
     if refused:
-        say(f"{len(refused)} points refused, the first: {refused[0].refused}")
+        say(f"points refused: {len(refused)}, the first: {refused[0].refused}")
     if done.resumed:
-        say(f"{done.resumed} points were finished before")
+        say(f"points finished before: {done.resumed}")
     if done.picture:
         say(f"wrote {done.picture}")
 

@@ -28,11 +28,12 @@ Settings = Annotated[
     ),
 ]
 Namespace = Annotated[str | None, option("namespace of the nodes instead of the machine's name", metavar="NAME")]
-Bag = Annotated[Path, argument("recording: a directory, or one .mcap file")]
+Bag = Annotated[Path, argument("recording: a directory, or one .mcap or .db3 file")]
 BagOrTable = Annotated[
     Path,
     argument(
-        "recording: a directory, or one .mcap file; with --map also a table (.csv, .tsv, .parquet)", metavar="BAG"
+        "recording: a directory, or one .mcap or .db3 file; with --map also a table (.csv, .tsv, .parquet)",
+        metavar="BAG",
     ),
 ]
 MapFile = Annotated[
@@ -281,7 +282,7 @@ class TellVerb(Verb, answer="run:tell_nodes"):
 class RecoverVerb(Written, answer="recording:recover_bag"):
     """Salvage a damaged recording: write its intact part into a new one."""
 
-    bag: Bag
+    bag: Path = argument("recording: a directory, or one .mcap file")
     out: Path = argument("directory of the new recording")
 
 

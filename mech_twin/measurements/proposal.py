@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
 from pathlib import Path
+from statistics import fmean
 from textwrap import wrap
 
 from mech_twin.measurements.blocks import SourceColumn
@@ -133,12 +134,13 @@ def _field(words: Sequence[str], unit: str | None) -> str | None:
 
 
 def _likeness(words: Sequence[str], known: Sequence[str]) -> float:
-    """Return the largest similarity of a word with a known one; earlier known words have a slightly higher weight."""
-    best = 0.0
-    for place, name in enumerate(known):
-        for word in words:
-            best = max(best, SequenceMatcher(None, word, name).ratio() - 0.002 * place)
-    return best
+    """Return the largest similarity of the words with a known name; earlier ones have a slightly higher weight."""
+
+    def nearest(part: str) -> float:
+        return max((SequenceMatcher(None, word, part).ratio() for word in words), default=0.0)
+
+    alike = (fmean(map(nearest, name.split("_"))) - 0.002 * place for place, name in enumerate(known))
+    return max(0.0, *alike)
 
 
 def map_of(machine: str, time: TimeSource, channels: Sequence[ProposedChannel]) -> MeasurementMap | None:
@@ -189,8 +191,10 @@ def map_text(
     """
     clock = ", ".join(f"{key}: {_quoted(value)}" for key, value in time.model_dump(exclude_none=True).items() if value)
     lines = [f"machine: {machine}", f"time: {{{clock}}}"]
-    if (word := unread_unit(time.column or "")) and time_unit_in(time.column or "") is None:
-        lines += _comment("  ", f"unit: {word!r} is no unit of a map; {time.unit} is assumed")
+    if time.column and time_unit_in(time.column) is None:
+        word = unread_unit(time.column)
+        said = f"{word!r} is no unit of a map; {time.unit} is assumed" if word else f"{time.unit}, not told by the name"
+        lines += _comment("  ", f"unit: {said}")
     lines.append("channels:")
     for each in channels:
         lead = "  # " if each.surety == UNSURE else "  "

@@ -107,7 +107,14 @@ class TableReader:
             if (unit := unit_in(column)) not in (None, "1", "count"):
                 expected = f"expected a column of the time, named such as 'time' or 't_ms'; {column!r} is in {unit}"
                 raise MeasurementError(self.path, expected)
-        return TimeSource(column=column, unit=self._clocks.get(column) or time_unit_in(column) or "s")
+        unit = self._clocks.get(column) or time_unit_in(column) or self._unit_since_1970(column)
+        return TimeSource(column=column, unit=unit or "s")
+
+    def _unit_since_1970(self, column: str) -> str | None:
+        """Return the unit by which a first stamp is a time of this century or the next; None for other stamps."""
+        batch = next(self._batches([column]), None)
+        first = np.nan if batch is None or not batch.num_rows else _numbers(batch[column], self.path, column)[0][0]
+        return next((unit for unit, size in TIME_UNITS.items() if size <= 1.0 and 1e9 <= first * size < 5e9), None)
 
     def blocks(self, sources: Sequence[Source], time: TimeSource) -> Iterator[Block]:
         """Yield the samples of these columns; see `RunReader.blocks`."""
@@ -185,6 +192,9 @@ class _TextForm:
         comma = self._delimiter != "," and any("," in cell and _is_number(cell) for cell in data)
         self._decimal = "," if comma else "."
         names = _names(rows[:first])
+        if any(names[cells:]):
+            expected = "expected a cell for each name"
+            raise MeasurementError(path, f"line {ends[first]}: {cells} cells under {len(names)} names; {expected}")
         names += [f"{i + 1}" for i in range(len(names), cells)]
         self.columns = tuple(
             name if name and name not in names[:i] else f"{name or 'column'} {i + 1}"

@@ -67,12 +67,14 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
         "nmm": "N.mm", "n·mm": "N.mm", "knm": "kN.m", "kn·m": "kN.m", "hz": "turn/s", "rev/s": "turn/s",
         "newton": "N", "µm": "um", "amp": "A", "amps": "A", "ampere": "A", "counts": "count", "ticks": "count",
         "m/s^2": "m/s2", "m/s²": "m/s2", "sec": "s", "second": "s", "seconds": "s", "w": "W",
+        "rad/sec": "rad/s", "deg/sec": "deg/s", "m/sec": "m/s", "mm/sec": "mm/s",
     }
 )  # fmt: skip
 _TIME_SPELLINGS = {
     **{name: name for name in TIME_UNITS},
     "sec": "s", "seconds": "s", "second": "s", "msec": "ms", "milliseconds": "ms", "µs": "us", "usec": "us",
-    "microseconds": "us", "nanoseconds": "ns", "minutes": "min", "hours": "h", "hour": "h", "hr": "h",
+    "microseconds": "us", "nanoseconds": "ns", **dict.fromkeys(("minute", "minutes", "mins"), "min"),
+    **dict.fromkeys(("hour", "hours", "hr", "hrs"), "h"),
 }  # fmt: skip
 
 

@@ -241,8 +241,9 @@ def configuration_file(name: str) -> Path:
         path = directory / f"{name}.yaml"
         if path.is_file():
             return path
-    looked = configuration_directories()
-    raise ConfigurationError(f"configuration file {name}.yaml not found; looked in {', '.join(map(str, looked))}")
+    looked = f"looked in {', '.join(map(str, configuration_directories()))}"
+    where = "a page has no installed file; expected its own, as --config FILE" if name == PAGE.name else looked
+    raise ConfigurationError(f"configuration file {name}.yaml not found; {where}")
 
 
 def file_tree(path: Path) -> dict[str, Any]:

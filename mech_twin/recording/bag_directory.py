@@ -132,23 +132,27 @@ def inside(directory: Path, file: Path) -> Path:
     return file
 
 
-def bag_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag in order of their number, without consulting `metadata.yaml`.
+def bag_files(path: Path, suffix: str = MCAP_SUFFIX) -> list[Path]:
+    """Return the files of a bag in order of their number, without consulting `metadata.yaml`.
 
     Raises
     ------
     MissingBagError, OutsideBagError
-        There is no such bag, it has no MCAP file, or a file of it is a link out of its directory.
+        There is no such bag, it has no file of this suffix, or a file of it is a link out of its directory.
     """
     if path.is_file():
         return [path]
     if not path.is_dir():
         raise MissingBagError(path, "is not a regular file" if path.exists() else "there is no such bag")
-    files = [inside(path, file) for file in parts(path, MCAP_SUFFIX)]
+    files = [inside(path, file) for file in parts(path, suffix)]
     if not files:
-        hint = "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if is_sqlite_bag(path) else ""
-        raise MissingBagError(path, f"holds no .mcap file{hint}")
+        raise MissingBagError(path, f"holds no {suffix} file{conversion(path)}")
     return files
+
+
+def conversion(path: Path) -> str:
+    """Return what makes a bag in sqlite3 storage one of MCAP files; empty for another."""
+    return "; convert sqlite3 storage with `ros2 bag convert` or `rosbags-convert`" if is_sqlite_bag(path) else ""
 
 
 def missing_parts(path: Path, files: list[Path]) -> list[str]:

@@ -13,7 +13,15 @@ from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from mech_twin.files.output_file import DIRECTORY_MODE
-from mech_twin.recording.bag_directory import bag_files, missing_parts, plain_file, plain_message
+from mech_twin.recording.bag_directory import (
+    MCAP_SUFFIX,
+    ZSTD_SUFFIX,
+    bag_files,
+    conversion,
+    missing_parts,
+    plain_file,
+    plain_message,
+)
 from mech_twin.recording.bag_metadata import (
     FILE_NAME,
     FileStatistics,
@@ -32,7 +40,13 @@ from mech_twin.recording.bag_split import (
     TOPIC_RECORD,
     MessageWriter,
 )
-from mech_twin.recording.errors import BagError, BagExistsError, DamagedBagError, UnwritableDirectoryError
+from mech_twin.recording.errors import (
+    BagError,
+    BagExistsError,
+    DamagedBagError,
+    ForeignFileError,
+    UnwritableDirectoryError,
+)
 from mech_twin.recording.file_index import Extent, FileIndex, scanned_index
 from mech_twin.recording.record_file import RawMessage, RecordFile, UnreadableRecordError
 from mech_twin.recording.split_file import SplitFile
@@ -87,7 +101,7 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
     Parameters
     ----------
     bag : Path
-        A rosbag2 directory, or one MCAP file.
+        A rosbag2 directory, or one MCAP file, which its name tells: its content may be damaged.
     force : bool
         Overwrite an existing recording.
 
@@ -95,10 +109,14 @@ def recover(bag: Path | str, out: Path | str, *, force: bool = False) -> Recover
     ------
     MissingBagError
         There is no such bag.
+    ForeignFileError
+        The file is not named as an MCAP file.
     BagExistsError, UnwritableDirectoryError
         The output exists or cannot be written; nothing is left behind.
     """
     source, target = Path(bag), Path(out).absolute()
+    if source.is_file() and not source.name.removesuffix(ZSTD_SUFFIX).endswith(MCAP_SUFFIX):
+        raise ForeignFileError(source, f"expected a file {MCAP_SUFFIX} or the directory of a bag{conversion(source)}")
     files = bag_files(source)
     _check_apart(source, target)
     check_recording_directory(target, force=force)

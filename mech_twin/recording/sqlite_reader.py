@@ -13,9 +13,9 @@ from rosbags.rosbag2 import Reader, ReaderError
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
 from mech_twin.recording.bag_directory import (
     SQLITE_SUFFIX,
+    bag_files,
     inside,
     missing_parts,
-    parts,
     plain_file,
     plain_message,
 )
@@ -112,7 +112,7 @@ def _files_of(path: Path, salvage: bool, problems: list[str]) -> list[Path]:
     if path.is_file():
         return [path]
     if not (path / FILE_NAME).is_file():
-        files = [inside(path, file) for file in parts(path, SQLITE_SUFFIX)]
+        files = bag_files(path, SQLITE_SUFFIX)
         problems += missing_parts(path, files)
         return files
     listed = [inside(path, path / name) for name in read_metadata(path, storage=SQLITE).files]

@@ -103,6 +103,7 @@ MISTAKES = {
     "second side left out": ("compare mb10", ["missing B", "what to compare it with"]),
     "map of nothing": ("map", ["missing MEASUREMENT", "runs of one kind: bags, or tables"]),
     "one machine too many": ("simulate mb10 drum --duration 1", ["'drum'", "mech-twin simulate MACHINE [OPTIONS]"]),
+    "export of nothing": ("export", ["export: expected a command after it: fmu"]),
     "study of nothing": ("study", ["study: expected a machine and a question", "sweep|size"]),
     "question without a machine": ("study size", ["study size", "expected a machine", "study MACHINE size"]),
     "value left out": ("run mb10 --view-port", ["missing value of --view-port", "port of the web view"]),

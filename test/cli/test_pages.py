@@ -251,6 +251,12 @@ def test_a_length_of_the_page_is_swept_as_a_number_of_its_point(page, tmp_path):
     assert machine_parameters(str(page), None, {"gravity_m_per_s2.1": -1.6}).gravity_m_per_s2 == (0.0, -1.6)
 
 
+def test_a_page_without_its_file_is_asked_for_it():
+    """A map of a page names the machine `page`, which has no installed configuration."""
+    with pytest.raises(ConfigurationError, match="expected its own, as --config FILE"):
+        machine_parameters("page")
+
+
 def test_a_configuration_given_as_a_page_is_refused_with_the_words_that_take_it(tmp_path):
     file = tmp_path / "sized.yaml"
     file.write_text("/**: {ros__parameters: {machine: mb10_breaker}}", encoding="utf-8")

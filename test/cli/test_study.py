@@ -55,6 +55,11 @@ def test_a_number_that_one_point_lacks_is_not_called_refused(asked):
     assert " - " in done.out
 
 
+def test_what_a_sweep_refused_is_counted_and_the_first_reason_told(asked):
+    done = asked("winding_drum", "sweep", "--over", "eccentricity_m=0.004,0.09")
+    assert "points refused: 1, the first: this point: eccentricity_m <= " in done.err
+
+
 def test_sizes_are_written_as_a_configuration_that_runs(asked, tmp_path):
     done = asked("vibration_crank", "size", "--limit", "counterweight_mass_kg=45", "--tolerance", "0", "--json")
     assert done.code == 0, done.err

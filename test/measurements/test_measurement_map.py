@@ -127,7 +127,7 @@ def test_a_unit_counts_as_many_si_units_as_its_definition_says() -> None:
     [
         ("Slide position (mm)", "mm"), ("Wheel Speed (deg/s)", "deg/s"), ("torque [Nm]", "N.m"), ("x_m", "m"),
         ("crank_rad_per_s", "rad/s"), ("speed, rpm", "rpm"), ("Current (A)", "A"), ("Force [N]", "N"),
-        ("Winkel [°]", "deg"), ("name", None), ("position", None), ("alarm", None),
+        ("Winkel [°]", "deg"), ("speed (rad/sec)", "rad/s"), ("name", None), ("position", None), ("alarm", None),
     ],
 )  # fmt: skip
 def test_units_are_found_in_headers(header: str, unit: str | None) -> None:
@@ -136,6 +136,7 @@ def test_units_are_found_in_headers(header: str, unit: str | None) -> None:
 
 def test_units_of_time_are_found_in_headers() -> None:
     headers = {"Time (s)": "s", "t_ms": "ms", "stamp [us]": "us", "Time [h]": "h", "t (minutes)": "min", "Wheel": None}
+    headers |= {"time_hrs": "h", "Time (mins)": "min"}  # not taken for seconds
     assert {text: time_unit_in(text) for text in headers} == headers
 
 

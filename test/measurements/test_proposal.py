@@ -114,3 +114,11 @@ def test_a_body_of_its_own_is_proposed_before_the_linkage_s(label: str) -> None:
     columns = machine_columns(built("mb10_breaker"))
     (channel,) = proposed_channels([SourceColumn(Source(column=label), "deg")], columns)
     assert channel.column == "body.body.position"  # which features of the breaker's cycle need
+
+
+def test_a_joint_of_several_words_is_found_by_all_of_them() -> None:
+    columns = {f"linkage.{joint}.position": "rad" for joint in ("crank_bearing", "crank_pin", "wrist_pin")}
+    offered = [SourceColumn(Source(column=name), "deg") for name in ("Crank bearing (deg)", "wrist_pin_deg", "pin_deg")]
+    found = proposed_channels(offered, columns)
+    assert [each.column for each in found] == ["linkage.crank_bearing.position", "linkage.wrist_pin.position"]
+    assert all(each.surety > UNSURE for each in found)

@@ -20,6 +20,7 @@ from mech_twin.measurements.units import TIME_UNITS
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
+pa_csv = pytest.importorskip("pyarrow.csv")
 NAMES = ("Time (ms)", "angle (deg)", "force [N]")
 
 
@@ -266,3 +267,28 @@ def test_a_file_is_a_table_by_what_it_holds_and_not_by_its_name(tmp_path: Path) 
     bag.write_bytes(b"\x89MCAP0\r\n" + bytes(20))
     assert [is_table(path) for path in (text, parquet, bag, tmp_path)] == [True, True, False, False]
     assert TableReader(text).columns == TableReader(parquet).columns == ("t", "x")
+
+
+def test_more_names_than_cells_are_refused_with_line_and_counts(tmp_path: Path) -> None:
+    """Which name is the one too many is not known: each column might bear another's."""
+    path = tmp_path / "a.csv"
+    path.write_text("exported\nt_s,phi,omega,m\n0,1,2\n1,2,3\n")
+    with pytest.raises(MeasurementError, match=r"a\.csv: line 3: 3 cells under 4 names"):
+        TableReader(path)
+    path.write_text("t_s,phi,omega,,\n0,1,2\n1,2,3\n")  # delimiters at the end of a line name nothing
+    assert TableReader(path).columns == ("t_s", "phi", "omega")
+
+
+@pytest.mark.parametrize(("first", "unit"), [(0.0, "s"), (1.7e9, "s"), (1.7e12, "ms"), (1.7e15, "us"), (1.7e18, "ns")])
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_the_unit_of_stamps_since_1970_is_told_by_their_size(
+    first: float, unit: str, suffix: str, tmp_path: Path
+) -> None:
+    """`rostopic echo -p` writes nanoseconds as `%time`, others milliseconds as `timestamp`, and neither says so."""
+    path = tmp_path / f"a{suffix}"
+    columns = pa.table({"%time": [int(first) + i * 10**6 for i in range(4)], "x": [1.0, 2.0, 3.0, 4.0]})
+    pq.write_table(columns, path) if suffix == ".parquet" else pa_csv.write_csv(columns, path)
+    reader = TableReader(path)
+    assert reader.proposed_time() == TimeSource(column="%time", unit=unit)
+    [(times, _)] = read(path, ("x",), reader.proposed_time())
+    assert np.diff(times) == pytest.approx([1e6 * TIME_UNITS[unit]] * 3, abs=3e-7)

@@ -21,6 +21,7 @@ from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import (
     BagExistsError,
     DamagedBagError,
+    ForeignFileError,
     MissingBagError,
     UnfinishedBagError,
     UnwritableDirectoryError,
@@ -214,6 +215,8 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(sound: Sound, tmp_pat
         recover(sound.bag, tmp_path / "there")
     with pytest.raises(UnwritableDirectoryError, match="/proc/out"):
         recover(sound.bag, "/proc/out")
+    with pytest.raises(ForeignFileError, match=r"metadata\.yaml: expected a file \.mcap or the directory of a bag$"):
+        recover(sound.bag / "metadata.yaml", tmp_path / "out")
     assert [path.name for path in tmp_path.rglob("*")] == ["there", "there_0.mcap"]
 
 

@@ -157,3 +157,6 @@ def test_a_database_is_not_read_through_a_link_out_of_the_bag(bags, tmp_path):
 def test_recovery_names_the_converter(bags, tmp_path):
     with pytest.raises(MissingBagError, match="ros2 bag convert"):
         recover(bags[1], tmp_path / "out")
+    with pytest.raises(ForeignFileError, match=r"\.db3: expected a file \.mcap .*ros2 bag convert"):
+        recover(next(bags[1].glob("*.db3")), tmp_path / "out")
+    assert not list(tmp_path.iterdir())

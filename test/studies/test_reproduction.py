@@ -64,6 +64,12 @@ def test_every_gated_row_of_the_impact_mass_fails_for_some_change_and_no_printed
         assert not row.gated or not all(each.holds for each in changed), row
 
 
+def test_a_drum_without_eccentricity_has_no_row_of_the_eccentric_term():
+    rows = reproduce("winding_drum", varied(machine_parameters("winding_drum"), {"eccentricity_m": 0.0}))
+    assert [row.quantity for row in rows if "eccentric" in row.quantity] == []
+    assert all_hold(rows)
+
+
 def test_the_row_of_the_load_of_the_breaker_takes_the_frequency_that_acts():
     changed = paper_body(machine_parameters("mb10_breaker"))
     body = pressed_body(changed.body, changed.excitation)

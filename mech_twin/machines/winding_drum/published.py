@@ -40,7 +40,7 @@ def pictures(parameters: WindingDrum) -> Iterator[Picture]:
 
 
 def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
-    """Yield the rows, the misprinted term first."""
+    """Yield the rows, the misprinted term first; those of the eccentric term where there is one."""
     package = package_constants(parameters, winding=False)
     radius, theta = parameters.package_radius_m, parameters.yarn_speed_m_per_s
     a = parameters.yarn_acceleration_m_per_s2
@@ -56,17 +56,19 @@ def rows(parameters: WindingDrum) -> Iterator[PublishedRow]:
     )
     report = package_metrics(parameters, package)
     yield paper.at("eq. (25)").gated(
-        "sign changes of the eccentric term in a turn",
-        2.0,
-        report["eccentric_torque_sign_changes_per_turn"],
-        "e sin(phi)/rho^3",
-        absolute=0.0,
-    )
-    yield paper.at("eq. (25)").gated(
         "sign changes of the ideal terms in a turn",
         0.0,
         report["ideal_terms_sign_changes_per_turn"],
         "e = 0",
+        absolute=0.0,
+    )
+    if package.eccentricity_m == 0.0:  # no eccentric term to speak of
+        return
+    yield paper.at("eq. (25)").gated(
+        "sign changes of the eccentric term in a turn",
+        2.0,
+        report["eccentric_torque_sign_changes_per_turn"],
+        "e sin(phi)/rho^3",
         absolute=0.0,
     )
     phi = np.arange(720) * pi / 360.0

@@ -17,7 +17,13 @@ from typing import Any
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.parameters.load import MACHINE_KEY, PAGE_SUFFIXES, file_tree, is_page
 from mech_twin.recording.bag_contents import RecordingReader
-from mech_twin.recording.bag_directory import bag_files, is_named_as_bag, is_sqlite_bag
+from mech_twin.recording.bag_directory import (
+    MCAP_SUFFIX,
+    SQLITE_SUFFIX,
+    bag_files,
+    is_named_as_bag,
+    is_sqlite_bag,
+)
 from mech_twin.recording.bag_reader import about_bag, open_bag
 from mech_twin.recording.bag_samples import BagSamples, NoSamplesError, recorded_machine
 from mech_twin.recording.errors import BagError
@@ -93,7 +99,11 @@ class Hall:
         if name == OVERLAY:
             return await self._begin("compare", first.name, self._recording(values, "other").name, "--view", "web")
         if name == DOWNLOAD:
-            files = [{"name": file.name, "address": self._offer(file)} for file in bag_files(first)]
+            try:
+                held = bag_files(first, SQLITE_SUFFIX if is_sqlite_bag(first) else MCAP_SUFFIX)
+            except BagError as error:  # deleted since it was listed, or a link out of the folder
+                raise OrderError(f"download {first.name}: {error}") from error
+            files = [{"name": file.name, "address": self._offer(file)} for file in held]
             self._tell("offer", {"id": message.get("id"), "files": files})
             return f"{first.name}: {len(files)} file{'' if len(files) == 1 else 's'}"
         return await self._salvaged(first)

@@ -200,5 +200,13 @@ def test_recordings_of_every_kind_are_listed_and_of_one_that_does_not_open_why(t
     assert rows.keys() == {"two", "sqlite", "packed", "alone.mcap.zstd", "alone.db3"}
     assert {name for name, row in rows.items() if row["opens"]} == rows.keys() - {"two"}
     assert rows["packed"]["machine"] == rows["alone.db3"]["machine"] == "winding_drum"
+    gone, elsewhere = folder / "packed", tmp_path / "elsewhere.mcap"
+    hall = Hall(folder, [], "bench:nowhere", lambda: None, tell, str)
+    asyncio.run(hall.obey({"name": DOWNLOAD, "values": {"recording": "sqlite"}}))
+    assert [file["name"] for file in told["offer"]["files"]] == ["sqlite.db3"]
+    next(gone.glob("*.zstd")).rename(elsewhere)
+    (gone / "packed.mcap").symlink_to(elsewhere)
+    with pytest.raises(OrderError, match=r"download packed: .* leads out of the bag's directory"):
+        asyncio.run(hall.obey({"name": DOWNLOAD, "values": {"recording": "packed"}}))
     assert rows["two"]["state"] == "it holds samples of more than one machine: vibration_crank, winding_drum"
     assert not rows["two"]["salvages"]
