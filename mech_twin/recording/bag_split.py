@@ -24,7 +24,7 @@ import json
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -35,9 +35,9 @@ from mcap.records import ChunkIndex, MessageIndex, Metadata
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
+from mech_twin.recording.bag_metadata import FileStatistics
 from mech_twin.recording.schemas import MessageSchema
-from mech_twin.recording.split_file import SpaceReservation, SplitFile
+from mech_twin.recording.split_file import SplitFile
 
 _HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FIXED_BYTES = 22  # content of a message record before the payload
@@ -49,6 +49,7 @@ TOPIC_RECORD = "mech_twin.topic"
 COUNTERS_RECORD = "mech_twin.counters"
 LIBRARY = "mech_twin"
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+_RESERVED_BYTES = 64 * 1024
 
 
 class _PackedIndex(MessageIndex):
@@ -186,56 +187,32 @@ class TopicCounters:
     publishers: int = 0
 
 
-@dataclass(frozen=True)
-class Storage:
-    """Chunk size, compression and fsync of a file."""
-
-    chunk_bytes: int
-    compression: str
-    fsync: bool
-
-    def __post_init__(self) -> None:
-        """Validate the values."""
-        if self.chunk_bytes <= 0 or self.compression not in COMPRESSIONS:
-            raise ValueError(
-                f"expected chunk_bytes > 0 and compression one of {', '.join(COMPRESSIONS)}; "
-                f"got {self.chunk_bytes}, '{self.compression}'"
-            )
-
-
-@dataclass(frozen=True)
-class SplitRule:
-    """When to start a new file: at a size, or after a duration of log time; None means never."""
-
-    size_bytes: int | None
-    duration_s: float | None
-
-    def due(self, split: BagSplit | None, log_time_ns: int) -> bool:
-        """Whether a message of this log time belongs in a new file."""
-        if split is None or split.statistics.start_ns is None:
-            return False
-        if self.size_bytes is not None and split.size_bytes >= self.size_bytes:
-            return True
-        return self.duration_s is not None and log_time_ns - split.statistics.start_ns >= self.duration_s * 1e9
-
-
 class BagSplit:
     """Writer of one file of a bag; only `commit` and `finish` raise OSError."""
 
     def __init__(
-        self, path: Path, storage: Storage, configuration: str, index: int, repeated: Mapping[str, int]
+        self,
+        path: Path,
+        index: int,
+        repeated: Mapping[str, int],
+        *,
+        configuration: str,
+        chunk_bytes: int,
+        compression: str,
+        fsync: bool,
     ) -> None:
         self.statistics = FileStatistics(path.name)
-        self.file = SplitFile(path, storage.fsync)
+        self.file = SplitFile(path, fsync)
         self.chunks = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._finished = False
+        self._unwritten_bytes = _RESERVED_BYTES + chunk_bytes + len(configuration)
         self._committed: Counter[str] = Counter()
         self._writer = MessageWriter(
             self.file,  # type: ignore[arg-type]
-            storage.chunk_bytes,
-            COMPRESSIONS[storage.compression],
+            chunk_bytes,
+            COMPRESSIONS[compression],
         )
         self._writer.start(profile="ros2", library=LIBRARY)
         self._writer.add_attachment(0, 0, CONFIGURATION_NAME, "application/yaml", configuration.encode())
@@ -252,9 +229,10 @@ class BagSplit:
         return self.file.tell()
 
     @property
-    def summary_bytes(self) -> int:
+    def closing_bytes(self) -> int:
         """Upper estimate of the bytes that closing the file writes: the indexes grow with every chunk."""
-        return (self.chunks + 1) * (160 + 10 * len(self._channels)) + 8192 * (len(self._channels) + 1)
+        summary = (self.chunks + 1) * (160 + 10 * len(self._channels)) + 8192 * (len(self._channels) + 1)
+        return self._unwritten_bytes + summary
 
     def add_topic(self, topic: str, schema: MessageSchema, qos_yaml: str) -> None:
         """Register a topic."""
@@ -314,7 +292,6 @@ def _rows(counters: Mapping[str, TopicCounters]) -> dict[str, str]:
 FINISHED_KEY = "mech_twin.finished"
 COUNTERS_KEY = "mech_twin.counters"
 RECOVERED_KEY = "mech_twin.recovered"
-_RESERVE_BYTES = 64 * 1024
 
 
 class Latched(NamedTuple):
@@ -333,99 +310,3 @@ class RecordedTopic:
     qos_yaml: str
     counters: TopicCounters = field(default_factory=TopicCounters)
     latched: Latched | None = None
-
-
-class SplitSeries:
-    """The files of a bag; methods that write raise OSError and may be called again."""
-
-    def __init__(
-        self, directory: Path, storage: Storage, configuration: str, topics: Mapping[str, RecordedTopic]
-    ) -> None:
-        self.current: BagSplit | None = None
-        self.started = 0
-        self._directory = directory
-        self._storage = storage
-        self._configuration = configuration
-        self._topics = topics
-        self._finished: list[FileStatistics] = []
-        self._reservation = SpaceReservation(directory)
-
-    def counter_rows(self) -> dict[str, TopicCounters]:
-        """Return the counters by topic."""
-        return {name: topic.counters for name, topic in self._topics.items()}
-
-    def waiting(self) -> Counter[str]:
-        """Return the number of messages by topic that are buffered because the disk did not accept them."""
-        pending = self.current is not None and self.current.file.pending
-        return self.current.uncommitted if self.current is not None and pending else Counter()
-
-    def open_next(self) -> None:
-        """Start a file; it is deleted if that fails."""
-        path = self._directory / f"{self._directory.name}_{self.started}.mcap"
-        latched = {name: topic.latched.sequence for name, topic in self._topics.items() if topic.latched}
-        split = BagSplit(path, self._storage, self._configuration, self.started, latched if self.started else {})
-        try:
-            for name, topic in self._topics.items():
-                split.add_topic(name, topic.schema, topic.qos_yaml)
-            split.file.commit()
-            self.current = split
-            self._reserve_space()
-        except OSError:
-            self.current = None
-            split.file.close()
-            path.unlink(missing_ok=True)
-            self._reservation.release()
-            raise
-        self.started += 1
-
-    def announce(self, topic: str) -> None:
-        """Register a topic in the current file, if there is one; the current chunk stays open."""
-        if self.current is not None:
-            entry = self._topics[topic]
-            self.current.add_topic(topic, entry.schema, entry.qos_yaml)
-            self.current.file.commit()
-
-    def commit(self) -> None:
-        """Close the current chunk and write it to the file."""
-        if self.current is not None:
-            self.current.commit(self.counter_rows())
-            self._reserve_space()
-
-    def finish_current(self) -> None:
-        """Finish the current file, if there is one."""
-        if self.current is not None:
-            self.current.finish(self.counter_rows())
-            self._finished.append(self.current.statistics)
-            self.current = None
-
-    def release_reservation(self) -> None:
-        """Release the reserved disk space."""
-        self._reservation.release()
-
-    def write_metadata(self, finished: bool) -> None:
-        """Write `metadata.yaml` for the finished files; ``finished`` is False while more may follow."""
-        topics = [
-            TopicMetadata(name, topic.schema.type_name, topic.qos_yaml, topic.schema.type_hash)
-            for name, topic in self._topics.items()
-        ]
-        waiting = self.waiting()
-        rows = {
-            name: replace(row, written=row.written - waiting[name], dropped=row.dropped + waiting[name])
-            for name, row in self.counter_rows().items()
-        }
-        counters = json.dumps({name: asdict(row) for name, row in rows.items()})
-        custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: counters}
-        write_metadata(self._directory, topics, self._finished, custom)
-
-    def discard(self) -> None:
-        """Delete the files of the recording, for a run that recorded nothing."""
-        self._reservation.release()
-        if self.current is not None:
-            self.current.file.close()
-            self.current.file.path.unlink(missing_ok=True)
-            self.current = None
-
-    def _reserve_space(self) -> None:
-        assert self.current is not None
-        needed = _RESERVE_BYTES + self._storage.chunk_bytes + len(self._configuration) + self.current.summary_bytes
-        self._reservation.reserve(1 << (needed - 1).bit_length())

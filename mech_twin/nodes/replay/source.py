@@ -10,12 +10,12 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from mech_twin.messages.topics import CLOCK, IMPACTS, full_name, type_name
 from mech_twin.recording.bag_samples import recorded_machines
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
-from mech_twin.recording.schemas import decoded, is_latched, message_class, recorded_qos
+from mech_twin.recording.schemas import decoded, message_class, recorded_qos
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagMessage, RecordingReader
@@ -98,7 +98,7 @@ class PlayedTopic(NamedTuple):
     @property
     def latched(self) -> bool:
         """Whether late subscribers get its last messages."""
-        return is_latched(self.qos)
+        return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class ReplaySource:
