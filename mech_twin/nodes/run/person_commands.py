@@ -165,6 +165,7 @@ class Teller:
                     paused(status.message.startswith(PAUSED))
 
         self.node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, on_diagnostics, DIAGNOSTICS.qos)
+        self._client(SetBool, "pause")  # found before it is asked
 
     def serve_until(self, holds: Callable[[], bool]) -> None:
         """Serve the node until a condition holds."""
