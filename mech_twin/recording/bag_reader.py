@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from mcap.records import Channel
+
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
 from mech_twin.recording.bag_directory import (
     bag_files,
@@ -65,7 +67,9 @@ class BagReader(RecordingReader):
             for file in files:
                 self._open(file, salvage)
             undo.pop_all()
-        self.topics = self._topic_table()
+        for index in self._indexes:
+            for key, channel in index.channels.items():
+                self._add_topic(_topic_info(index, key, channel))
         starts = [extent.start_ns for index in self._indexes for extent in index.extents]
         ends = [extent.end_ns for index in self._indexes for extent in index.extents]
         self.start_ns: int | None = min(starts, default=None)
@@ -148,8 +152,7 @@ class BagReader(RecordingReader):
                 if index.repeats.get(record.channel_id) == record.sequence:
                     continue
                 channel = index.channels[record.channel_id]
-                schema = index.schemas.get(channel.schema_id)
-                name = schema.name if schema is not None else ""
+                name = index.schema_of(channel).name
                 try:
                     raw = plain_message(record.raw)
                 except UnreadableRecordError as error:
@@ -215,25 +218,6 @@ class BagReader(RecordingReader):
                 key: repeated[channel.topic] for key, channel in index.channels.items() if channel.topic in repeated
             }
         self._indexes.append(index)
-
-    def _topic_table(self) -> dict[str, TopicInfo]:
-        table: dict[str, TopicInfo] = {}
-        for index in self._indexes:
-            for key, channel in index.channels.items():
-                schema = index.schemas.get(channel.schema_id)
-                count = index.counts[key] - (1 if key in index.repeats and index.counts[key] else 0)
-                before = table[channel.topic].message_count if channel.topic in table else 0
-                table[channel.topic] = TopicInfo(
-                    channel.topic,
-                    schema.name if schema is not None else "",
-                    before + count,
-                    channel.metadata.get("offered_qos_profiles", ""),
-                    channel.metadata.get("topic_type_hash", ""),
-                    schema.data.decode("utf-8", "replace") if schema is not None else "",
-                    schema.encoding if schema is not None else "",
-                    channel.message_encoding,
-                )
-        return table
 
 
 def open_bag(path: Path | str, *, salvage: bool = False) -> RecordingReader:
@@ -314,6 +298,20 @@ def lost_messages(path: Path) -> str:
     lost = f"{dropped} messages lost, which the disk did not accept" if dropped else ""
     found = "; ".join(filter(None, (lost, open_end)))
     return f"{path}: {found}" if found else ""
+
+
+def _topic_info(index: FileIndex, key: int, channel: Channel) -> TopicInfo:
+    schema = index.schema_of(channel)
+    return TopicInfo(
+        channel.topic,
+        schema.name,
+        index.counts[key] - (1 if key in index.repeats and index.counts[key] else 0),
+        channel.metadata.get("offered_qos_profiles", ""),
+        channel.metadata.get("topic_type_hash", ""),
+        schema.data.decode("utf-8", "replace"),
+        schema.encoding,
+        channel.message_encoding,
+    )
 
 
 def _split_info(index: FileIndex) -> SplitInfo:

@@ -21,6 +21,7 @@ with a release of `mcap` that lacks them, its own methods are used.
 from __future__ import annotations
 
 import json
+import os
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -35,9 +36,9 @@ from mcap.records import ChunkIndex, MessageIndex, Metadata
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.recording.bag_metadata import FileStatistics
+from mech_twin.files.output_file import FILE_MODE, NEW_FILE
+from mech_twin.recording.bag_metadata import RESERVATION_NAME, FileStatistics
 from mech_twin.recording.schemas import MessageSchema
-from mech_twin.recording.split_file import SplitFile
 
 _HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FIXED_BYTES = 22  # content of a message record before the payload
@@ -157,6 +158,88 @@ class MessageWriter(Writer):
         statistics.channel_message_counts[channel_id] += 1
         if offset + 9 + length > self._chunk_bytes:
             self.flush()
+
+
+class SplitFile:
+    """The output stream of an MCAP writer: buffered in memory, and written by `commit`, completely or not at all.
+
+    A full disk never leaves a partial record: what was written stays valid, and the rest waits for the next attempt.
+    """
+
+    def __init__(self, path: Path, fsync: bool) -> None:
+        self.path = path
+        self.committed_bytes = 0
+        self._fsync = fsync
+        self._buffered = bytearray()
+        self._descriptor = os.open(path, NEW_FILE, FILE_MODE)
+
+    @property
+    def pending(self) -> bool:
+        """Whether there are buffered bytes."""
+        return bool(self._buffered)
+
+    def write(self, data: bytes) -> int:
+        """Buffer bytes."""
+        self._buffered += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the offset of the next byte."""
+        return self.committed_bytes + len(self._buffered)
+
+    def flush(self) -> None:
+        """Do nothing: only `commit` writes."""
+
+    def commit(self) -> None:
+        """Write everything buffered, or leave the file as it was.
+
+        Raises
+        ------
+        OSError
+            The disk is full or failing; the bytes stay buffered and the file keeps its previous length.
+        """
+        data, done = memoryview(bytes(self._buffered)), 0
+        try:
+            while done < len(data):
+                done += os.pwrite(self._descriptor, data[done:], self.committed_bytes + done)
+            if self._fsync:
+                os.fdatasync(self._descriptor)
+        except OSError:
+            os.ftruncate(self._descriptor, self.committed_bytes)
+            raise
+        self.committed_bytes += done
+        self._buffered.clear()
+
+    def close(self) -> None:
+        """Close the file; idempotent."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+class SpaceReservation:
+    """Disk space reserved for closing the recording when the disk is full."""
+
+    def __init__(self, directory: Path) -> None:
+        self._path = directory / RESERVATION_NAME
+        self._reserved_bytes = 0
+
+    def reserve(self, size: int) -> None:
+        """Reserve at least `size` bytes; a no-op if they are reserved already."""
+        if size <= self._reserved_bytes:
+            return
+        exists = self._reserved_bytes > 0
+        descriptor = os.open(self._path, NEW_FILE & ~(os.O_CREAT | os.O_EXCL) if exists else NEW_FILE, 0o600)
+        try:
+            os.posix_fallocate(descriptor, 0, size)
+        finally:
+            os.close(descriptor)
+        self._reserved_bytes = size
+
+    def release(self) -> None:
+        """Release the space; idempotent."""
+        self._path.unlink(missing_ok=True)
+        self._reserved_bytes = 0
 
 
 @dataclass

@@ -22,11 +22,11 @@ from mech_twin.recording.bag_split import (
     BagSplit,
     Latched,
     RecordedTopic,
+    SpaceReservation,
     TopicCounters,
 )
 from mech_twin.recording.errors import UnwritableDirectoryError
 from mech_twin.recording.schemas import message_schema, offered_qos
-from mech_twin.recording.split_file import SpaceReservation
 
 LOG = logging.getLogger(__name__)  # without a handler, warnings go to standard error
 _CLOSE_AT = 0.6  # of max_loss_s: the rest allows for the interval between ticks and for the write

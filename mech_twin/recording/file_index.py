@@ -56,6 +56,9 @@ MOST_EXPANSION = 200
 RECORD_BYTES = 256
 
 
+NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
+
+
 class Extent(NamedTuple):
     """A byte range of messages: one chunk, or consecutive messages outside chunks."""
 
@@ -96,6 +99,10 @@ class FileIndex:
                     yield record
         except UnreadableRecordError as error:
             raise DamagedBagError(self.file.path, f"at byte {extent.offset}: {error}") from error
+
+    def schema_of(self, channel: Channel) -> Schema:
+        """Return the schema of a channel; an empty one if it has none."""
+        return self.schemas.get(channel.schema_id, NO_SCHEMA)
 
     def problems(self) -> list[str]:
         """Return the damage of the file, one line each; the first fifty."""
