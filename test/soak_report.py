@@ -12,9 +12,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from footprint import FootprintLog
 
 from mech_twin.engine.run import frames
+from mech_twin.messages.step_message import CODECS, body
 from mech_twin.nodes.roles.stepping import LOGGED_FROM_S
 from mech_twin.recording.bag_reader import open_bag
-from mech_twin.recording.bag_samples import FIELDS, BagSamples
+from mech_twin.recording.bag_samples import BagSamples
 from mech_twin.roles import Machine
 from mech_twin.studies.resimulation import Difference, first_difference
 
@@ -91,7 +92,7 @@ class Comparison:
     def run(self, bag: Path, machine: Machine, told: Callable[[int], None] = lambda step: None) -> None:
         """Compare, telling the step now and then; what was compared until an interruption stands in the attributes."""
         engine = frames(machine, FOREVER_S)
-        fields = FIELDS if machine.body is not None else FIELDS[:-1]
+        fields = [codec.field for codec in CODECS if machine.body is not None or codec is not body]
         late: deque[int] = deque([0] * UNDER_WAY)
         with open_bag(bag) as reader:
             for topic, row in reader.info.counters.items():

@@ -35,7 +35,19 @@ from mech_twin.engine.sample_vectors import (
     load_of,
     row_of,
 )
+from mech_twin.engine.trajectory import FIELDS
 from mech_twin.messages.cdr import HEAD, STAMP, AnyStep, received_message, row_layout, stamp_of
+from mech_twin.messages.topics import (
+    BODY_JOINT_STATES,
+    FORCE_JOINT_STATES,
+    JOINT_STATES,
+    MOTOR_JOINT_STATES,
+    STEP_BODY,
+    STEP_FORCES,
+    STEP_LINKAGE,
+    STEP_MOTOR,
+    Topic,
+)
 from mech_twin.samples import BodySample, EffortCommand, Event, ForceSample, LinkageSample, Load, MotorSample, Sample
 
 STEP = "~step"
@@ -287,10 +299,18 @@ class StepCodec(Generic[SampleOf]):
     ----------
     kind : type
         Class of the sample.
+    steps, joint_states : Topic
+        Topics of the step messages, and of the plain joint states.
+
+    Attributes
+    ----------
+    field : str
+        The field of a frame that the samples fill.
     """
 
-    def __init__(self, kind: type[SampleOf]) -> None:
+    def __init__(self, kind: type[SampleOf], steps: Topic, joint_states: Topic) -> None:
         self.layout: Any = LAYOUTS[kind]
+        self.field, self.steps, self.joint_states = FIELDS[kind], steps, joint_states
 
     def to_bytes(self, sample: Any, marks: tuple[Row, ...] = ()) -> bytes:
         """Return a sample as CDR of a step message, with the rows added by the publishing node; padding is 0."""
@@ -353,8 +373,11 @@ def _received(codec: StepCodec[Any], raw: bytes, step_s: float, joints: Names | 
     return sample if joints is None else arranged(sample, joints)
 
 
-linkage, motor = StepCodec(LinkageSample), StepCodec(MotorSample)
-force, body = StepCodec(ForceSample), StepCodec(BodySample)
+linkage = StepCodec(LinkageSample, STEP_LINKAGE, JOINT_STATES)
+motor = StepCodec(MotorSample, STEP_MOTOR, MOTOR_JOINT_STATES)
+force = StepCodec(ForceSample, STEP_FORCES, FORCE_JOINT_STATES)
+body = StepCodec(BodySample, STEP_BODY, BODY_JOINT_STATES)
+CODECS: tuple[StepCodec[Any], ...] = (linkage, motor, force, body)
 
 
 def arranged(sample: Any, joints: Names) -> Any:

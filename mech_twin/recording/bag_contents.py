@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -162,12 +162,12 @@ class BagInfo:
 class RecordingReader(Closing):
     """A recording open for reading, in any storage format; its files are open until it is closed."""
 
-    topics: dict[str, TopicInfo]
     start_ns: int | None
     end_ns: int | None
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        self.topics: dict[str, TopicInfo] = {}
         self._problems: list[str] = []
         self._stack = ExitStack()
 
@@ -205,6 +205,12 @@ class RecordingReader(Closing):
         DamagedBagError, BagBeyondLimitsError
             A damaged record is reached; the chunks overlap in time so much that sorting needs too much memory.
         """
+
+    def _add_topic(self, topic: TopicInfo) -> None:
+        """Add a topic of one file to those of the files before."""
+        known = self.topics.get(topic.topic)
+        count = topic.message_count + (0 if known is None else known.message_count)
+        self.topics[topic.topic] = replace(topic, message_count=count)
 
     def _info(self, splits: Iterable[SplitInfo], finished: bool, problems: Iterable[str], **known: Any) -> BagInfo:
         """Return the summary with these files and problems; ``known`` are counters and configuration."""

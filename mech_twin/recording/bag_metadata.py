@@ -32,7 +32,6 @@ from mech_twin.recording.errors import (
     UnwritableDirectoryError,
     salvage,
 )
-from mech_twin.recording.split_file import RESERVATION_NAME
 
 VARIABLE = "ROS_DISTRO"  # a native installation sets it; the wheels do not
 # major version of rclpy in each release; as a wheel its distribution is called ros-rclpy
@@ -40,6 +39,7 @@ RELEASES: Mapping[str, str] = MappingProxyType({"3": "humble", "7": "jazzy", "9"
 RCLPY = ("ros-rclpy", "rclpy")
 UNKNOWN = "unknown"
 FILE_NAME = "metadata.yaml"
+RESERVATION_NAME = ".reserve"
 MAX_FILE_BYTES = 1 << 20
 LONGEST_QOS = 1 << 16
 MCAP = "mcap"

@@ -4,9 +4,11 @@
 import heapq
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
+
+from mcap.records import Channel
 
 from mech_twin.recording.bag_contents import BagInfo, BagMessage, RecordingReader, SplitInfo, TopicInfo
 from mech_twin.recording.bag_directory import (
@@ -42,14 +44,6 @@ MAX_OPEN_BYTES = 1 << 30
 MESSAGE_BYTES = 256  # memory per message besides its payload
 
 
-@dataclass
-class _Source:
-    """One file, and the repeated latched messages to skip in it."""
-
-    index: FileIndex
-    repeats: dict[int, int] = field(default_factory=dict)  # channel -> sequence
-
-
 class BagReader(RecordingReader):
     """A bag open for reading: a rosbag2 directory, or one MCAP file.
 
@@ -66,26 +60,28 @@ class BagReader(RecordingReader):
 
     def __init__(self, path: Path | str, *, salvage: bool = False) -> None:
         super().__init__(path)
-        self._sources: list[_Source] = []
+        self._indexes: list[FileIndex] = []
         with ExitStack() as undo:
             undo.callback(self.close)
             files, self._finished = _files_of(self.path, salvage, self._problems)
             for file in files:
                 self._open(file, salvage)
             undo.pop_all()
-        self.topics = self._topic_table()
-        starts = [extent.start_ns for source in self._sources for extent in source.index.extents]
-        ends = [extent.end_ns for source in self._sources for extent in source.index.extents]
+        for index in self._indexes:
+            for key, channel in index.channels.items():
+                self._add_topic(_topic_info(index, key, channel))
+        starts = [extent.start_ns for index in self._indexes for extent in index.extents]
+        ends = [extent.end_ns for index in self._indexes for extent in index.extents]
         self.start_ns: int | None = min(starts, default=None)
         self.end_ns: int | None = max(ends, default=None)
 
     @property
     def info(self) -> BagInfo:
         """Return the summary of the bag."""
-        texts = (source.index.configuration() for source in self._sources)
+        texts = (index.configuration() for index in self._indexes)
         return self._info(
-            map(_split_info, self._sources),
-            self._finished and all(source.index.finished for source in self._sources),
+            map(_split_info, self._indexes),
+            self._finished and all(index.finished for index in self._indexes),
             (*self._problems, *self._cut()),
             counters=self._counters(),
             configuration=next((text for text in texts if text is not None), None),
@@ -101,9 +97,9 @@ class BagReader(RecordingReader):
         They only grow; messages received after the last file was finished (disk full) are only in `metadata.yaml`.
         """
         counters: dict[str, dict[str, int]] = {}
-        for source in self._sources:
-            counters = source.index.counters() or counters
-        if self.path.is_file() and any(source.index.split_number() for source in self._sources):
+        for index in self._indexes:
+            counters = index.counters() or counters
+        if self.path.is_file() and any(index.split_number() for index in self._indexes):
             return {}  # they count the whole bag; this is one later file of it
         stored = counter_rows(parsed_mapping(custom_data(self.path).get(COUNTERS_KEY, "{}")))
         for topic in counters.keys() & stored.keys():
@@ -132,13 +128,13 @@ class BagReader(RecordingReader):
         first = self.start_ns + round(start_s * 1e9)
         last = (1 << 64) if duration_s is None else first + round(duration_s * 1e9)
         wanted = [
-            {key for key, channel in source.index.channels.items() if topics is None or channel.topic in topics}
-            for source in self._sources
+            {key for key, channel in index.channels.items() if topics is None or channel.topic in topics}
+            for index in self._indexes
         ]
         chosen = [
             (number, extent)
-            for number, source in enumerate(self._sources)
-            for extent in source.index.extents
+            for number, index in enumerate(self._indexes)
+            for extent in index.extents
             if extent.end_ns >= first
             and extent.start_ns <= last
             and (not extent.channels or extent.channels & wanted[number])
@@ -146,22 +142,21 @@ class BagReader(RecordingReader):
         ordered: Iterator[tuple[int, RawMessage]]
         if as_written:
             chosen.sort(key=lambda item: (item[0], item[1].offset))
-            ordered = ((number, each) for number, at in chosen for each in self._sources[number].index.records_of(at))
+            ordered = ((number, each) for number, at in chosen for each in self._indexes[number].records_of(at))
         else:
             self._check_disorder(extent for _, extent in chosen)
             ordered = self._merged(sorted(chosen, key=lambda item: (item[1].start_ns, item[0], item[1].offset)))
         for number, record in ordered:
             if first <= record.log_time_ns <= last and record.channel_id in wanted[number]:
-                source = self._sources[number]
-                if source.repeats.get(record.channel_id) == record.sequence:
+                index = self._indexes[number]
+                if index.repeats.get(record.channel_id) == record.sequence:
                     continue
-                channel = source.index.channels[record.channel_id]
-                schema = source.index.schemas.get(channel.schema_id)
-                name = schema.name if schema is not None else ""
+                channel = index.channels[record.channel_id]
+                name = index.schema_of(channel).name
                 try:
                     raw = plain_message(record.raw)
                 except UnreadableRecordError as error:
-                    raise DamagedBagError(source.index.file.path, f"topic {channel.topic}: {error}") from error
+                    raise DamagedBagError(index.file.path, f"topic {channel.topic}: {error}") from error
                 yield BagMessage(channel.topic, name, record.log_time_ns, record.publish_time_ns, raw)
 
     def _merged(self, chosen: list[tuple[int, Extent]]) -> Iterator[tuple[int, RawMessage]]:
@@ -172,7 +167,7 @@ class BagReader(RecordingReader):
         while waiting or following < len(chosen):
             while following < len(chosen) and (not waiting or chosen[following][1].start_ns <= waiting[0][0]):
                 number, extent = chosen[following]
-                found = sorted(self._sources[number].index.records_of(extent), key=lambda item: item.log_time_ns)
+                found = sorted(self._indexes[number].records_of(extent), key=lambda item: item.log_time_ns)
                 open_bytes[following] = sum(len(record.raw) + MESSAGE_BYTES for record in found)
                 if sum(open_bytes.values()) > MAX_OPEN_BYTES:
                     raise self._beyond_limits()
@@ -212,37 +207,17 @@ class BagReader(RecordingReader):
     def _open(self, path: Path, salvage: bool) -> None:
         file = RecordFile(path, plain_file(path, self._stack, partial=salvage))
         self._stack.callback(file.close)
-        source = _Source(scanned_index(file) if salvage else summary_index(file))
+        index = scanned_index(file) if salvage else summary_index(file)
         if salvage:
-            self._problems += source.index.problems()
-        index = source.index
+            self._problems += index.problems()
         if len(index.channels) > MAX_CHANNELS:
             raise BagBeyondLimitsError(path, f"has {len(index.channels)} channels, more than {MAX_CHANNELS}")
-        if self._sources:
+        if self._indexes:
             repeated = index.repeated()
-            source.repeats = {
+            index.repeats = {
                 key: repeated[channel.topic] for key, channel in index.channels.items() if channel.topic in repeated
             }
-        self._sources.append(source)
-
-    def _topic_table(self) -> dict[str, TopicInfo]:
-        table: dict[str, TopicInfo] = {}
-        for source in self._sources:
-            for key, channel in source.index.channels.items():
-                schema = source.index.schemas.get(channel.schema_id)
-                count = source.index.counts[key] - (1 if key in source.repeats and source.index.counts[key] else 0)
-                before = table[channel.topic].message_count if channel.topic in table else 0
-                table[channel.topic] = TopicInfo(
-                    channel.topic,
-                    schema.name if schema is not None else "",
-                    before + count,
-                    channel.metadata.get("offered_qos_profiles", ""),
-                    channel.metadata.get("topic_type_hash", ""),
-                    schema.data.decode("utf-8", "replace") if schema is not None else "",
-                    schema.encoding if schema is not None else "",
-                    channel.message_encoding,
-                )
-        return table
+        self._indexes.append(index)
 
 
 def open_bag(path: Path | str, *, salvage: bool = False) -> RecordingReader:
@@ -325,8 +300,21 @@ def lost_messages(path: Path) -> str:
     return f"{path}: {found}" if found else ""
 
 
-def _split_info(source: _Source) -> SplitInfo:
-    index = source.index
+def _topic_info(index: FileIndex, key: int, channel: Channel) -> TopicInfo:
+    schema = index.schema_of(channel)
+    return TopicInfo(
+        channel.topic,
+        schema.name,
+        index.counts[key] - (1 if key in index.repeats and index.counts[key] else 0),
+        channel.metadata.get("offered_qos_profiles", ""),
+        channel.metadata.get("topic_type_hash", ""),
+        schema.data.decode("utf-8", "replace"),
+        schema.encoding,
+        channel.message_encoding,
+    )
+
+
+def _split_info(index: FileIndex) -> SplitInfo:
     return SplitInfo(
         index.file.path,
         index.file.path.stat().st_size,

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from sensor_msgs.msg import JointState
 
@@ -18,26 +18,17 @@ from mech_twin.messages import scene
 from mech_twin.messages.cdr import CdrError, received_message
 from mech_twin.messages.step_message import (
     ANONYMOUS,
+    CODECS,
     SOURCE,
     MessageError,
-    body,
     configuration_mark,
-    force,
-    linkage,
-    motor,
     step_index,
 )
 from mech_twin.messages.topics import (
-    BODY_JOINT_STATES,
     DESCRIPTION,
-    FORCE_JOINT_STATES,
     JOINT_STATES,
-    MOTOR_JOINT_STATES,
     SCENE,
-    STEP_BODY,
-    STEP_FORCES,
     STEP_LINKAGE,
-    STEP_MOTOR,
     Topic,
     full_name,
     type_name,
@@ -56,27 +47,6 @@ LARGEST_STEP = 1 << 53
 SOURCE_LINE = re.compile(r"^source: (\d{1,17})[ \t]*$", re.MULTILINE)
 FIRST_STEP_LINE = re.compile(r"^from_step: 0[ \t]*$", re.MULTILINE)
 LATER = "of a later run"
-
-
-class StepTopic(NamedTuple):
-    """A topic with one sample per step: the field of `StepSamples` it fills, and its decoder."""
-
-    topic: Topic
-    field: str
-    decode: Callable[[Any, float | None], Any]
-
-
-FIELDS = ("linkage", "motor", "forces", "body")
-DECODERS = (linkage.from_message, motor.from_message, force.from_message, body.from_message)
-
-
-def _layout(*topics: Topic) -> tuple[StepTopic, ...]:
-    return tuple(map(StepTopic, topics, FIELDS, DECODERS))
-
-
-STEP_TOPICS = _layout(STEP_LINKAGE, STEP_MOTOR, STEP_FORCES, STEP_BODY)
-# without step topics: recordings of versions before 0.2, whose joint states were the step messages, and foreign ones
-JOINT_STATE_TOPICS = _layout(JOINT_STATES, MOTOR_JOINT_STATES, FORCE_JOINT_STATES, BODY_JOINT_STATES)
 
 
 class NoSamplesError(BagError):
@@ -142,9 +112,10 @@ class BagSamples:
         self._reader = reader
         self._step_s = coupling_step_s
         whole = self._holds(full_name(self.machine, STEP_LINKAGE), STEP_LINKAGE)
-        known = {full_name(self.machine, of.topic): of for of in (STEP_TOPICS if whole else JOINT_STATE_TOPICS)}
-        self._steps = {name: step for name, step in known.items() if self._holds(name, step.topic)}
-        self.topics = {step.field: name for name, step in self._steps.items()}
+        # without step topics: recordings of versions before 0.2, whose joint states were the step messages, and foreign
+        known = {full_name(self.machine, codec.steps if whole else codec.joint_states): codec for codec in CODECS}
+        self._steps = {name: codec for name, codec in known.items() if self._holds(name, codec.steps)}
+        self.topics = {codec.field: name for name, codec in self._steps.items()}
         self.fields = frozenset(self.topics)
         self.has_body = "body" in self.fields
         self._scene = full_name(self.machine, SCENE)
@@ -280,7 +251,7 @@ class BagSamples:
         if content is None:
             return None
         try:
-            sample: Sample | None = self._steps[message.topic].decode(content, self._step_s)
+            sample: Sample | None = self._steps[message.topic].from_message(content, self._step_s)
         except (MessageError, ValueError, OverflowError):
             sample = None
         if sample is None or not 0 <= sample.step < LARGEST_STEP:

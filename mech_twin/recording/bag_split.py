@@ -21,10 +21,11 @@ with a release of `mcap` that lacks them, its own methods are used.
 from __future__ import annotations
 
 import json
+import os
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -35,9 +36,9 @@ from mcap.records import ChunkIndex, MessageIndex, Metadata
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 
-from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, write_metadata
+from mech_twin.files.output_file import FILE_MODE, NEW_FILE
+from mech_twin.recording.bag_metadata import RESERVATION_NAME, FileStatistics
 from mech_twin.recording.schemas import MessageSchema
-from mech_twin.recording.split_file import SpaceReservation, SplitFile
 
 _HEAD = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _FIXED_BYTES = 22  # content of a message record before the payload
@@ -49,6 +50,7 @@ TOPIC_RECORD = "mech_twin.topic"
 COUNTERS_RECORD = "mech_twin.counters"
 LIBRARY = "mech_twin"
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+_RESERVED_BYTES = 64 * 1024
 
 
 class _PackedIndex(MessageIndex):
@@ -158,6 +160,88 @@ class MessageWriter(Writer):
             self.flush()
 
 
+class SplitFile:
+    """The output stream of an MCAP writer: buffered in memory, and written by `commit`, completely or not at all.
+
+    A full disk never leaves a partial record: what was written stays valid, and the rest waits for the next attempt.
+    """
+
+    def __init__(self, path: Path, fsync: bool) -> None:
+        self.path = path
+        self.committed_bytes = 0
+        self._fsync = fsync
+        self._buffered = bytearray()
+        self._descriptor = os.open(path, NEW_FILE, FILE_MODE)
+
+    @property
+    def pending(self) -> bool:
+        """Whether there are buffered bytes."""
+        return bool(self._buffered)
+
+    def write(self, data: bytes) -> int:
+        """Buffer bytes."""
+        self._buffered += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the offset of the next byte."""
+        return self.committed_bytes + len(self._buffered)
+
+    def flush(self) -> None:
+        """Do nothing: only `commit` writes."""
+
+    def commit(self) -> None:
+        """Write everything buffered, or leave the file as it was.
+
+        Raises
+        ------
+        OSError
+            The disk is full or failing; the bytes stay buffered and the file keeps its previous length.
+        """
+        data, done = memoryview(bytes(self._buffered)), 0
+        try:
+            while done < len(data):
+                done += os.pwrite(self._descriptor, data[done:], self.committed_bytes + done)
+            if self._fsync:
+                os.fdatasync(self._descriptor)
+        except OSError:
+            os.ftruncate(self._descriptor, self.committed_bytes)
+            raise
+        self.committed_bytes += done
+        self._buffered.clear()
+
+    def close(self) -> None:
+        """Close the file; idempotent."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+class SpaceReservation:
+    """Disk space reserved for closing the recording when the disk is full."""
+
+    def __init__(self, directory: Path) -> None:
+        self._path = directory / RESERVATION_NAME
+        self._reserved_bytes = 0
+
+    def reserve(self, size: int) -> None:
+        """Reserve at least `size` bytes; a no-op if they are reserved already."""
+        if size <= self._reserved_bytes:
+            return
+        exists = self._reserved_bytes > 0
+        descriptor = os.open(self._path, NEW_FILE & ~(os.O_CREAT | os.O_EXCL) if exists else NEW_FILE, 0o600)
+        try:
+            os.posix_fallocate(descriptor, 0, size)
+        finally:
+            os.close(descriptor)
+        self._reserved_bytes = size
+
+    def release(self) -> None:
+        """Release the space; idempotent."""
+        self._path.unlink(missing_ok=True)
+        self._reserved_bytes = 0
+
+
 @dataclass
 class TopicCounters:
     """Loss counters of a topic.
@@ -186,56 +270,32 @@ class TopicCounters:
     publishers: int = 0
 
 
-@dataclass(frozen=True)
-class Storage:
-    """Chunk size, compression and fsync of a file."""
-
-    chunk_bytes: int
-    compression: str
-    fsync: bool
-
-    def __post_init__(self) -> None:
-        """Validate the values."""
-        if self.chunk_bytes <= 0 or self.compression not in COMPRESSIONS:
-            raise ValueError(
-                f"expected chunk_bytes > 0 and compression one of {', '.join(COMPRESSIONS)}; "
-                f"got {self.chunk_bytes}, '{self.compression}'"
-            )
-
-
-@dataclass(frozen=True)
-class SplitRule:
-    """When to start a new file: at a size, or after a duration of log time; None means never."""
-
-    size_bytes: int | None
-    duration_s: float | None
-
-    def due(self, split: BagSplit | None, log_time_ns: int) -> bool:
-        """Whether a message of this log time belongs in a new file."""
-        if split is None or split.statistics.start_ns is None:
-            return False
-        if self.size_bytes is not None and split.size_bytes >= self.size_bytes:
-            return True
-        return self.duration_s is not None and log_time_ns - split.statistics.start_ns >= self.duration_s * 1e9
-
-
 class BagSplit:
     """Writer of one file of a bag; only `commit` and `finish` raise OSError."""
 
     def __init__(
-        self, path: Path, storage: Storage, configuration: str, index: int, repeated: Mapping[str, int]
+        self,
+        path: Path,
+        index: int,
+        repeated: Mapping[str, int],
+        *,
+        configuration: str,
+        chunk_bytes: int,
+        compression: str,
+        fsync: bool,
     ) -> None:
         self.statistics = FileStatistics(path.name)
-        self.file = SplitFile(path, storage.fsync)
+        self.file = SplitFile(path, fsync)
         self.chunks = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._finished = False
+        self._unwritten_bytes = _RESERVED_BYTES + chunk_bytes + len(configuration)
         self._committed: Counter[str] = Counter()
         self._writer = MessageWriter(
             self.file,  # type: ignore[arg-type]
-            storage.chunk_bytes,
-            COMPRESSIONS[storage.compression],
+            chunk_bytes,
+            COMPRESSIONS[compression],
         )
         self._writer.start(profile="ros2", library=LIBRARY)
         self._writer.add_attachment(0, 0, CONFIGURATION_NAME, "application/yaml", configuration.encode())
@@ -252,9 +312,10 @@ class BagSplit:
         return self.file.tell()
 
     @property
-    def summary_bytes(self) -> int:
+    def closing_bytes(self) -> int:
         """Upper estimate of the bytes that closing the file writes: the indexes grow with every chunk."""
-        return (self.chunks + 1) * (160 + 10 * len(self._channels)) + 8192 * (len(self._channels) + 1)
+        summary = (self.chunks + 1) * (160 + 10 * len(self._channels)) + 8192 * (len(self._channels) + 1)
+        return self._unwritten_bytes + summary
 
     def add_topic(self, topic: str, schema: MessageSchema, qos_yaml: str) -> None:
         """Register a topic."""
@@ -314,7 +375,6 @@ def _rows(counters: Mapping[str, TopicCounters]) -> dict[str, str]:
 FINISHED_KEY = "mech_twin.finished"
 COUNTERS_KEY = "mech_twin.counters"
 RECOVERED_KEY = "mech_twin.recovered"
-_RESERVE_BYTES = 64 * 1024
 
 
 class Latched(NamedTuple):
@@ -333,99 +393,3 @@ class RecordedTopic:
     qos_yaml: str
     counters: TopicCounters = field(default_factory=TopicCounters)
     latched: Latched | None = None
-
-
-class SplitSeries:
-    """The files of a bag; methods that write raise OSError and may be called again."""
-
-    def __init__(
-        self, directory: Path, storage: Storage, configuration: str, topics: Mapping[str, RecordedTopic]
-    ) -> None:
-        self.current: BagSplit | None = None
-        self.started = 0
-        self._directory = directory
-        self._storage = storage
-        self._configuration = configuration
-        self._topics = topics
-        self._finished: list[FileStatistics] = []
-        self._reservation = SpaceReservation(directory)
-
-    def counter_rows(self) -> dict[str, TopicCounters]:
-        """Return the counters by topic."""
-        return {name: topic.counters for name, topic in self._topics.items()}
-
-    def waiting(self) -> Counter[str]:
-        """Return the number of messages by topic that are buffered because the disk did not accept them."""
-        pending = self.current is not None and self.current.file.pending
-        return self.current.uncommitted if self.current is not None and pending else Counter()
-
-    def open_next(self) -> None:
-        """Start a file; it is deleted if that fails."""
-        path = self._directory / f"{self._directory.name}_{self.started}.mcap"
-        latched = {name: topic.latched.sequence for name, topic in self._topics.items() if topic.latched}
-        split = BagSplit(path, self._storage, self._configuration, self.started, latched if self.started else {})
-        try:
-            for name, topic in self._topics.items():
-                split.add_topic(name, topic.schema, topic.qos_yaml)
-            split.file.commit()
-            self.current = split
-            self._reserve_space()
-        except OSError:
-            self.current = None
-            split.file.close()
-            path.unlink(missing_ok=True)
-            self._reservation.release()
-            raise
-        self.started += 1
-
-    def announce(self, topic: str) -> None:
-        """Register a topic in the current file, if there is one; the current chunk stays open."""
-        if self.current is not None:
-            entry = self._topics[topic]
-            self.current.add_topic(topic, entry.schema, entry.qos_yaml)
-            self.current.file.commit()
-
-    def commit(self) -> None:
-        """Close the current chunk and write it to the file."""
-        if self.current is not None:
-            self.current.commit(self.counter_rows())
-            self._reserve_space()
-
-    def finish_current(self) -> None:
-        """Finish the current file, if there is one."""
-        if self.current is not None:
-            self.current.finish(self.counter_rows())
-            self._finished.append(self.current.statistics)
-            self.current = None
-
-    def release_reservation(self) -> None:
-        """Release the reserved disk space."""
-        self._reservation.release()
-
-    def write_metadata(self, finished: bool) -> None:
-        """Write `metadata.yaml` for the finished files; ``finished`` is False while more may follow."""
-        topics = [
-            TopicMetadata(name, topic.schema.type_name, topic.qos_yaml, topic.schema.type_hash)
-            for name, topic in self._topics.items()
-        ]
-        waiting = self.waiting()
-        rows = {
-            name: replace(row, written=row.written - waiting[name], dropped=row.dropped + waiting[name])
-            for name, row in self.counter_rows().items()
-        }
-        counters = json.dumps({name: asdict(row) for name, row in rows.items()})
-        custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: counters}
-        write_metadata(self._directory, topics, self._finished, custom)
-
-    def discard(self) -> None:
-        """Delete the files of the recording, for a run that recorded nothing."""
-        self._reservation.release()
-        if self.current is not None:
-            self.current.file.close()
-            self.current.file.path.unlink(missing_ok=True)
-            self.current = None
-
-    def _reserve_space(self) -> None:
-        assert self.current is not None
-        needed = _RESERVE_BYTES + self._storage.chunk_bytes + len(self._configuration) + self.current.summary_bytes
-        self._reservation.reserve(1 << (needed - 1).bit_length())

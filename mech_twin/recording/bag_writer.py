@@ -1,24 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Writes a recording: a rosbag2 directory of MCAP files, with bounded and counted message loss."""
 
+import json
 import logging
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from enum import Enum
+from functools import partial
 from pathlib import Path
 
 from mech_twin.process.closing import Closing
 from mech_twin.process.interruption import UninterruptedLock
-from mech_twin.recording.bag_metadata import new_directory
+from mech_twin.recording.bag_metadata import FileStatistics, TopicMetadata, new_directory, write_metadata
 from mech_twin.recording.bag_split import (
+    COMPRESSIONS,
+    COUNTERS_KEY,
+    FINISHED_KEY,
     BagSplit,
     Latched,
     RecordedTopic,
-    SplitRule,
-    SplitSeries,
-    Storage,
+    SpaceReservation,
     TopicCounters,
 )
 from mech_twin.recording.errors import UnwritableDirectoryError
@@ -84,16 +88,24 @@ class BagWriter(Closing):
     ) -> None:
         if not max_loss_s > 0.0:
             raise ValueError(f"expected max_loss_s > 0, got {max_loss_s}")
-        storage = Storage(chunk_bytes, compression, fsync)
+        if chunk_bytes <= 0 or compression not in COMPRESSIONS:
+            expected = f"chunk_bytes > 0 and compression one of {', '.join(COMPRESSIONS)}"
+            raise ValueError(f"expected {expected}; got {chunk_bytes}, '{compression}'")
         self.error = ""
         self._state = WriterState.RECORDING
         self._lock = UninterruptedLock()
         self._close_age_s = _CLOSE_AT * max_loss_s
-        self._split_rule = SplitRule(split_bytes, split_duration_s)
-        self._splits = self._split_rule != SplitRule(None, None)
+        self._split_bytes = math.inf if split_bytes is None else split_bytes
+        self._split_ns = math.inf if split_duration_s is None else split_duration_s * 1e9
+        self._new_split = partial(
+            BagSplit, configuration=configuration, chunk_bytes=chunk_bytes, compression=compression, fsync=fsync
+        )
         self._retry_s = retry_s
         self._clock = clock
         self._topics: dict[str, RecordedTopic] = {}
+        self._split: BagSplit | None = None
+        self._started = 0
+        self._finished: list[FileStatistics] = []
         self._repeat_due = True
         self._commit_due = math.inf  # when the chunk, or a change of counters, is too old
         self._next_attempt = 0.0
@@ -101,7 +113,7 @@ class BagWriter(Closing):
         try:
             with self._lock:
                 self.directory, self._made = new_directory(Path(directory))
-                self._series = SplitSeries(self.directory, storage, configuration, self._topics)
+                self._reservation = SpaceReservation(self.directory)
                 self._open_first()
                 opened = True
         except (KeyboardInterrupt, SystemExit):  # a delayed signal: the caller has no writer to close
@@ -118,10 +130,9 @@ class BagWriter(Closing):
     def counters(self) -> dict[str, TopicCounters]:
         """The counters by topic; messages not yet accepted by the disk after an error do not count as written."""
         with self._lock:
-            waiting = self._series.waiting()
+            waiting = self._waiting()
             return {
-                name: replace(row, written=row.written - waiting[name])
-                for name, row in self._series.counter_rows().items()
+                name: replace(row, written=row.written - waiting[name]) for name, row in self._counter_rows().items()
             }
 
     @property
@@ -147,9 +158,10 @@ class BagWriter(Closing):
                 return
             entry = RecordedTopic(message_schema(type_name), offered_qos() if qos_yaml is None else qos_yaml)
             self._topics[topic] = entry
-            if self._state is WriterState.RECORDING:
+            if self._state is WriterState.RECORDING and self._split is not None:
                 try:
-                    self._series.announce(topic)
+                    self._split.add_topic(topic, entry.schema, entry.qos_yaml)
+                    self._split.file.commit()  # the current chunk stays open
                 except OSError as error:
                     self._fail(error, self._clock())
 
@@ -173,8 +185,7 @@ class BagWriter(Closing):
                 raise ValueError(f"{self.directory}: the recording is closed")
             now = self._clock()
             entry.counters.received += 1
-            recording = self._state is WriterState.RECORDING
-            if recording and self._splits and self._split_rule.due(self._series.current, log_time_ns):
+            if self._state is WriterState.RECORDING and self._is_full(log_time_ns):
                 try:
                     self._next_split()
                 except OSError as error:
@@ -232,9 +243,9 @@ class BagWriter(Closing):
                 self._discard()
                 return
             try:
-                self._series.release_reservation()
-                self._series.finish_current()
-                self._series.write_metadata(finished=True)
+                self._reservation.release()
+                self._finish_split()
+                self._write_metadata(finished=True)
             except OSError as error:
                 self._note(error)
                 self._write_losses()
@@ -244,7 +255,7 @@ class BagWriter(Closing):
     def _add(
         self, topic: str, entry: RecordedTopic, raw: bytes, log_time_ns: int, publish_time_ns: int, now: float
     ) -> None:
-        split = self._series.current
+        split = self._split
         assert split is not None
         if self._repeat_due:
             self._repeat_latched(split, log_time_ns)
@@ -264,7 +275,7 @@ class BagWriter(Closing):
 
     def _open_first(self) -> None:
         try:
-            self._series.open_next()
+            self._open_split()
         except OSError as error:
             for path in self._made:
                 path.rmdir()
@@ -274,7 +285,11 @@ class BagWriter(Closing):
         return all(entry.latched is not None or entry.counters.received == 0 for entry in self._topics.values())
 
     def _discard(self) -> None:
-        self._series.discard()
+        self._reservation.release()
+        if self._split is not None:
+            self._split.file.close()
+            self._split.file.path.unlink(missing_ok=True)
+            self._split = None
         self._state = WriterState.CLOSED
         for path in self._made:
             if not any(path.iterdir()):
@@ -286,15 +301,18 @@ class BagWriter(Closing):
 
     def _commit(self, now: float) -> None:
         self._commit_due = math.inf
+        if self._split is None:
+            return
         try:
-            self._series.commit()
+            self._split.commit(self._counter_rows())
+            self._reserve_space(self._split)
         except OSError as error:
             self._fail(error, now)
 
     def _next_split(self) -> None:
-        self._series.finish_current()
-        self._series.write_metadata(finished=False)
-        self._series.open_next()
+        self._finish_split()
+        self._write_metadata(finished=False)
+        self._open_split()
         self._repeat_due = True
         self._commit_due = math.inf
 
@@ -307,7 +325,7 @@ class BagWriter(Closing):
     def _write_losses(self) -> None:
         """Write the loss counters to `metadata.yaml`, if the disk accepts it."""
         try:
-            self._series.write_metadata(finished=False)
+            self._write_metadata(finished=False)
         except OSError as error:
             self._note(error)
 
@@ -316,8 +334,8 @@ class BagWriter(Closing):
         self._note(error)
         self._next_attempt = now + self._retry_s
         try:
-            self._series.release_reservation()
-            self._series.finish_current()
+            self._reservation.release()
+            self._finish_split()
         except OSError as again:
             self._note(again)
         self._write_losses()
@@ -335,3 +353,64 @@ class BagWriter(Closing):
             self._state = WriterState.RECORDING
             self.error = ""
             LOG.warning("%s: recording again; %d messages were lost", self.directory, self.dropped)
+
+    # -- files, whose methods raise OSError and may be called again --------------------------------------------------
+
+    def _is_full(self, log_time_ns: int) -> bool:
+        """Whether a message of this log time belongs in a new file."""
+        if self._split is None or self._split.statistics.start_ns is None:
+            return False
+        age_ns = log_time_ns - self._split.statistics.start_ns
+        return self._split.size_bytes >= self._split_bytes or age_ns >= self._split_ns
+
+    def _open_split(self) -> None:
+        """Start a file; it is deleted if that fails."""
+        path = self.directory / f"{self.directory.name}_{self._started}.mcap"
+        latched = {name: topic.latched.sequence for name, topic in self._topics.items() if topic.latched}
+        repeated = latched if self._started else {}
+        split = self._new_split(path, self._started, repeated)
+        try:
+            for name, topic in self._topics.items():
+                split.add_topic(name, topic.schema, topic.qos_yaml)
+            split.file.commit()
+            self._split = split
+            self._reserve_space(split)
+        except OSError:
+            self._split = None
+            split.file.close()
+            path.unlink(missing_ok=True)
+            self._reservation.release()
+            raise
+        self._started += 1
+
+    def _finish_split(self) -> None:
+        """Finish the current file, if there is one."""
+        if self._split is not None:
+            self._split.finish(self._counter_rows())
+            self._finished.append(self._split.statistics)
+            self._split = None
+
+    def _reserve_space(self, split: BagSplit) -> None:
+        self._reservation.reserve(1 << (split.closing_bytes - 1).bit_length())
+
+    def _counter_rows(self) -> dict[str, TopicCounters]:
+        return {name: topic.counters for name, topic in self._topics.items()}
+
+    def _waiting(self) -> Counter[str]:
+        """Return the number of messages by topic that are buffered because the disk did not accept them."""
+        split = self._split
+        return split.uncommitted if split is not None and split.file.pending else Counter()
+
+    def _write_metadata(self, finished: bool) -> None:
+        """Write `metadata.yaml` for the finished files; ``finished`` is False while more may follow."""
+        topics = [
+            TopicMetadata(name, topic.schema.type_name, topic.qos_yaml, topic.schema.type_hash)
+            for name, topic in self._topics.items()
+        ]
+        waiting = self._waiting()
+        rows = {
+            name: asdict(replace(row, written=row.written - waiting[name], dropped=row.dropped + waiting[name]))
+            for name, row in self._counter_rows().items()
+        }
+        custom = {FINISHED_KEY: str(finished).lower(), COUNTERS_KEY: json.dumps(rows)}
+        write_metadata(self.directory, topics, self._finished, custom)

@@ -56,6 +56,9 @@ MOST_EXPANSION = 200
 RECORD_BYTES = 256
 
 
+NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
+
+
 class Extent(NamedTuple):
     """A byte range of messages: one chunk, or consecutive messages outside chunks."""
 
@@ -79,6 +82,7 @@ class FileIndex:
     attachments: list[int] = field(default_factory=list)
     metadata: dict[str, int] = field(default_factory=dict)
     damages: list[Damage] = field(default_factory=list)
+    repeats: dict[int, int] = field(default_factory=dict)  # channel -> sequence number of the message to skip
     finished: bool = True
 
     def records_of(self, extent: Extent) -> Iterator[RawMessage]:
@@ -96,6 +100,10 @@ class FileIndex:
         except UnreadableRecordError as error:
             raise DamagedBagError(self.file.path, f"at byte {extent.offset}: {error}") from error
 
+    def schema_of(self, channel: Channel) -> Schema:
+        """Return the schema of a channel; an empty one if it has none."""
+        return self.schemas.get(channel.schema_id, NO_SCHEMA)
+
     def problems(self) -> list[str]:
         """Return the damage of the file, one line each; the first fifty."""
         lines = [] if self.finished else [f"{self.file.path}: has no footer, it was truncated"]
@@ -109,21 +117,21 @@ class FileIndex:
         """Return the last metadata record of this name; empty if there is none."""
         if name not in self.metadata:
             return {}
-        try:
-            record = self.file.record_at(self.metadata[name]).record
-        except UnreadableRecordError as error:
-            raise DamagedBagError(self.file.path, f"metadata '{name}': {error}") from error
+        record = self._record(self.metadata[name], f"metadata '{name}'")
         return record.metadata if isinstance(record, Metadata) else {}
 
     def attachment_records(self) -> Iterator[Attachment]:
         """Yield the attachments."""
         for offset in self.attachments:
-            try:
-                record = self.file.record_at(offset).record
-            except UnreadableRecordError as error:
-                raise DamagedBagError(self.file.path, f"attachment at byte {offset}: {error}") from error
+            record = self._record(offset, f"attachment at byte {offset}")
             if isinstance(record, Attachment):
                 yield record
+
+    def _record(self, offset: int, what: str) -> Record:
+        try:
+            return self.file.record_at(offset).record
+        except UnreadableRecordError as error:
+            raise DamagedBagError(self.file.path, f"{what}: {error}") from error
 
     def configuration(self) -> str | None:
         """Return the configuration attached to the file."""

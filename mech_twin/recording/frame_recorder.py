@@ -18,17 +18,18 @@ from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import impacts, scene, topics
 from mech_twin.messages.cdr import stamped_bytes, wrench_bytes
 from mech_twin.messages.scene import TOOL_FRAME, frame_id, transforms
-from mech_twin.messages.step_message import REVISION, Row, StepCodec, motor, set_stamp
+from mech_twin.messages.step_message import CODECS, REVISION, Row, StepCodec, set_stamp
 from mech_twin.messages.step_message import body as body_messages
 from mech_twin.messages.step_message import force as force_messages
 from mech_twin.messages.step_message import linkage as linkage_messages
+from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.process.closing import Closing
 from mech_twin.recording.bag_writer import BagWriter
 from mech_twin.recording.errors import BagError
 from mech_twin.recording.measured_topics import JOINT_FIELDS, STAMP, TopicField
 from mech_twin.recording.schemas import offered_qos
 from mech_twin.roles import Machine, own_name
-from mech_twin.samples import Drawing, ForceSample, Frame
+from mech_twin.samples import Drawing, Frame
 
 FIELD_TYPES: Mapping[str, Any] = {
     "wrench": WrenchStamped,
@@ -139,8 +140,7 @@ class FrameRecorder:
         self._window = topics.steps_per_window(topics.STREAM_RATE_HZ, machine.coupling_step_s)
         self._wrenches = {pin: topics.PeakHoldWindow[Any](self._window) for pin in machine.forces.pins}
         self._pressing = topics.PeakHoldWindow[Any](self._window)
-        self._joints = {topic.name: topics.StreamWindow[Any](self._window) for topic in topics.joint_state_topics(True)}
-        self._forces = topics.StreamWindow[ForceSample](self._window)
+        self._joints = {codec: topics.StreamWindow[Any](self._window) for codec in CODECS}
         self._steps_per_drawing = max(1, round(1.0 / (VIEW_RATE_HZ * machine.coupling_step_s)))
         self._revision = 1
         self._describe(description)
@@ -156,49 +156,44 @@ class FrameRecorder:
         linkage, forces, body = frame.linkage, frame.forces, frame.body
         self._now_ns = round(linkage.time_s * 1e9)
         marks = (Row(REVISION, self._revision),)
-        self._put(topics.STEP_LINKAGE, linkage_messages.to_bytes(linkage, marks))
-        self._put(topics.STEP_MOTOR, motor.to_bytes(frame.motor))
-        self._put(topics.STEP_FORCES, force_messages.to_bytes(forces, marks))
+        struck = topics.has_impact(linkage.events)
+        self._put_step(linkage_messages, linkage, marks, struck)
+        self._put_step(motor_messages, frame.motor, (), struck)
+        largest = max(map(topics.wrench_size, forces.wrenches), default=0.0)
+        self._put_step(force_messages, forces, marks, struck, largest)
         if body is not None:
-            self._put(topics.STEP_BODY, body_messages.to_bytes(body))
-            self._put_pressing_force(
-                self._pressing.offer(abs(body.pressing_force_n), (body.time_s, body.pressing_force_n))
-            )
+            struck = topics.has_impact(body.events) or topics.has_impact(forces.loads)
+            self._put_step(body_messages, body, (), struck)
+            kept = self._pressing.offer(abs(body.pressing_force_n), (body.time_s, (body.pressing_force_n,)))
+            self._put_wrenches(topics.PRESSING_FORCE, TOOL_FRAME, kept)
         for pin, wrench in zip(forces.pins, forces.wrenches, strict=True):
             kept = self._wrenches[pin].offer(topics.wrench_size(wrench), (forces.time_s, wrench))
-            self._put_wrench(pin, kept)
+            self._put_wrenches(topics.pin_wrench(pin), pin, kept)
         for event in frame_events(frame):
             self._put(topics.IMPACTS, impacts.to_bytes(event))
         for gauge, event in impacts.gauged_blows(self._machine.gauge, linkage.events):
             self._put(topics.BLOW_GAUGE, impacts.numbers_bytes(gauge, event))
             if event.contact in gauge.sent:
                 self._put(topics.BLOW_WAVE, impacts.curve_message(gauge, event))
-        self._write_joint_states(frame)
         self._write_scene(frame)
 
     def close(self) -> None:
         """Write the last window of the decimated topics and finish the recording; without any frame, delete it."""
         for pin, window in self._wrenches.items():
-            self._put_wrench(pin, window.rest())
-        self._put_pressing_force(self._pressing.rest())
-        for sample in self._forces.rest():
-            self._put(topics.FORCE_JOINT_STATES, force_messages.shown(sample))
+            self._put_wrenches(topics.pin_wrench(pin), pin, window.rest())
+        self._put_wrenches(topics.PRESSING_FORCE, TOOL_FRAME, self._pressing.rest())
+        for codec, joints in self._joints.items():
+            for sample in joints.rest():
+                self._put(codec.joint_states, codec.shown(sample))
         self._writer.close(discard_empty=True)
 
-    def _write_joint_states(self, frame: Frame) -> None:
-        struck = topics.has_impact(frame.linkage.events)
-        self._offer(topics.JOINT_STATES, linkage_messages, frame.linkage, struck)
-        self._offer(topics.MOTOR_JOINT_STATES, motor, frame.motor, struck)
-        largest = max(map(topics.wrench_size, frame.forces.wrenches), default=0.0)
-        for sample in self._forces.offer(frame.forces.step, frame.forces, largest, struck):
-            self._put(topics.FORCE_JOINT_STATES, force_messages.shown(sample))
-        if frame.body is not None:
-            struck = topics.has_impact(frame.body.events) or topics.has_impact(frame.forces.loads)
-            self._offer(topics.BODY_JOINT_STATES, body_messages, frame.body, struck)
-
-    def _offer(self, topic: topics.Topic, codec: StepCodec[Any], sample: Any, struck: bool) -> None:
-        for due in self._joints[topic.name].offer(sample.step, sample, impact=struck):
-            self._put(topic, codec.shown(due))
+    def _put_step(
+        self, codec: StepCodec[Any], sample: Any, marks: tuple[Row, ...], struck: bool, magnitude: float = 0.0
+    ) -> None:
+        """Record a step message, and the joint states that are due."""
+        self._put(codec.steps, codec.to_bytes(sample, marks))
+        for due in self._joints[codec].offer(sample.step, sample, magnitude, struck):
+            self._put(codec.joint_states, codec.shown(due))
 
     def _write_scene(self, frame: Frame) -> None:
         linkage = frame.linkage
@@ -221,13 +216,9 @@ class FrameRecorder:
         if self._machine.mechanism is not None:
             self._put(topics.ROBOT_DESCRIPTION, String(data=urdf(self._machine.name, self._machine.mechanism)))
 
-    def _put_wrench(self, pin: str, kept: tuple[Any, ...]) -> None:
+    def _put_wrenches(self, topic: topics.Topic, frame: str, kept: tuple[Any, ...]) -> None:
         for time_s, wrench in kept:
-            self._put(topics.pin_wrench(pin), wrench_bytes(time_s, frame_id(self._space, pin), *wrench))
-
-    def _put_pressing_force(self, kept: tuple[Any, ...]) -> None:
-        for time_s, force_n in kept:
-            self._put(topics.PRESSING_FORCE, wrench_bytes(time_s, frame_id(self._space, TOOL_FRAME), force_n))
+            self._put(topic, wrench_bytes(time_s, frame_id(self._space, frame), *wrench))
 
     def _put(self, topic: topics.Topic, message: Any) -> None:
         name = topics.full_name(self._space, topic)

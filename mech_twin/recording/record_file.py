@@ -7,7 +7,6 @@ fields within the record, a chunk must decompress to its declared size, and chec
 
 import os
 import re
-import stat
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -22,6 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
+from mech_twin.files.input_file import opened_input
 from mech_twin.recording.errors import MissingBagError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -200,22 +200,15 @@ class RecordFile:
 
     def __init__(self, path: Path, content: Path | None = None) -> None:
         try:
-            # without O_NONBLOCK, opening a named pipe waits for a writer
-            self._descriptor = os.open(content or path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            self._file = opened_input(content or path)
         except OSError as error:
             raise MissingBagError(path, f"cannot be read ({error.strerror})") from error
-        status = os.fstat(self._descriptor)
-        if not stat.S_ISREG(status.st_mode):
-            os.close(self._descriptor)
-            raise MissingBagError(path, "is not a regular file")
-        self.size = status.st_size
+        self.size = os.fstat(self._file.fileno()).st_size
         self.path = path
 
     def close(self) -> None:
         """Close the file; idempotent."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        self._file.close()
 
     def bytes_at(self, offset: int, count: int) -> bytes:
         """Return `count` bytes, fewer at the end of the file.
@@ -226,7 +219,7 @@ class RecordFile:
             The operating system reports a read error.
         """
         try:
-            return os.pread(self._descriptor, count, offset)
+            return os.pread(self._file.fileno(), count, offset)
         except OSError as error:
             raise UnreadableRecordError(f"read error ({error.strerror})") from error
 

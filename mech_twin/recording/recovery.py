@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.records import Channel, Schema
+from mcap.records import Channel
 from mcap.writer import CompressionType, Writer
 
 from mech_twin.files.output_file import DIRECTORY_MODE
@@ -39,6 +39,7 @@ from mech_twin.recording.bag_split import (
     RECOVERED_KEY,
     TOPIC_RECORD,
     MessageWriter,
+    SplitFile,
 )
 from mech_twin.recording.errors import (
     BagError,
@@ -47,11 +48,9 @@ from mech_twin.recording.errors import (
     ForeignFileError,
     UnwritableDirectoryError,
 )
-from mech_twin.recording.file_index import Extent, FileIndex, scanned_index
+from mech_twin.recording.file_index import FileIndex, scanned_index
 from mech_twin.recording.record_file import RawMessage, RecordFile, UnreadableRecordError
-from mech_twin.recording.split_file import SplitFile
 
-_NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
 _CHUNK_BYTES = 256 * 1024
 _MAX_DAMAGES = 50
 _MARK_CHARACTERS = 4000
@@ -222,7 +221,7 @@ def _register(index: FileIndex, writer: Writer, topics: dict[str, TopicMetadata]
     schemas: dict[tuple[str, str, bytes], int] = {}
     channels: dict[int, int] = {}
     for key, channel in index.channels.items():
-        schema = index.schemas.get(channel.schema_id, _NO_SCHEMA)
+        schema = index.schema_of(channel)
         same = (schema.name, schema.encoding, schema.data)
         if same not in schemas:
             schemas[same] = writer.register_schema(*same) if schema.id else 0
@@ -236,19 +235,15 @@ def _register(index: FileIndex, writer: Writer, topics: dict[str, TopicMetadata]
 
 def _intact_messages(index: FileIndex, report: RecoveryReport) -> Iterator[tuple[Channel, RawMessage]]:
     for extent in index.extents:
-        for record in _records(index, extent, report):
-            channel = index.channels.get(record.channel_id)
-            if channel is None:
-                report.messages_of_lost_topics += 1
-                continue
-            try:
-                yield channel, record._replace(raw=plain_message(record.raw))
-            except UnreadableRecordError as error:
-                report.damages.append(f"topic {channel.topic}: {error}")
-
-
-def _records(index: FileIndex, extent: Extent, report: RecoveryReport) -> Iterator[RawMessage]:
-    try:
-        yield from index.records_of(extent)
-    except DamagedBagError as error:  # verified a moment ago: the disk itself is failing
-        report.damages.append(error.reason)
+        try:
+            for record in index.records_of(extent):
+                channel = index.channels.get(record.channel_id)
+                if channel is None:
+                    report.messages_of_lost_topics += 1
+                    continue
+                try:
+                    yield channel, record._replace(raw=plain_message(record.raw))
+                except UnreadableRecordError as error:
+                    report.damages.append(f"topic {channel.topic}: {error}")
+        except DamagedBagError as error:  # verified a moment ago: the disk itself is failing
+            report.damages.append(error.reason)

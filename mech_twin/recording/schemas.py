@@ -168,11 +168,6 @@ def recorded_qos(qos_yaml: str) -> QoSProfile:
     )
 
 
-def is_latched(qos: QoSProfile) -> bool:
-    """Return whether late subscribers still receive the last messages (transient local)."""
-    return bool(qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-
-
 _NUMBERED = {  # rosbag2 before version 8 wrote the numbers of rmw
     "reliable": {1: "reliable", 2: "best_effort"},
     "volatile": {1: "transient_local", 2: "volatile"},

@@ -53,7 +53,9 @@ class SqliteReader(RecordingReader):
         filled = [reader for reader in self._readers if reader.message_count]
         self.start_ns: int | None = min((reader.start_time for reader in filled), default=None)
         self.end_ns: int | None = max((reader.end_time - 1 for reader in filled), default=None)
-        self.topics = self._topic_table()
+        for reader in self._readers:
+            for item in reader.connections:
+                self._add_topic(_topic_info(item))
 
     @property
     def info(self) -> BagInfo:
@@ -97,14 +99,6 @@ class SqliteReader(RecordingReader):
             storage.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_RECORD_BYTES)
             self._readers.append(reader)
 
-    def _topic_table(self) -> dict[str, TopicInfo]:
-        table: dict[str, TopicInfo] = {}
-        for reader in self._readers:
-            for item in reader.connections:
-                before = table[item.topic].message_count if item.topic in table else 0
-                table[item.topic] = _topic_info(item, before)
-        return table
-
 
 def _files_of(path: Path, salvage: bool, problems: list[str]) -> list[Path]:
     if not path.exists():
@@ -135,7 +129,7 @@ def _reported(file: Path) -> Iterator[None]:
         ) from error
 
 
-def _topic_info(item: Connection, messages_before: int) -> TopicInfo:
+def _topic_info(item: Connection) -> TopicInfo:
     extension = item.ext
     assert isinstance(extension, ConnectionExtRosbag2)
     qos = "".join(
@@ -150,7 +144,7 @@ def _topic_info(item: Connection, messages_before: int) -> TopicInfo:
     return TopicInfo(
         item.topic,
         item.msgtype,
-        messages_before + item.msgcount,
+        item.msgcount,
         qos,
         item.digest,
         item.msgdef.data,

@@ -32,7 +32,7 @@ from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
 from mech_twin.nodes.shadow.session import Company, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
-from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, Setting, offered
+from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, offered
 from mech_twin.studies.advice_search import COMMAND
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
@@ -195,12 +195,12 @@ def test_an_advice_tells_the_time_of_the_machines_clock(advisor: AdvisorNode, mo
 def test_a_machine_that_was_stopped_in_a_trial_is_not_started_by_its_end(
     end: str, advisor: AdvisorNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sent: list[Setting] = []
-    assert advisor._outlet is not None
-    monkeypatch.setattr(advisor._outlet, "send", sent.append)
+    sent: list[float] = []
+    assert advisor._send_value is not None
+    monkeypatch.setattr(advisor, "_send_value", sent.append)
     advisor._take(offered(advisor.state, ADVICE, 1.0))
     assert advisor.accept()[0]
-    assert sent == [Setting(COMMAND, 0.9)]
+    assert sent == [0.9]
     advisor._received_s -= 10.0
     ends = {
         "silence": lambda: advisor.check_peers(advisor._received_s + 10.0),

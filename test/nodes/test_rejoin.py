@@ -20,11 +20,11 @@ def test_it_asks_at_once_and_again_after_a_while() -> None:
 def test_both_answers_settle_it_and_one_does_not() -> None:
     request = RejoinRequest(10.0)
     assert not request.settled(0.0, True)
-    request.answer_linkage(LAST)
+    request.answer("linkage", LAST)
     assert not request.settled(0.1, True)
-    request.answer_description(None)
+    request.answer("description", None)
     assert request.settled(0.2, True)
-    assert request.linkage == LAST
+    assert request.answers["linkage"] == LAST
 
 
 def test_where_nobody_answers_it_gives_up_soon_and_where_somebody_could_later() -> None:
@@ -39,6 +39,6 @@ def test_where_nobody_answers_it_gives_up_soon_and_where_somebody_could_later() 
 
 def test_answers_after_the_beginning_change_nothing() -> None:
     request = RejoinRequest(10.0)
-    request.close()
-    request.answer_linkage(LAST)
-    assert request.linkage is None
+    request.open = False
+    request.answer("linkage", LAST)
+    assert request.answers == {}

@@ -18,6 +18,7 @@ from rclpy.serialization import serialize_message
 
 from mech_twin.messages.topics import DIAGNOSTICS
 from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.exchange.hand_over import ReceivedBytes
 from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.recording.bag_contents import RecentMessage, RecentMessages
 from mech_twin.recording.bag_reader import BagReader
@@ -54,7 +55,7 @@ def status(name: str, level: bytes) -> bytes:
 
 def heard(recorder: RecorderNode, *statuses: tuple[str, bytes]) -> None:
     for name, level in statuses:
-        recorder._on_message(DIAGNOSTICS, DIAGNOSTICS.name, False, status(name, level))
+        recorder._on_message(DIAGNOSTICS, DIAGNOSTICS.name, False, ReceivedBytes(status(name, level), None))
 
 
 def kept(bag: Path) -> int:

@@ -28,7 +28,7 @@ def test_it_is_complete_when_all_have_answered_in_whatever_order() -> None:
             assert barrier.take(peer, sample, 5) is None
         assert barrier.complete
         assert barrier.missing() == ()
-        assert (barrier.motor, barrier.body) == (motor(5), body(5))
+        assert barrier.answers == {"motor": motor(5), "body": body(5)}
 
 
 @pytest.mark.parametrize(
@@ -59,4 +59,4 @@ def test_the_first_answer_stays_whatever_comes_after_it() -> None:
     assert repeated is not None
     assert conflicting is not None
     assert (repeated.kind, conflicting.kind) == ("repeated", "conflicting")
-    assert barrier.motor == motor(5)
+    assert barrier.answers == {"motor": motor(5)}

@@ -13,7 +13,7 @@ import pytest
 from mech_twin.nodes.run.bench_process import Orders
 
 RUN = [sys.executable, "-m", "mech_twin"]
-LIMIT_S = 30.0
+LIMIT_S, LATE_S = 30.0, 2.5
 
 
 def told(*words: str) -> subprocess.CompletedProcess[str]:
@@ -82,6 +82,37 @@ def test_a_page_is_told_by_its_path_and_no_other_text_is_a_namespace(ros_domain,
     wrong = told("my hammer", "start")
     assert wrong.returncode == 2
     assert wrong.stderr.startswith("mech-twin: my hammer: expected a machine, a page, or a namespace")
+
+
+LATE_SERVICE = """
+import rclpy
+from std_srvs.srv import SetBool
+
+def pause(request, response):
+    response.success, response.message = True, "paused"
+    return response
+
+rclpy.init()
+node = rclpy.create_node("linkage", namespace="vibration_crank")
+node.create_service(SetBool, "pause", pause)
+rclpy.spin(node)
+"""
+
+
+def test_a_pause_that_is_ordered_before_the_machine_is_found_is_carried_out(ros_domain):
+    """The page of a machine that begins on a busy computer shows it seconds before its services are found."""
+    orders = Orders("vibration_crank", lambda name, value: None, lambda is_paused: None)
+    orders.start()
+    assert not orders.ask({"name": "no order"}).result(LIMIT_S)[1]  # and what is ordered next is carried out at once
+    answer = orders.ask({"name": "pause"})
+    time.sleep(LATE_S)
+    with subprocess.Popen([sys.executable, "-c", LATE_SERVICE], stderr=subprocess.DEVNULL) as machine:
+        try:
+            assert answer.result(LIMIT_S) == ("paused", True)
+        finally:
+            orders.close()
+            orders.join(LIMIT_S)
+            machine.kill()
 
 
 def test_orders_to_a_run_that_has_ended_are_refused_and_reach_no_later_run_of_that_name(ros_domain):

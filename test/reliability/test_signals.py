@@ -31,8 +31,8 @@ from signal_cases import (
 
 from mech_twin.process.interruption import interruptible
 from mech_twin.recording.bag_reader import BagReader
+from mech_twin.recording.bag_split import SplitFile
 from mech_twin.recording.bag_writer import BagWriter
-from mech_twin.recording.split_file import SplitFile
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ros_domain")]
 LIMIT_S = 6.0  # promised is a second on a quiet machine; start-up of an interpreter and load come on top here

@@ -181,7 +181,7 @@ class TwinNode(Node):
 
     def subscribe(self, topic: Topic, call: Callable[[Any], None], **changes: Any) -> Subscription:
         """Return a new subscription; publishers of another type or quality of service are counted."""
-        callbacks = SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible, topic.name, "publisher"))
+        callbacks = SubscriptionEventCallbacks(incompatible_qos=partial(self.on_incompatible, topic.name, "publisher"))
         qos = changes.pop("qos", topic.qos)
         self._subscribed.append(topic)
         return self.create_subscription(topic.type, topic.name, call, qos, event_callbacks=callbacks, **changes)
@@ -252,7 +252,8 @@ class TwinNode(Node):
         for listener in self._listeners:
             hand_over.leave(listener)
 
-    def _on_incompatible(self, topic: str, who: str, event: Any) -> None:
+    def on_incompatible(self, topic: str, who: str, event: Any) -> None:
+        """Count a publisher or subscriber whose quality of service does not fit."""
         policy = event.last_policy_kind.name.removeprefix("RMW_QOS_POLICY_").lower()
         self.statistics.count(topic, "incompatible", f"a {who} whose {policy} does not fit is not connected")
 
@@ -269,34 +270,27 @@ class TwinNode(Node):
 
     def output(self, topic: Topic, peers: int = 0, *, recorded: bool = True) -> CountingPublisher:
         """Return a new counted publisher; ``peers`` subscribers and the recorder must match before the first step."""
-        listeners = peers + (recorded and self.options.recorder)
-        return self._added(CountingPublisher(self, topic, listeners, self._unfit_subscriber(topic)))
+        return self._added(CountingPublisher(self, topic, peers + (recorded and self.options.recorder)))
 
     def step_output(self, topic: Topic, peers: int) -> StepPublisher:
         """Return the publisher of a step message, to which viewer and observer subscribe as well."""
         listeners = peers + self.options.recorder + self.options.viewer + self.options.observer
-        return self._added(StepPublisher(self, topic, listeners, self._unfit_subscriber(topic)))
+        return self._added(StepPublisher(self, topic, listeners))
 
     def decimated_output(
         self,
         topic: Topic,
         window: StreamWindow[Any] | PeakHoldWindow[Any],
         message: Callable[[Any], Any],
-        *,
-        exclusive: bool = False,
     ) -> DecimatedPublisher:
         """Return a new publisher of the messages that a window passes."""
-        listeners, unfit = int(self.options.recorder), self._unfit_subscriber(topic)
-        return self._added(DecimatedPublisher(self, topic, listeners, window, message, unfit, exclusive=exclusive))
+        return self._added(DecimatedPublisher(self, topic, int(self.options.recorder), window, message))
 
     def _added(self, made: Made) -> Made:
         self.outputs.append(made)
         if self._hand_over is not None:
             made.join(self._hand_over.channel(self.resolve_topic_name(made.name)))
         return made
-
-    def _unfit_subscriber(self, topic: Topic) -> Callable[[Any], None]:
-        return partial(self._on_incompatible, topic.name, "subscriber")
 
     @property
     def matched(self) -> bool:

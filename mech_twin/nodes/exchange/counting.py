@@ -4,15 +4,16 @@
 No loss is silent.  The largest residual of each window is compared with its limit.
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.serialization import serialize_message
 
@@ -21,6 +22,9 @@ from mech_twin.messages.step_message import set_stamp
 from mech_twin.messages.topics import PeakHoldWindow, StreamWindow, Topic
 from mech_twin.nodes.exchange.hand_over import HandedBytes, HandedStep, StepChannel
 from mech_twin.samples import Named
+
+if TYPE_CHECKING:
+    from mech_twin.nodes.exchange.base_node import TwinNode
 
 OF_STEPS = ("missing", "repeated", "late", "early", "conflicting")
 KINDS = (*OF_STEPS, "malformed", "unknown_source", "timeout", "incompatible", "suspended")
@@ -180,26 +184,23 @@ class CountingPublisher:
 
     Parameters
     ----------
-    node : Node
-        The publishing node.
+    node : TwinNode
+        The publishing node, which counts subscribers whose quality of service does not fit.
     topic : Topic
         The topic.
     listeners : int
         Subscribers that must be matched before the first message, so that none is missed.
-    on_incompatible : callable, optional
-        Called when a subscriber requests a quality of service that is not offered.
     """
 
     exclusive = False  # whether this must be the only publisher of the topic
 
-    def __init__(
-        self, node: Node, topic: Topic, listeners: int, on_incompatible: Callable[[Any], None] | None = None
-    ) -> None:
+    def __init__(self, node: TwinNode, topic: Topic, listeners: int) -> None:
         self.name = topic.name
         self.listeners = listeners
         self.sent = 0
         self._kept = topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        callbacks = PublisherEventCallbacks(incompatible_qos=on_incompatible)
+        unfit = partial(node.on_incompatible, topic.name, "subscriber")
+        callbacks = PublisherEventCallbacks(incompatible_qos=unfit)
         self._publisher = node.create_publisher(topic.type, topic.name, topic.qos, event_callbacks=callbacks)
         self._count: Callable[[], int] = self._publisher.handle.get_subscription_count
         self._channel = StepChannel()
@@ -246,7 +247,7 @@ class CountingPublisher:
     def flush(self) -> None:
         """Publish held messages, if any."""
 
-    def withdraw(self, node: Node) -> None:
+    def withdraw(self, node: TwinNode) -> None:
         """Stop publishing on the topic."""
         node.destroy_publisher(self._publisher)
 
@@ -276,23 +277,19 @@ class DecimatedPublisher(CountingPublisher):
         Selects them.
     message : callable
         Returns the message of a sample.
-    exclusive : bool
-        Whether other publishers on the topic are excluded.
     """
 
     def __init__(
         self,
-        node: Node,
+        node: TwinNode,
         topic: Topic,
         listeners: int,
         window: StreamWindow[Any] | PeakHoldWindow[Any],
         message: Callable[[Any], Any],
-        on_incompatible: Callable[[Any], None] | None = None,
-        *,
-        exclusive: bool = False,
     ) -> None:
-        super().__init__(node, topic, listeners, on_incompatible)
-        self._window, self._message, self.exclusive = window, message, exclusive
+        super().__init__(node, topic, listeners)
+        self._window, self._message = window, message
+        self.exclusive = isinstance(window, StreamWindow)
 
     def offer(self, *step: Any) -> None:
         """Offer a sample to the window, and publish the messages it passes."""

@@ -32,10 +32,6 @@ def _choices(annotation: Any) -> list[str]:
     return [str(word) for option in options if typing.get_origin(option) is Literal for word in typing.get_args(option)]
 
 
-def _is_float(annotation: Any) -> bool:
-    return annotation is float or float in typing.get_args(annotation)
-
-
 def descriptor(key: Key) -> ParameterDescriptor:
     """Return the ROS parameter descriptor of a key: description with unit, range, and whether it is read-only."""
     text = f"{key.field.description or key.name}{f' [{key.unit}]' if key.unit else ''}"
@@ -198,7 +194,8 @@ def _of_ros(key: Key) -> Any:
     value = key.value
     if isinstance(value, list) and value and isinstance(value[0], tuple):
         return [number for row in value for number in row]
-    return float(value) if _is_float(key.field.annotation) and isinstance(value, int) else value
+    is_float = float in (key.field.annotation, *typing.get_args(key.field.annotation))
+    return float(value) if is_float and isinstance(value, int) else value
 
 
 def _declare(node: Node, key: Key, override: Any) -> Any:

@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from enum import Enum
+from typing import Any
 
 import rclpy
 from rclpy.node import Node
@@ -111,54 +112,40 @@ class SteppingBarrier:
     ----------
     names : tuple of str
         Peers that must answer.
+
+    Attributes
+    ----------
+    answers : dict
+        The answer of each peer that has given it.
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self.names = names
-        self._answers: dict[str, Answer] = {}
+        self.answers: dict[str, Any] = {}
         self._previous: dict[str, Answer] = {}
 
     @property
     def complete(self) -> bool:
         """Whether every peer has answered."""
-        return len(self._answers) == len(self.names)
-
-    @property
-    def motor(self) -> MotorSample:
-        """The motor's answer.
-
-        Raises
-        ------
-        KeyError
-            If it has not answered.
-        """
-        answer = self._answers["motor"]
-        assert isinstance(answer, MotorSample)
-        return answer
-
-    @property
-    def body(self) -> BodySample | None:
-        """The body's answer; None if it has not answered or the machine has no body."""
-        answer = self._answers.get("body")
-        return answer if isinstance(answer, BodySample) else None
+        return len(self.answers) == len(self.names)
 
     def missing(self) -> tuple[str, ...]:
         """Return the peers that have not answered."""
-        return tuple(name for name in self.names if name not in self._answers)
+        return tuple(name for name in self.names if name not in self.answers)
 
     def expect_next(self) -> None:
         """Start a new step."""
-        self._previous, self._answers = self._answers, {}
+        self._previous, self.answers = self.answers, {}
 
     def take(self, peer: str, sample: Answer, step: int) -> StepFault | None:
         """Store a peer's answer to this step; for any other message return the reason why it is not used."""
         fault = self._fault(peer, sample, step)
         if fault is None:
-            self._answers[peer] = sample
+            self.answers[peer] = sample
         return fault
 
     def _fault(self, peer: str, sample: Answer, step: int) -> StepFault | None:
-        known = self._answers.get(peer) if sample.step == step else None
+        known = self.answers.get(peer) if sample.step == step else None
         if known is None and sample.step == step - 1:
             known = self._previous.get(peer)
         if known is not None and known == sample:

@@ -95,8 +95,8 @@ class Spinner:
             node.leave()
         self._executor.remove_node(node)
 
-    def until(self, predicate: Callable[[], bool]) -> None:
-        """Spin until the predicate, evaluated after each message, holds or rclpy is shut down."""
+    def until(self, predicate: Callable[[], bool], look_s: float = LONGEST_WAIT_S) -> None:
+        """Spin until the predicate, evaluated after each message and period (s), holds or rclpy is shut down."""
         ticking = [node for node in self.nodes if isinstance(node, Ticking)]
         running, spin_once = rclpy.get_default_context().ok, self._executor.spin_once
         while running() and not predicate():
@@ -105,7 +105,7 @@ class Spinner:
                 self._serve_others()
             else:
                 self._serve_patient()
-                spin_once(timeout_sec=_wait_s(ticking))
+                spin_once(timeout_sec=min(look_s, _wait_s(ticking)))
         self._serve_patient()
 
     def serve(self, ended: Callable[[], bool]) -> None:

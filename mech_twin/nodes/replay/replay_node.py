@@ -41,7 +41,7 @@ from mech_twin.process.interruption import StopSignal
 from mech_twin.recording.bag_contents import stamp_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from mech_twin.recording.bag_contents import BagMessage
 

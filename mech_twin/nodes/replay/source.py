@@ -10,12 +10,12 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from mech_twin.messages.topics import CLOCK, IMPACTS, full_name, type_name
 from mech_twin.recording.bag_samples import recorded_machines
 from mech_twin.recording.errors import BagError, DecodeError, UnknownTypeError
-from mech_twin.recording.schemas import decoded, is_latched, message_class, recorded_qos
+from mech_twin.recording.schemas import decoded, message_class, recorded_qos
 
 if TYPE_CHECKING:
     from mech_twin.recording.bag_contents import BagMessage, RecordingReader
@@ -98,7 +98,7 @@ class PlayedTopic(NamedTuple):
     @property
     def latched(self) -> bool:
         """Whether late subscribers get its last messages."""
-        return is_latched(self.qos)
+        return bool(self.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class ReplaySource:
@@ -192,7 +192,8 @@ class ReplaySource:
             if topic.type_name == kind and name.endswith(f"/{IMPACTS.name}") and topic.message_count
         ]
         for message in self._read(names, after_ns + 1, self.last_ns):
-            if self._impulse(message) != 0.0:
+            impact = self._decoded(message, IMPACTS.type)
+            if impact is not None and impact.vector.z != 0.0:
                 return message.log_time_ns
         return None
 
@@ -208,20 +209,16 @@ class ReplaySource:
             if from_ns <= message.log_time_ns <= to_ns:
                 yield message
 
-    def _impulse(self, message: BagMessage) -> float:
-        try:
-            return float(decoded(message.raw, IMPACTS.type).vector.z)
-        except DecodeError:
-            self.malformed[message.topic] += 1
-            return 0.0
-
     def _sound(self, message: BagMessage) -> bool:
+        return self._decoded(message, self.topics[message.topic].kind) is not None
+
+    def _decoded(self, message: BagMessage, kind: Any) -> Any:
+        """Return the content of a message; None, counted as malformed, if it is not of its type."""
         try:
-            decoded(message.raw, self.topics[message.topic].kind)
+            return decoded(message.raw, kind)
         except DecodeError:
             self.malformed[message.topic] += 1
-            return False
-        return True
+            return None
 
     def _selected(self, wanted: list[str]) -> list[str]:
         names = list(self._reader.topics)

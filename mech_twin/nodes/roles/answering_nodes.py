@@ -31,11 +31,8 @@ from mech_twin.messages.step_message import body as body_messages
 from mech_twin.messages.step_message import force as force_messages
 from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import (
-    BODY_JOINT_STATES,
     EFFORT_COMMAND,
-    FORCE_JOINT_STATES,
     IMPACTS,
-    MOTOR_JOINT_STATES,
     POSITION_COMMAND,
     PRESSING_FORCE,
     REJOIN,
@@ -44,17 +41,14 @@ from mech_twin.messages.topics import (
     REJOIN_LINKAGE,
     REJOIN_MOTOR,
     SPEED_COMMAND,
-    STEP_BODY,
     STEP_FORCES,
     STEP_LINKAGE,
-    STEP_MOTOR,
     Topic,
     has_impact,
     pin_wrench,
     wrench_size,
 )
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.exchange.hand_over import HandedStep
 from mech_twin.nodes.exchange.parameter_bridge import offer
 from mech_twin.nodes.roles.follower_node import FollowerNode
 from mech_twin.nodes.roles.stepping import Ration
@@ -74,12 +68,10 @@ class MotorNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("motor", machine_name, parameters, options, STEP_LINKAGE, "linkage")
+        super().__init__("motor", machine_name, parameters, options, motor_messages, STEP_LINKAGE, "linkage")
         self.target: Target | None = None
         self._asked_target = RATED
         self._forecasts = Ration(FORECAST_SHARE, FORECAST_BURST_S)
-        self._out = self.step_output(STEP_MOTOR, 1)
-        self._states = self.joint_state_output(MOTOR_JOINT_STATES, motor_messages.shown)
         self._rejoin = self.output(REJOIN, recorded=False)
         self._linkage_rejoins = self.output(REJOIN_LINKAGE, recorded=False)
         self._description_rejoins = self.output(REJOIN_DESCRIPTION, recorded=False)
@@ -98,10 +90,10 @@ class MotorNode(FollowerNode):
         self.target = RATED if self.target is None else self.target
         return driven(self.machine, question, self.target)
 
-    def send(self, answer: MotorSample) -> None:
-        """Publish a motor sample, with the command it is ramping to."""
-        target = Row(TARGET, self.target if isinstance(self.target, float) else self._asked_target)
-        self._out.send(HandedStep(answer, (target, self.signature), motor_messages.to_bytes))
+    @property
+    def marks(self) -> tuple[Row, ...]:
+        """The command that the motor is ramping to, and the source number."""
+        return Row(TARGET, self.target if isinstance(self.target, float) else self._asked_target), self.signature
 
     def show(self, question: LinkageSample, answer: MotorSample) -> None:
         """Offer the motor sample to its decimated topic."""
@@ -183,9 +175,7 @@ class ForceNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("force_analysis", machine_name, parameters, options, STEP_LINKAGE, "linkage")
-        self._out = self.step_output(STEP_FORCES, 1)
-        self._states = self.joint_state_output(FORCE_JOINT_STATES, force_messages.shown)
+        super().__init__("force_analysis", machine_name, parameters, options, force_messages, STEP_LINKAGE, "linkage")
         topics = {pin: pin_wrench(pin) for pin in self.machine.forces.pins}
         space = self.get_namespace()
         self._wrenches = [
@@ -202,10 +192,6 @@ class ForceNode(FollowerNode):
         sample = self.machine.forces.analyse(question)
         self.diagnostics.observe(sample.residuals)
         return sample
-
-    def send(self, answer: ForceSample) -> None:
-        """Publish a force sample."""
-        self._out.send(HandedStep(answer, self.marks, force_messages.to_bytes))
 
     def show(self, question: LinkageSample, answer: ForceSample) -> None:
         """Offer the forces to the decimated topics: joint states, and a wrench for each pin."""
@@ -225,9 +211,7 @@ class BodyNode(FollowerNode):
     def __init__(
         self, machine_name: str, parameters: Parameters | None = None, options: RunOptions | None = None
     ) -> None:
-        super().__init__("body", machine_name, parameters, options, STEP_FORCES, "force_analysis")
-        self._out = self.step_output(STEP_BODY, 1)
-        self._states = self.joint_state_output(BODY_JOINT_STATES, body_messages.shown)
+        super().__init__("body", machine_name, parameters, options, body_messages, STEP_FORCES, "force_analysis")
         self._impacts = self.output(IMPACTS)
         tool = frame_id(self.get_namespace(), TOOL_FRAME)
         self._pressing = self.peak_hold_output(PRESSING_FORCE, partial(_pressing_force, tool))
@@ -262,9 +246,10 @@ class BodyNode(FollowerNode):
         self.diagnostics.observe(sample.residuals)
         return sample
 
-    def send(self, answer: BodySample) -> None:
-        """Publish a body sample."""
-        self._out.send(HandedStep(answer, (self.signature,), body_messages.to_bytes))
+    @property
+    def marks(self) -> tuple[Row, ...]:
+        """The source number; the mark of the configuration is that of the forces answered."""
+        return (self.signature,)
 
     def show(self, question: ForceSample, answer: BodySample) -> None:
         """Publish events, and offer joint states and pressing force to their decimated topics."""

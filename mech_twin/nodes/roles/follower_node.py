@@ -11,11 +11,11 @@ from std_msgs.msg import String
 
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.cdr import StepMessage
-from mech_twin.messages.step_message import ConfigurationMark
+from mech_twin.messages.step_message import ConfigurationMark, StepCodec
 from mech_twin.messages.step_message import linkage as linkage_messages
 from mech_twin.messages.topics import DESCRIPTION, EVERY_LATCHED, REJOIN, Topic
 from mech_twin.nodes.exchange.base_node import RunOptions
-from mech_twin.nodes.exchange.hand_over import Step
+from mech_twin.nodes.exchange.hand_over import HandedStep, Step
 from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, Admission, SourceLock
 from mech_twin.nodes.roles.role_node import RETRY_S, RoleNode
 from mech_twin.parameters.description import Description, description
@@ -78,11 +78,8 @@ class ExchangeMemory(Generic[Question, Answer]):
     def remember(self, step: int, question: Question | None, answer: Answer) -> None:
         """Store an exchange, and drop old ones."""
         self._exchanges[step] = Exchange(question, answer)
-        if self.last_step == step - 1:
-            self._exchanges.pop(step - REMEMBERED_STEPS, None)
-        else:
-            for old in [known for known in self._exchanges if known <= step - REMEMBERED_STEPS]:
-                del self._exchanges[old]
+        for old in [known for known in self._exchanges if known <= step - REMEMBERED_STEPS]:
+            del self._exchanges[old]
         self.last_step = max(self._exchanges) if self.last_step is None or step < self.last_step else step
 
     def return_to(self, step: int) -> None:
@@ -99,6 +96,8 @@ class FollowerNode(RoleNode):
 
     Parameters
     ----------
+    codec : StepCodec
+        Messages of the answers.
     questions : Topic
         Step messages that are answered.
     asker : str
@@ -111,10 +110,14 @@ class FollowerNode(RoleNode):
         machine_name: str,
         parameters: Parameters | None,
         options: RunOptions | None,
+        codec: StepCodec[Any],
         questions: Topic,
         asker: str,
     ) -> None:
         super().__init__(role, machine_name, parameters, options)
+        self._codec = codec
+        self._out = self.step_output(codec.steps, 1)
+        self._states = self.joint_state_output(codec.joint_states, codec.shown)
         self.exchanges: ExchangeMemory[Any, Any] = ExchangeMemory()
         self.last_message: Step | None = None
         self._questions, self._asker = questions, asker
@@ -125,7 +128,7 @@ class FollowerNode(RoleNode):
         self._unanswered: tuple[Any, Step] | None = None
         # keeps all: with a depth of 1, another publisher's latched description would displace the linkage's
         self.subscribe(DESCRIPTION, self._on_description, qos=EVERY_LATCHED)
-        self.subscribe(REJOIN, self._on_rejoin)
+        self.subscribe(REJOIN, lambda message: self.tell_peer(message.data))
         self._retry_timer = self.every(RETRY_S, self._retry)
 
     @property
@@ -143,10 +146,6 @@ class FollowerNode(RoleNode):
 
     def answer(self, question: Any, previous: Any) -> Any:
         """Return the answer to a new step, or None if not possible yet; ``previous`` is the last step's answer."""
-        raise NotImplementedError
-
-    def send(self, answer: Any) -> None:
-        """Publish an answer."""
         raise NotImplementedError
 
     def show(self, question: Any, answer: Any) -> None:
@@ -232,6 +231,10 @@ class FollowerNode(RoleNode):
         self.on_sample(answer)
         self.show(question, answer)
 
+    def send(self, answer: Any) -> None:
+        """Publish an answer."""
+        self._out.send(HandedStep(answer, self.marks, self._codec.to_bytes))
+
     def _on_old_step(self, question: Any, last: int) -> None:
         known = self.exchanges.get(question.step)
         if known is None:
@@ -258,9 +261,6 @@ class FollowerNode(RoleNode):
     def resumed(self) -> None:
         """Restart the measurement of silence."""
         self._received_s = time.monotonic()
-
-    def _on_rejoin(self, message: String) -> None:
-        self.tell_peer(message.data)
 
     def _on_description(self, message: String) -> None:
         """Store a configuration; it is adopted when a question of the followed linkage names it."""

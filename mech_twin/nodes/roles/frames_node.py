@@ -85,7 +85,7 @@ class FramesNode(TwinNode):
         if last_ns is not None and last_ns <= now_ns < last_ns + EARLY * self._period_ns:
             return
         self.diagnostics.state = "running"
-        if not self._has_receivers:
+        if not (self._frames.has_receivers or (self._tf is not None and self._tf[0].has_receivers)):
             self.time_s, self._last_ns = now_ns * 1e-9, now_ns
             return
         try:
@@ -100,11 +100,6 @@ class FramesNode(TwinNode):
         else:
             self._last_ns = now_ns
             self._send(found)
-
-    @property
-    def _has_receivers(self) -> bool:
-        """Whether the frames or ``/tf`` have subscribers."""
-        return self._frames.has_receivers or (self._tf is not None and self._tf[0].has_receivers)
 
     def _send(self, found: list[bytes]) -> None:
         for transform in found:

@@ -7,6 +7,7 @@ A step is due at once, or at its time by the wall clock.  Live parameters change
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -18,16 +19,20 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.coupling import restarted
 from mech_twin.engine.stored_state import StoredState, check_storable, state_text, stored_state
 from mech_twin.errors import StateError
+from mech_twin.messages.cdr import StepMessage
+from mech_twin.messages.step_message import ANONYMOUS, StepCodec, arranged, body, force, motor
 from mech_twin.nodes.exchange.base_node import RunOptions
+from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.parameter_bridge import offer
-from mech_twin.nodes.exchange.peers import PeerWait
-from mech_twin.nodes.roles.linkage_topics import LinkageInputs, LinkageOutputs, LinkageRejoin
+from mech_twin.nodes.exchange.peers import Admission, Answer, PeerWait, SourceLock, SteppingBarrier
+from mech_twin.nodes.roles.linkage_topics import LinkageOutputs, LinkageRejoin
 from mech_twin.nodes.roles.role_node import PLACES, RETRY_S, RoleNode
 from mech_twin.nodes.roles.stepping import LagNotice, Ration, RequestOutcome, StepPacer, SteppingServices, answer_later
 from mech_twin.parameters.description import description_text
 from mech_twin.parameters.load import RUN_GROUP, changed_configuration, is_of_ros
-from mech_twin.samples import LinkageSample
+from mech_twin.samples import BodySample, LinkageSample, MotorSample
 
+PEERS: Mapping[str, StepCodec[Any]] = {"motor": motor, "body": body, "force_analysis": force}
 CHANGE_SHARE = 0.1  # largest share of a run's wall time for parameter changes
 CHANGE_LEAST_S = 0.004  # counted per change, with the work of other roles and recorder: 25 changes/s sustained
 CHANGE_BURST_S = 0.2  # 50 changes at once
@@ -86,8 +91,11 @@ class LinkageNode(RoleNode):
         self._wait = PeerWait(self.options.peer_timeout_s, self._born_s)
         self._rejoin = LinkageRejoin(self)
         self._out = LinkageOutputs(self)
-        self._in = LinkageInputs(self, self._rejoin, self._wait, self._step_of_sample, self._on_answer)
-        self._barrier = self._in.barrier
+        peers = ("motor", "body") if self.machine.body is not None else ("motor", "force_analysis")
+        self._barrier = SteppingBarrier(peers)
+        self._locks = {peer: SourceLock() for peer in peers}
+        for peer in peers:
+            self.subscribe_steps(PEERS[peer].steps, partial(self._decoded, peer), partial(self._on_answered, peer))
         offer(self, Trigger, "reset", lambda _: self.reset().answer)
         offer(self, SetBool, "pause", lambda request: (True, self.pause(request.data)))
         self._stepping = SteppingServices(self, self._on_answer)
@@ -129,9 +137,6 @@ class LinkageNode(RoleNode):
         self._out.shared_clock.close()
         super().close()
 
-    def _step_of_sample(self) -> int | None:
-        return None if self.sample is None else self.sample.step
-
     # -- the first step ---------------------------------------------------------------------------------------------
 
     def _attend(self) -> None:
@@ -149,8 +154,8 @@ class LinkageNode(RoleNode):
             self._ask_again(self.sample, now)
 
     def _begin(self) -> None:
-        self._rejoin.request.close()
-        described, last = self._rejoin.request.description, self._rejoin.request.linkage
+        self._rejoin.request.open = False
+        described, last = map(self._rejoin.request.answers.get, ("description", "linkage"))
         if described is not None:
             self.use(described.parameters)
             self.revision = described.revision
@@ -192,21 +197,23 @@ class LinkageNode(RoleNode):
         asked = self._live.take()
         if asked is not None:
             self._adopt(asked, sample.step + 1)
-        self.sample = self._advanced(sample) if self._reset_asked is None else self._reset(sample)
+        if self._reset_asked is None:
+            answers = self._barrier.answers
+            self.sample = self.machine.linkage.advance(sample, answers["motor"], answers.get("body"))
+        else:
+            self.sample = self._reset(sample)
         self._stepping.stepped()
         self._pacer.passed(self.sample.step)
         self._barrier.expect_next()
         self._wait.stepped(time.monotonic())
         self._publish(self.sample)
 
-    def _advanced(self, sample: LinkageSample) -> LinkageSample:
-        return self.machine.linkage.advance(sample, self._barrier.motor, self._barrier.body)
-
     def _reset(self, sample: LinkageSample) -> LinkageSample:
         text, self._reset_asked = self._reset_asked, None
         if not text:
             return restarted(self.machine, sample.step + 1)
-        state = stored_state(self.machine, text, StoredState(sample, self._barrier.body), sample.step + 1)
+        present = StoredState(sample, self._barrier.answers.get("body"))
+        state = stored_state(self.machine, text, present, sample.step + 1)
         self._rejoin.last_body = state.body  # the body requests it
         return state.linkage
 
@@ -221,6 +228,41 @@ class LinkageNode(RoleNode):
             self.diagnostics.observe(sample.residuals)
             self._out.send_views(sample, self._rejoin.last_body)
 
+    # -- answers ----------------------------------------------------------------------------------------------------
+
+    def _on_answered(self, peer: str, sample: Answer, message: Step) -> None:
+        """Take a peer's answer to the present step; anything else is counted."""
+        topic = PEERS[peer].steps.name
+        if self.sample is None:
+            return
+        if sample.step == self.sample.step and not self._is_followed(peer, topic, message.source):
+            reason = f"step {sample.step} from another publisher than the one that is followed"
+            self.statistics.count(topic, "unknown_source", reason)
+            return
+        fault = self._barrier.take(peer, sample, self.sample.step)
+        if fault is not None:
+            self.statistics.count(topic, fault.kind, fault.reason)
+            return
+        if isinstance(sample, MotorSample):
+            self._rejoin.last_motor = message
+        elif isinstance(sample, BodySample):
+            self._rejoin.last_body = sample
+        self._on_answer()
+
+    def _decoded(self, peer: str, message: StepMessage) -> Any:
+        role = {"motor": self.machine.motor, "body": self.machine.body}.get(peer)
+        sample = PEERS[peer].from_message(message, self.machine.coupling_step_s)
+        return sample if role is None else arranged(sample, role.joints)
+
+    def _is_followed(self, peer: str, topic: str, who: float) -> bool:
+        """Return whether this publisher is the followed peer: the first one, until the run waits for it."""
+        lock = self._locks[peer]
+        if lock.locked:
+            vacant = self._wait.waiting and peer in self._barrier.missing()
+        else:  # an unsigned message counts only if the topic has no other publisher
+            vacant = who != ANONYMOUS or self.count_publishers(topic) <= 1
+        return lock.admit(who, vacant) is not Admission.REFUSED
+
     # -- waiting ----------------------------------------------------------------------------------------------------
 
     def _ask_again(self, sample: LinkageSample, now: float) -> None:
@@ -233,7 +275,7 @@ class LinkageNode(RoleNode):
         if begins:
             reason = f"no answer to step {sample.step} for {self._wait.silence_s(now):.1f} s"
             for peer in missing:
-                self.statistics.count(self._in.topics[peer].name, "timeout", reason)
+                self.statistics.count(PEERS[peer].steps.name, "timeout", reason)
             self.report()
         self._out.send_step(sample)
 
@@ -323,8 +365,9 @@ class LinkageNode(RoleNode):
             return RequestOutcome(
                 "RESULT_INCORRECT_STATE", f"{self.step_text()} is not answered yet: pause the run first"
             )
+        present = StoredState(self.sample, self._barrier.answers.get("body"))
         try:
-            return RequestOutcome("RESULT_OK", state_text(self.machine, StoredState(self.sample, self._barrier.body)))
+            return RequestOutcome("RESULT_OK", state_text(self.machine, present))
         except StateError as error:
             return RequestOutcome("RESULT_INCORRECT_STATE", str(error))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of the linkage node: one answer a step from each followed peer, and its publishers.
+"""Topics of the linkage node besides the answers of its peers: what it asks them at a start, and its publishers.
 
 A linkage that starts asks its peers on ``rejoin`` and ``rejoin/*`` for the state of the run; see
 ``docs/decisions/0008-a-restarted-node-asks-its-peers.md``.  All tools of a domain follow one ``/clock``, published by
@@ -7,7 +7,6 @@ one machine; each machine has another clock in its namespace.
 """
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -16,13 +15,11 @@ from std_msgs.msg import String
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.messages import impacts, scene
-from mech_twin.messages.cdr import StepMessage, stamped_bytes
+from mech_twin.messages.cdr import stamped_bytes
 from mech_twin.messages.scene import frame_id
-from mech_twin.messages.step_message import ANONYMOUS, MessageError, StepCodec, arranged
+from mech_twin.messages.step_message import MessageError
 from mech_twin.messages.step_message import body as body_messages
-from mech_twin.messages.step_message import force as force_messages
 from mech_twin.messages.step_message import linkage as linkage_messages
-from mech_twin.messages.step_message import motor as motor_messages
 from mech_twin.messages.topics import (
     BLOW_GAUGE,
     BLOW_WAVE,
@@ -37,32 +34,19 @@ from mech_twin.messages.topics import (
     REJOIN_LINKAGE,
     REJOIN_MOTOR,
     SCENE,
-    STEP_BODY,
-    STEP_FORCES,
     STEP_LINKAGE,
-    STEP_MOTOR,
-    Topic,
     has_impact,
 )
 from mech_twin.nodes.exchange.base_node import TwinNode
 from mech_twin.nodes.exchange.counting import CountingPublisher
 from mech_twin.nodes.exchange.hand_over import HandedStep, Step
-from mech_twin.nodes.exchange.peers import (
-    UNKNOWN,
-    Admission,
-    Answer,
-    HostClaims,
-    PeerWait,
-    SourceLock,
-    SteppingBarrier,
-    other_publishers,
-)
+from mech_twin.nodes.exchange.peers import ASK_AGAIN_S, UNKNOWN, HostClaims, other_publishers
 from mech_twin.nodes.roles.role_node import RoleNode
 from mech_twin.parameters.description import Description, description
 from mech_twin.samples import BodySample, Drawing, Event, LinkageSample
 
-ASK_AGAIN_S = 0.3
 NOBODY_LIMIT_S = 1.0
+ANSWERS = 2  # last sample and configuration
 
 
 class RejoinRequest:
@@ -77,18 +61,14 @@ class RejoinRequest:
     ----------
     open : bool
         Whether answers are still waited for.
-    linkage : LinkageSample, optional
-        The sample to continue from, if a peer had one.
-    description : Description, optional
-        The configuration in force, if a peer had one.
+    answers : dict
+        ``linkage``: the sample to continue from, ``description``: the configuration in force; None if a peer has none.
     """
 
     def __init__(self, peer_limit_s: float) -> None:
         self.open = True
-        self.linkage: LinkageSample | None = None
-        self.description: Description | None = None
+        self.answers: dict[str, Any] = {}
         self._peer_limit_s = peer_limit_s
-        self._answered: set[str] = set()
         self._begun_s: float | None = None
         self._asked_s = -math.inf
 
@@ -103,23 +83,12 @@ class RejoinRequest:
         """Return whether everything is answered, or no answer is to be expected."""
         self._begun_s = now_s if self._begun_s is None else self._begun_s
         limit_s = self._peer_limit_s if somebody_answers else NOBODY_LIMIT_S
-        return self._answered == {"linkage", "description"} or now_s - self._begun_s > limit_s
+        return len(self.answers) == ANSWERS or now_s - self._begun_s > limit_s
 
-    def answer_linkage(self, sample: LinkageSample | None) -> None:
-        """Store the last sample of a peer; None if it has none."""
+    def answer(self, what: str, found: LinkageSample | Description | None) -> None:
+        """Store what a peer has; see ``answers``."""
         if self.open:
-            self.linkage = sample
-            self._answered.add("linkage")
-
-    def answer_description(self, description: Description | None) -> None:
-        """Store the configuration of a peer; None if it has none."""
-        if self.open:
-            self.description = description
-            self._answered.add("description")
-
-    def close(self) -> None:
-        """Accept no further answers."""
-        self.open = False
+            self.answers[what] = found
 
 
 class LinkageRejoin:
@@ -153,7 +122,7 @@ class LinkageRejoin:
         if not self.request.open:
             return
         try:
-            self.request.answer_linkage(linkage_messages.from_message(message) if message.name else None)
+            self.request.answer("linkage", linkage_messages.from_message(message) if message.name else None)
         except MessageError as error:
             self._node.statistics.count(REJOIN_LINKAGE.name, "malformed", str(error))
 
@@ -166,89 +135,13 @@ class LinkageRejoin:
             self._node.statistics.count(REJOIN_DESCRIPTION.name, "malformed", str(error))
             return
         if described is None or described.machine == self._node.machine.name:
-            self.request.answer_description(described)
+            self.request.answer("description", described)
 
     def _on_request(self, message: String) -> None:
         if message.data == "body" and self.last_body is not None:
             self._body.send(body_messages.to_bytes(self.last_body))
         elif message.data == "motor" and not self.request.open:
             self._motor.send(JointState() if self.last_motor is None else self.last_motor.raw)
-
-
-PEERS: dict[str, tuple[Topic, StepCodec[Any]]] = {
-    "motor": (STEP_MOTOR, motor_messages),
-    "body": (STEP_BODY, body_messages),
-    "force_analysis": (STEP_FORCES, force_messages),
-}
-
-
-class LinkageInputs:
-    """Subscriptions of the linkage.
-
-    Parameters
-    ----------
-    node : RoleNode
-        The linkage's node.
-    rejoin : LinkageRejoin
-        Gets the last samples of motor and body, to answer them after a restart.
-    wait : PeerWait
-        Whether the run waits for a peer, which another publisher may then replace.
-    step : callable
-        Step that is to be answered; None before the first.
-    on_answer : callable
-        Called after each answer that counts.
-    """
-
-    def __init__(
-        self,
-        node: RoleNode,
-        rejoin: LinkageRejoin,
-        wait: PeerWait,
-        step: Callable[[], int | None],
-        on_answer: Callable[[], object],
-    ) -> None:
-        peers = ("motor", "body") if node.machine.body is not None else ("motor", "force_analysis")
-        self.barrier = SteppingBarrier(peers)
-        self.topics: dict[str, Topic] = {peer: PEERS[peer][0] for peer in peers}
-        self._node, self._rejoin, self._wait = node, rejoin, wait
-        self._step, self._on_answer = step, on_answer
-        self._locks = {peer: SourceLock() for peer in peers}
-        for peer in peers:
-            node.subscribe_steps(self.topics[peer], partial(self._decoded, peer), partial(self._on_answered, peer))
-
-    def _on_answered(self, peer: str, sample: Answer, message: Step) -> None:
-        topic, step = self.topics[peer].name, self._step()
-        if step is None:
-            return
-        if sample.step == step and not self._is_followed(peer, message.source):
-            reason = f"step {sample.step} from another publisher than the one that is followed"
-            self._node.statistics.count(topic, "unknown_source", reason)
-            return
-        fault = self.barrier.take(peer, sample, step)
-        if fault is not None:
-            self._node.statistics.count(topic, fault.kind, fault.reason)
-            return
-        if peer == "motor":
-            self._rejoin.last_motor = message
-        elif peer == "body":
-            self._rejoin.last_body = self.barrier.body
-        self._on_answer()
-
-    def _decoded(self, peer: str, message: StepMessage) -> Answer:
-        machine, (_, codec) = self._node.machine, PEERS[peer]
-        role = {"motor": machine.motor, "body": machine.body}.get(peer)
-        sample: Answer = codec.from_message(message, machine.coupling_step_s)
-        in_order: Answer = sample if role is None else arranged(sample, role.joints)
-        return in_order
-
-    def _is_followed(self, peer: str, who: float) -> bool:
-        """Return whether this publisher is the followed peer: the first one, until the run waits for it."""
-        lock = self._locks[peer]
-        if lock.locked:
-            vacant = self._wait.waiting and peer in self.barrier.missing()
-        else:  # an unsigned message counts only if the topic has no other publisher
-            vacant = who != ANONYMOUS or self._node.count_publishers(self.topics[peer].name) <= 1
-        return lock.admit(who, vacant) is not Admission.REFUSED
 
 
 LINKAGE = "/linkage"  # end of the full name of a twin's node that publishes ``/clock``

@@ -231,16 +231,13 @@ class RecorderNode(TwinNode):
         durability = "transient_local" if latched else "volatile"
         self.writer.add_topic(name, type_name(topic), offered_qos(durability=durability, depth=topic.qos.depth))
         source = OWN_CLOCK if topic is CLOCK else topic  # ``/clock`` may be of another machine
-        if latched:
-            call = partial(self._on_message, topic, name, True)
-            self.create_subscription(topic.type, topic.name, call, EVERY_LATCHED, raw=True)
-        elif topic.name in self._steps:
+        if topic.name in self._steps:
             of_topic = self._steps[topic.name]
             handed, received = (partial(call, of_topic) for call in (self._on_handed, self._on_step))
             of_topic.listener = self.listen(topic, handed, received, patient=True, qos=EVERY)
         else:
-            received = partial(self._on_bytes, topic, name)
-            self.listen(source, received, received, patient=True, qos=EVERY)
+            received = partial(self._on_message, topic, name, latched)
+            self.listen(source, received, received, patient=True, qos=EVERY_LATCHED if latched else EVERY)
 
     def _record_found(self) -> None:
         """Record new topics of pins, and those of a frames node."""
@@ -253,10 +250,8 @@ class RecorderNode(TwinNode):
 
     # -- messages ---------------------------------------------------------------------------------------------------
 
-    def _on_bytes(self, topic: Topic, name: str, received: Handed | ReceivedBytes) -> None:
-        self._on_message(topic, name, False, received.raw)
-
-    def _on_message(self, topic: Topic, name: str, latched: bool, raw: bytes) -> None:
+    def _on_message(self, topic: Topic, name: str, latched: bool, received: Handed | ReceivedBytes) -> None:
+        raw = received.raw
         if topic is not DIAGNOSTICS:  # a node sends them even if it does nothing
             self._last_received_s = time.monotonic()
         stamp = stamp_ns(type_name(topic), raw)

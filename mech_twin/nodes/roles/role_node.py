@@ -36,18 +36,19 @@ ENTRY_POINTS = "mech_twin.roles"
 
 
 class RolePlace(NamedTuple):
-    """A replaceable role: its methods, the codec of its samples, and the parameter that names the class."""
+    """A replaceable role: the codec of its samples, and its methods."""
 
-    methods: tuple[str, ...]
     messages: StepCodec[Any]
-    key: str
+    methods: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """The parameter that names the class."""
+        return f"run.{self.messages.field}"
 
 
-PLACES: Mapping[str, RolePlace] = {
-    "motor": RolePlace(("respond",), motor, "run.motor"),
-    "forces": RolePlace(("analyse",), force, "run.forces"),
-    "body": RolePlace(("start", "follow"), body, "run.body"),
-}
+OF_ROLES = (RolePlace(motor, ("respond",)), RolePlace(force, ("analyse",)), RolePlace(body, ("start", "follow")))
+PLACES: Mapping[str, RolePlace] = {place.messages.field: place for place in OF_ROLES}
 
 
 class UsersRoleError(ConfigurationError):
@@ -193,7 +194,7 @@ class RoleNode(TwinNode):
 
     def joint_state_output(self, topic: Topic, message: Callable[[Any], bytes]) -> DecimatedPublisher:
         """Return a new publisher of joint states: one per window of steps, more around impacts; see `StreamWindow`."""
-        return self.decimated_output(topic, StreamWindow(self.stream_window), message, exclusive=True)
+        return self.decimated_output(topic, StreamWindow(self.stream_window), message)
 
     def built(self, parameters: Parameters) -> Machine:
         """Return the machine of these parameters, with roles replaced by the user's classes."""

@@ -18,13 +18,12 @@ from mech_twin.declarations.quantity import Parameters
 from mech_twin.engine.trajectory import OPEN_STEPS, FrameAssembler
 from mech_twin.messages import scene
 from mech_twin.messages.cdr import StepMessage
-from mech_twin.messages.step_message import MessageError
+from mech_twin.messages.step_message import CODECS, MessageError
 from mech_twin.messages.topics import EVERY, SCENE, STEP_LINKAGE, step_topics
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode
 from mech_twin.nodes.exchange.hand_over import Step
 from mech_twin.nodes.exchange.peers import Admission, HeardSource
 from mech_twin.parameters.load import catalogue_entry
-from mech_twin.recording.bag_samples import STEP_TOPICS
 from mech_twin.samples import Drawing, Frame, Sample, Shape
 from mech_twin.studies.simulation import RunMetrics
 from mech_twin.view.bench.link import PREFIX, BenchLink
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from mech_twin.view.rerun_scene import RerunScene
 
 FIRST_STEP_S = 1.0  # step length for messages without a step number, until the first step: at time 0 any value does
-DECODERS: dict[str, Callable[..., Sample]] = {step.topic.name: step.decode for step in STEP_TOPICS}
+DECODERS: dict[str, Callable[..., Sample]] = {codec.steps.name: codec.from_message for codec in CODECS}
 
 
 class ObserverNode(TwinNode):

@@ -118,7 +118,7 @@ def rolled_out(name: str, tree: dict[str, Any], content: dict[str, Any]) -> dict
     }
 
 
-SERVICE_S = 2.0  # time limit for a service to be discovered
+SERVICE_S = 10.0  # time limit for a service to be discovered; on a busy computer a machine is shown seconds before
 HALL_ORDERS = (OPEN, OVERLAY, RUN, SALVAGE, DOWNLOAD, LIST)
 Answer = Future[tuple[str, bool]]  # of a machine to an order, and whether it succeeded
 SPEED, CHANGE, PAUSE, GO_ON, IDENTIFY = "speed", "change", "pause", "go-on", "identify"

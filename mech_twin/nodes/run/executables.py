@@ -170,17 +170,12 @@ def several(machines: str, record: str = "", view: str = "") -> list[LaunchReque
         if place in requests:
             raise ConfigurationError(f"machines {machines}: namespace {place} stands twice; write NAMESPACE={name}")
         label = place.replace("/", "-")
-        requests[place] = LaunchRequest(
-            name, place, record=f"{record}/{label}" if record else "", view=_own_view(view, label)
-        )
+        # files are separate, a viewer's address is shared
+        shown = f"{view.removesuffix('.rrd')}-{label}.rrd" if view.endswith(".rrd") else view
+        requests[place] = LaunchRequest(name, place, record=f"{record}/{label}" if record else "", view=shown)
     if not requests:
         raise ConfigurationError("machines: expected [NAMESPACE=]MACHINE,...")
     return list(requests.values())
-
-
-def _own_view(view: str, label: str) -> str:
-    """Return the view of one of several runs: files are separate, a viewer's address is shared."""
-    return f"{view.removesuffix('.rrd')}-{label}.rrd" if view.endswith(".rrd") else view
 
 
 def discovery(asked: str, environment: Mapping[str, str] = os.environ) -> tuple[str, str]:

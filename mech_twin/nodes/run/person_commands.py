@@ -65,16 +65,6 @@ PAUSED = "paused"  # how the state of a paused run begins
 PAUSES = {"pause": True, "resume": False}  # of a run, which has one service for both
 
 
-class _TellingNode(Node):
-    """A node that is served often enough for interactive use."""
-
-    interrupt = staticmethod(lambda: None)
-
-    def tick(self) -> float:
-        """Return the longest wait for a message (s)."""
-        return LOOK_S
-
-
 class Teller:
     """Commands and live parameters for the nodes of one machine; a context manager, in the thread that uses it.
 
@@ -90,7 +80,7 @@ class Teller:
 
     def __init__(self, namespace: str, wait_s: float = 5.0, is_over: Callable[[], bool] = lambda: False) -> None:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node = _TellingNode("teller", namespace="mech_twin")
+        self.node = Node("teller", namespace="mech_twin")
         self._spinner = Spinner([self.node])
         self._namespace, self._wait_s, self._is_over = "/" + namespace.strip("/"), wait_s, is_over
         self._clients: dict[str, Client] = {}
@@ -175,10 +165,11 @@ class Teller:
                     paused(status.message.startswith(PAUSED))
 
         self.node.create_subscription(DIAGNOSTICS.type, DIAGNOSTICS.name, on_diagnostics, DIAGNOSTICS.qos)
+        self._client(SetBool, "pause")  # found before it is asked
 
     def serve_until(self, holds: Callable[[], bool]) -> None:
         """Serve the node until a condition holds."""
-        self._spinner.until(holds)
+        self._spinner.until(holds, LOOK_S)
 
     def _parameters(self, node: str) -> list[str]:
         """Return the names of all parameters of a node."""
@@ -223,7 +214,7 @@ class Teller:
             If the run has ended: another one of this name may be there by now.
         """
         end = time.monotonic() + (self._wait_s if limit_s is None else limit_s)
-        self._spinner.until(lambda: holds() or self._is_over() or time.monotonic() > end)
+        self._spinner.until(lambda: holds() or self._is_over() or time.monotonic() > end, LOOK_S)
         if self._is_over():
             raise UnansweredError("the run that was told has ended")
         return holds()

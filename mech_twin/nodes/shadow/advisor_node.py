@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from rcl_interfaces.srv import SetParameters
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
@@ -30,7 +29,6 @@ from mech_twin.studies.advice import (
     AdviceStep,
     AdviceWish,
     Recommendation,
-    Setting,
     accepted,
     after_machine_cycle,
     ended,
@@ -43,45 +41,6 @@ from mech_twin.studies.advice_search import COMMAND, advice_model, recommendatio
 from mech_twin.studies.monitoring.cycle_features import FeatureFeed, FeatureVector
 from mech_twin.studies.observer.estimate import SeenSample
 from mech_twin.studies.spreading import BesideProcess
-
-
-class AdviceOutlet:
-    """Sends settings of one output; created only if sending is allowed.
-
-    Parameters
-    ----------
-    node : Node
-        The sending node.
-    namespace : str
-        The machine's.
-    key : str
-        The output.
-    """
-
-    def __init__(self, node: Node, namespace: str, key: str) -> None:
-        self._key = key
-        if key == COMMAND:
-            name = f"{namespace}/{SPEED_COMMAND.name}"
-            self._publisher = node.create_publisher(Float64, name, SPEED_COMMAND.qos)
-        else:
-            self._client = node.create_client(SetParameters, f"{namespace}/linkage/set_parameters")
-
-    def send(self, setting: Setting) -> None:
-        """Send a setting.
-
-        Raises
-        ------
-        ValueError
-            If it is of another output than the one allowed.
-        """
-        if setting.key != self._key:
-            raise ValueError(f"setting of {setting.key!r}: expected {self._key!r}")
-        if self._key == COMMAND:
-            self._publisher.publish(Float64(data=setting.value))
-            return
-        parameter = Parameter(setting.key, value=setting.value).to_parameter_msg()
-        self._client.call_async(SetParameters.Request(parameters=[parameter]))
-
 
 PENDING = "pending"
 STANDS_S, STANDS_CYCLES = 1.0, 3.0  # without a cycle for both, a machine stands, and a speed would start it
@@ -130,13 +89,27 @@ class AdvisorNode(TwinNode):
         self._decided_s = float("-inf")
         self._thinking: Future[Recommendation | None] | None = None
         self._beside = BesideProcess()  # a computation in this process would hold back the observer
-        self._outlet = None if wish.dry_run else AdviceOutlet(self, namespace, wish.output.key)
+        self._send_value = None if wish.dry_run else self._outlet(namespace, wish.output.key)
         self._recommendation = self.output(RECOMMENDATION, recorded=False)
         self._decisions = self.output(DECISIONS, recorded=False)
         watch_parameters(self, namespace, self.on_setting)
         self.declare_parameter(PENDING, 0)
         offer(self, SetBool, "~/accept", lambda request: self.accept(request.data))
         offer(self, SetBool, "~/reject", lambda request: self.reject(request.data))
+
+    def _outlet(self, namespace: str, key: str) -> Callable[[float], object]:
+        """Return what sends values of an output, the speed command or a live parameter; made only where allowed."""
+        if key == COMMAND:
+            name = f"{namespace}/{SPEED_COMMAND.name}"
+            publisher = self.create_publisher(Float64, name, SPEED_COMMAND.qos)
+            return lambda value: publisher.publish(Float64(data=value))
+        client = self.create_client(SetParameters, f"{namespace}/linkage/set_parameters")
+
+        def set_parameter(value: float) -> object:
+            parameters = [Parameter(key, value=value).to_parameter_msg()]
+            return client.call_async(SetParameters.Request(parameters=parameters))
+
+        return set_parameter
 
     def observe(self, sample: SeenSample) -> None:
         """Update with a sample of the machine."""
@@ -262,8 +235,8 @@ class AdvisorNode(TwinNode):
             reason = f"{decision.reason}; not sent, since the machine stands and a speed would start it"
             decision, self.state = decision._replace(reason=reason, sent=None), step.state._replace(in_force=True)
         self._decided_s = decision.time_s
-        if decision.sent is not None and self._outlet is not None:
-            self._outlet.send(decision.sent)
+        if decision.sent is not None and self._send_value is not None:
+            self._send_value(decision.sent.value)
             self._value = decision.sent.value
             self._figures.clear()
         if decision.what == "offered":

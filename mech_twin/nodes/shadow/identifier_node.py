@@ -108,7 +108,7 @@ class IdentifierNode(TwinNode):
         self.phase, self.status_line = "idle", "nothing identified yet"
         self.found: Identification | None = None
         self.text, self._stretch = "", ""  # configuration that was found, and of which samples
-        self.on_taken: Callable[[Parameters], None] = lambda parameters: None
+        self.at_taken: Sequence[Callable[[Parameters], None]] = ()
         self._fit: _RunningFit | None = None
         declare_range(self, SPAN_S, USUAL_SPAN_S, "time before now that is fitted [s]", SHORTEST_SPAN_S, LONGEST_SPAN_S)
         offer(self, Trigger, "~/identify", lambda _: self.identify())
@@ -171,5 +171,6 @@ class IdentifierNode(TwinNode):
             return False, "nothing is found that foretells better than before"
         self.model, self.phase = self.found.parameters, "taken over"
         self.status_line = "the model goes on with what was found"
-        self.on_taken(self.model)
+        for adopt in self.at_taken:
+            adopt(self.model)
         return True, self.status_line

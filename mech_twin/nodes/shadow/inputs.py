@@ -101,9 +101,10 @@ class FollowedClock:
 
 
 class Admitted(NamedTuple, Generic[Item]):
-    """A message, its effective time (ns), and whether its own stamp is accepted."""
+    """A message, its own stamp (ns) if that may set the time, its effective time (ns), and whether they agree."""
 
     item: Item
+    stamp_ns: int | None
     at_ns: int
     believed: bool
 
@@ -119,7 +120,7 @@ class StampGate(Generic[Item]):
         """Add a message, with its stamp if that may set the time; return the messages that can be released."""
         believed = stamp_ns is not None and self.clock.admit(stamp_ns, at_s)
         if self.clock.now_ns is not None:
-            return [*self.released(), Admitted(item, self.clock.now_ns, believed)]
+            return [*self.released(), Admitted(item, stamp_ns, self.clock.now_ns, believed)]
         self.held.append((item, stamp_ns))
         return self.released() if len(self.held) > MOST_HELD else []
 
@@ -131,7 +132,7 @@ class StampGate(Generic[Item]):
         for item, stamp in held:
             believed = stamp is not None and stamp in led_by
             at_ns = max(at_ns, stamp) if stamp is not None and believed else at_ns
-            found.append(Admitted(item, at_ns, believed))
+            found.append(Admitted(item, stamp, at_ns, believed))
         return found
 
 
@@ -195,16 +196,6 @@ class FollowedField(NamedTuple):
         """Whether it is a field of a JointState."""
         return self.channel.source.joint is not None and self.channel.source.field in JOINT_FIELDS
 
-    @property
-    def of_stamp(self) -> bool:
-        """Whether it is the stamp of the message, which every type with a header has."""
-        return self.channel.source.field == STAMP
-
-    @property
-    def of_event(self) -> bool:
-        """Whether it belongs to events, which the observer does not use."""
-        return is_event(self.channel.quantity)
-
 
 class FollowedTopic:
     """A subscribed topic of the machine, and the channels in its messages.
@@ -219,12 +210,12 @@ class FollowedTopic:
 
     def __init__(self, name: str, fields: Sequence[FollowedField]) -> None:
         self.fields = tuple(fields)
-        kinds = {_type_of(field) for field in fields if not field.of_stamp} or {FIELD_TYPES[STAMP]}
+        kinds = {_type_of(field) for field in fields if field.channel.source.field != STAMP} or {FIELD_TYPES[STAMP]}
         if len(kinds) != 1:
             raise ConfigurationError(f"topic {name!r} would have several types: {', '.join(k.__name__ for k in kinds)}")
-        if len({field.of_event for field in fields}) != 1:
+        self.of_events = is_event(fields[0].channel.quantity)  # which the observer does not use
+        if any(is_event(field.channel.quantity) != self.of_events for field in fields):
             raise ConfigurationError(f"topic {name!r} would hold both samples and events; expected a topic for each")
-        self.of_events = fields[0].of_event
         self.topic = Topic(name, kinds.pop())
 
     @property
@@ -353,7 +344,7 @@ def _has(message: Any, field: FollowedField) -> bool:
 
 def _value(message: Any, field: FollowedField) -> float:
     source = field.channel.source
-    if field.of_stamp:
+    if source.field == STAMP:
         return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
     if field.of_joint:
         column: Sequence[float] = getattr(message, source.field or "")

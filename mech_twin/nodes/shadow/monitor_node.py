@@ -8,7 +8,7 @@ stops the monitoring: MQTT retries in a thread of its own, with the newest alert
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_srvs.srv import Trigger
@@ -32,25 +32,6 @@ from mech_twin.studies.observer.estimate import SeenSample
 LOCAL, MQTT_PORT = "127.0.0.1", 1883
 ROOT = "mech_twin"
 LONGEST_RETRY_S = 60
-
-
-class AlertOutlet(Protocol):
-    """Receiver of alerts.
-
-    Attributes
-    ----------
-    name, state : str
-        What it is, and whether it reaches anybody.
-    """
-
-    name: str
-    state: str
-
-    def send(self, alerts: Sequence[Alert]) -> None:
-        """Send the newest state of every fault."""
-
-    def close(self) -> None:
-        """Send the remaining alerts, and disconnect."""
 
 
 def mqtt_topic(alert: Alert) -> str:
@@ -206,6 +187,7 @@ class PrometheusOutlet:
         self._thread.join()
 
 
+AlertOutlet = MqttOutlet | PrometheusOutlet
 FAULT, SHELVE_S = "fault", "shelve_s"
 USUAL_SHELVE_S, SHORTEST_SHELVE_S, LONGEST_SHELVE_S = 3600.0, 1e-3, 30.0 * 86400.0
 SEEN = ("active", "latched")  # seen in enough cycles to be acknowledged

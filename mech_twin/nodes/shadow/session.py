@@ -19,7 +19,7 @@ from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DIAGNOSTICS, ESTIMATED, EVERY, RESIDUALS, TWIN, Topic, shadow_topics, type_name
 from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
-from mech_twin.nodes.exchange.hand_over import HandedBytes, ReceivedBytes
+from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
@@ -43,14 +43,6 @@ from mech_twin.studies.observer.estimate import SeenSample
 
 TICK_S = 0.1
 BEFORE_S, AFTER_S = 10.0, 5.0
-
-
-class UntimedMessage(NamedTuple):
-    """A message as bytes: full topic name, and the machine's time in it, None if it has none."""
-
-    topic: str
-    raw: bytes
-    led_ns: int | None
 
 
 class ShadowTopics(NamedTuple):
@@ -82,7 +74,7 @@ class ShadowListener(TwinNode):
         parameters: Parameters | None = None,
     ) -> None:
         super().__init__(name, machine_name, parameters)
-        self.admission = StampGate[UntimedMessage]()
+        self.admission = StampGate[tuple[str, bytes]]()
         self._jumps = self._logged_ns = 0
         followed = tuple(each.topic for each in topics.followed)
         self._has_stamps = any(each.has_stamps for each in topics.followed)
@@ -91,7 +83,7 @@ class ShadowListener(TwinNode):
         self.described = description_text(machine_name, self.initial_parameters)
         self._kinds = {full: type_name(topic) for full, topic in self.topics.items()}
         for topic in (*topics.own, DIAGNOSTICS):
-            received = partial(self._on_own, self.resolve_topic_name(topic.name))
+            received = partial(self.hear, self.resolve_topic_name(topic.name))
             self.listen(topic, received, received, qos=EVERY)
         self.every(TICK_S, self.tick_writer)
 
@@ -124,18 +116,15 @@ class ShadowListener(TwinNode):
         for found in self.admission.released():
             self._keep(found)
 
-    def _on_own(self, full: str, message: HandedBytes | ReceivedBytes) -> None:
-        self.hear(full, message.raw)
-
-    def hear(self, full: str, raw: bytes) -> None:
+    def hear(self, full: str, message: Handed | ReceivedBytes) -> None:
         """Store a message of the topic of this full name."""
-        now_s = time.monotonic()
+        now_s, raw = time.monotonic(), message.raw
         led_ns = self._led_ns(full, self._kinds[full], raw, now_s)
-        for found in self.admission.take(UntimedMessage(full, raw, led_ns), led_ns, now_s):
+        for found in self.admission.take((full, raw), led_ns, now_s):
             self._keep(found)
-            if found.item.led_ns is not None and not found.believed:
+            if found.stamp_ns is not None and not found.believed:
                 reason = f"a stamp that does not go on from {found.at_ns / SECOND_NS:.3f} s, at which it is recorded"
-                self.statistics.count(found.item.topic, "unknown_source", reason)
+                self.statistics.count(found.item[0], "unknown_source", reason)
 
     def _led_ns(self, full: str, kind: str, raw: bytes, now_s: float) -> int | None:
         """Return the machine's time (ns) in a message; for a machine without stamps that of the steady clock."""
@@ -144,12 +133,13 @@ class ShadowListener(TwinNode):
         stamp = stamp_ns(kind, raw) if self._has_stamps else round(now_s * SECOND_NS)
         return None if stamp is None else stamp - self._lags_ns[full]
 
-    def _keep(self, found: Admitted[UntimedMessage]) -> None:
-        at_ns = found.at_ns + self._lags_ns.get(found.item.topic, 0)
+    def _keep(self, found: Admitted[tuple[str, bytes]]) -> None:
+        topic, raw = found.item
+        at_ns = found.at_ns + self._lags_ns.get(topic, 0)
         if self._jumps == self.admission.clock.jumps:
             at_ns = max(at_ns, self._logged_ns)
         self._jumps, self._logged_ns = self.admission.clock.jumps, at_ns
-        self.take(RecentMessage(found.item.topic, found.item.raw, at_ns))
+        self.take(RecentMessage(topic, raw, at_ns))
 
 
 class ShadowRecorder(ShadowListener):
@@ -407,14 +397,8 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
         found.append(ShadowRecorder(machine_name, company.record, topics, parameters))
     node.at_message += [each.hear for each in found if isinstance(each, ShadowListener)]
     if identifier is not None:
-        identifier.on_taken = partial(taken_over, (node, *found))
+        identifier.at_taken = [each.adopt for each in (node, *found)]  # the monitor's reference is unchanged
     return found
-
-
-def taken_over(nodes: Sequence[TwinNode], parameters: Parameters) -> None:
-    """Switch the nodes of a shadow to a model with other parameters; the monitor's reference is unchanged."""
-    for each in nodes:
-        each.adopt(parameters)
 
 
 def feed(node: ShadowNode, beside: AdvisorNode | IdentifierNode) -> None:

@@ -35,6 +35,7 @@ from mech_twin.messages.topics import (
 )
 from mech_twin.nodes.exchange.base_node import RunOptions, TwinNode, with_info
 from mech_twin.nodes.exchange.counting import CountingPublisher
+from mech_twin.nodes.exchange.hand_over import ReceivedBytes
 from mech_twin.nodes.shadow.inputs import (
     COMMAND,
     FollowedTopic,
@@ -65,9 +66,7 @@ class VirtualSensor(NamedTuple):
     value: CountingPublisher
     sigma: CountingPublisher
     frame: str
-    force_x: int | None
-    force_y: int | None
-    moment: int | None
+    places: tuple[int | None, ...]
 
 
 def joint_places(columns: Mapping[str, int]) -> tuple[tuple[str, ...], list[list[int]]]:
@@ -127,7 +126,7 @@ class ShadowOutputs:
             self._add(output, VIRTUAL_PRESSING_FORCE, f"{frames}tool", columns[PRESSING_FORCE_COLUMN], None, None)
 
     def _add(self, output: Output, topic: Topic, frame: str, *places: int | None) -> None:
-        self._virtual.append(VirtualSensor(output(topic), output(sigma_of(topic)), frame, *places))
+        self._virtual.append(VirtualSensor(output(topic), output(sigma_of(topic)), frame, places))
 
     def send_joints(self, time_s: float, row: Array, sigma: Array) -> None:
         """Publish the joints, unmeasured ones too; unknown values are NaN."""
@@ -163,8 +162,7 @@ class ShadowOutputs:
 
 
 def _wrench(stamp: Stamp, sensor: VirtualSensor, row: Array) -> bytes:
-    places = (sensor.force_x, sensor.force_y, sensor.moment)
-    return wrench_bytes(stamp, sensor.frame, *(0.0 if place is None else float(row[place]) for place in places))
+    return wrench_bytes(stamp, sensor.frame, *(0.0 if place is None else float(row[place]) for place in sensor.places))
 
 
 # best effort matches both kinds of publishers; messages that are lost on the way or not taken in time are counted
@@ -230,7 +228,7 @@ class ShadowNode(TwinNode):
         self.level = "model"
         self.setup = setup
         self.is_obeyed: Callable[[], bool] = lambda: False
-        self.at_message: list[Callable[[str, bytes], None]] = []
+        self.at_message: list[Callable[[str, ReceivedBytes], None]] = []
         self.at_sample: list[Callable[[SeenSample], None]] = []
         self.on_estimate: Callable[[SeenSample, FrameEstimate], None] = lambda sample, estimate: None
         self.at_other_time: list[Callable[[], None]] = []
@@ -274,7 +272,7 @@ class ShadowNode(TwinNode):
     def _on_message(self, followed: FollowedTopic, full: str, raw: bytes, info: Mapping[str, Any]) -> None:
         arrived_s = time.monotonic()
         for hear in self.at_message:
-            hear(full, raw)
+            hear(full, ReceivedBytes(raw, None))
         waited_s = self._waited_s(followed.topic.name, arrived_s, info["received_timestamp"] / SECOND_NS)
         self._count_lost(followed.topic.name, info["publication_sequence_number"])
         try:

@@ -54,6 +54,7 @@ function beginAnew() {
   curves.clear();
   ghost.curves.clear();
   ghost.until = -1;
+  window.bench.shown = 0; // the end of the run before was shown once more
 }
 
 // number of rows of two runs at common times, and their largest difference
