@@ -88,7 +88,7 @@ def test_a_softer_wall_sends_more_back_through_the_gauge() -> None:
 
 def test_a_tool_without_waves_has_no_gauge() -> None:
     built = machine(MACHINE)
-    with pytest.raises(ConfigurationError, match=r"channels\.1\.is.*has no gauge"):
+    with pytest.raises(ConfigurationError, match=r"channels\.1\.is.*expected a machine with a gauge on a struck rod"):
         SensorBench(MeasurementMap.model_validate(MAP), {}, built.coupling_step_s, gauge=built.gauge)
     with pytest.raises(StudyError, match="no gauge on this machine"):
         roll_out(built, 0.01, ()).gauge_numbers("blow", "peak_strain")
