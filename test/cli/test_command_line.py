@@ -120,7 +120,7 @@ def test_a_signal_ends_a_run_and_closes_the_recording(number: signal.Signals, pr
 def ended_by(number: signal.Signals, words: list[str], growing: Path) -> tuple[str, float]:
     """Return what a run writes that a signal ends once its recording grows, and the time from the signal on (s)."""
     run = subprocess.Popen(
-        [*COMMAND, *words],
+        [sys.executable, "-m", "mech_twin", *words],  # as it is installed
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
