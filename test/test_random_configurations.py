@@ -69,9 +69,7 @@ def test_a_configuration_with_many_values_at_corners_runs(name: str, number: int
     ],
 )
 def test_draws_that_were_broken_once_run_or_are_refused_in_one_line(name: str, seed: int, number: int) -> None:
-    """Of the first the analysis was broken: it creeps against a step of force, and half a second takes a minute."""
-    most_steps = CORNER_STEPS if (name, seed, number) == ("compaction_press", 6, 151) else math.inf
-    found = outcome_of(number, partial(Draw, name, seed, number), most_steps)
+    found = drawn(name, seed, number)
     assert found.end != BROKEN, found.what
 
 

@@ -100,7 +100,7 @@ def test_machines_and_a_page_of_ones_own_are_run_from_the_bench_and_their_record
             expect(page.locator("#machine")).to_have_text(name, timeout=UP_MS)
             page.wait_for_function("() => window.bench.shown > 0.2", timeout=UP_MS)
             page.locator("#order-pause").click()
-            expect(page.locator("#state")).to_have_text("paused", timeout=UP_MS)
+            expect(page.locator("#state")).to_have_text("paused")
         step_once(page)
         (tmp_path / "bad.yaml").write_text("name: bad\nbodees: {}\n", encoding="utf-8")
         page.locator("#list").click()
@@ -132,7 +132,7 @@ def test_a_report_holds_machine_settings_pictures_numbers_and_versions_in_one_fi
     with running(*words, folder=tmp_path) as (url, _), opened(browser, url) as page:
         page.wait_for_selector("#metrics tr", timeout=UP_MS)
         page.locator("#order-pause").click()
-        expect(page.locator("#state")).to_have_text("paused", timeout=UP_MS)
+        expect(page.locator("#state")).to_have_text("paused")
         with page.expect_download() as saved:
             page.locator("#report-json").click()
         told = json.loads(saved.value.path().read_text(encoding="utf-8"))
