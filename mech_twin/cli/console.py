@@ -23,7 +23,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from mech_twin.errors import OneLineError
 from mech_twin.files.output_file import plain, written_file
 from mech_twin.process.dependencies import lacking, missing_extra
-from mech_twin.process.interruption import EXIT_CODE_BASE, INTERRUPTED_LINE, interruptible
+from mech_twin.process.interruption import (
+    EXIT_CODE_BASE,
+    INTERRUPTED_LINE,
+    interruptible,
+    raised_signal,
+    tell_interrupted,
+)
 from mech_twin.process.terminal_output import StandardOutputError, give_up_output, printable, printable_json
 
 if TYPE_CHECKING:
@@ -370,6 +376,10 @@ def report_cli_errors() -> Iterator[None]:
             give_up_output()
         message = lacking(error) or _line_of(error)
         if message is None:
+            if number := raised_signal():
+                if number == signal.SIGINT:
+                    tell_interrupted()
+                raise SystemExit(EXIT_CODE_BASE + number) from error
             raise
         sys.stderr.write(f"mech-twin: {printable(' '.join(message.split()))}\n")
         raise SystemExit(EXIT_CODE) from error

@@ -164,6 +164,15 @@ def end_with_parent(parent: int, number: int = signal.SIGTERM) -> None:
 
 Handler = Callable[[int, FrameType | None], None]
 _to_close: list[bool] = []
+_raised: list[int] = []
+
+
+def raised_signal() -> int:
+    """Return the signal that was last raised as an exception, 0 without one.
+
+    A C library that calls Python may raise an error of its own in the place of that exception.
+    """
+    return _raised[-1] if _raised else 0
 
 
 @contextmanager
@@ -246,6 +255,7 @@ class StopSignal:
         if is_in_compiler(frame) or is_importing(frame):
             end_at_once(EXIT_CODE_BASE + number)
         self._interrupts = False  # a second signal must not interrupt the clean-up
+        _raised.append(number)
         raise SystemExit(EXIT_CODE_BASE + number)
 
 
@@ -264,6 +274,7 @@ def _raise(number: int, frame: FrameType | None) -> None:
         if number == signal.SIGINT:
             tell_interrupted()
         end_at_once(EXIT_CODE_BASE + number)
+    _raised.append(number)
     if number == signal.SIGINT:
         raise KeyboardInterrupt
     raise SystemExit(EXIT_CODE_BASE + number)

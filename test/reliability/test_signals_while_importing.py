@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A signal that arrives while a program is being imported ends it with 128 + N and no trace, whatever was under way."""
+"""A signal within an import or a library's callback ends a program with 128 + N and without a trace."""
 
 from __future__ import annotations
 
@@ -104,3 +104,28 @@ def test_a_signal_while_a_machine_is_imported_is_neither_lost_nor_changed(
     ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=environment)
     line = INTERRUPTED_LINE if number == signal.SIGINT and kind == "a verb" else ""
     assert (ended.returncode, ended.stdout, ended.stderr) == (128 + number, "", line)
+
+
+# its error takes the place of the exception: "user-defined function raised exception"
+IN_A_LIBRARY = """
+import os, sqlite3
+from contextlib import nullcontext
+from mech_twin.cli.console import report_cli_errors
+{opening}
+rows = sqlite3.connect(":memory:")
+rows.create_function("ask", 0, lambda: os.kill(os.getpid(), {number}))
+with report_cli_errors(), {around} as stop, answering():
+    rows.execute("select ask()")
+"""
+
+
+@pytest.mark.parametrize("kind", UNDER_WAY)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_a_librarys_callback_is_not_taken_for_an_error_of_the_library(
+    kind: str, number: signal.Signals
+) -> None:
+    around = "StopSignal()" if kind == "a node" else "nullcontext()"
+    code = IN_A_LIBRARY.format(opening=UNDER_WAY[kind], around=around, number=int(number))
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
+    assert (ended.returncode, ended.stdout) == (128 + number, "")
+    assert ended.stderr == (INTERRUPTED_LINE if number == signal.SIGINT else "")
