@@ -191,7 +191,7 @@ class Baseline:
     def whitened(self, innovations: Array) -> Array:
         """Return innovations (n, d) of unit covariance: L^-1 e with S = L L'."""
         factor = cholesky(self.covariance, lower=True)
-        return np.ascontiguousarray(solve_triangular(factor, innovations.T, lower=True).T)
+        return np.asarray(innovations @ solve_triangular(factor, np.eye(len(factor)), lower=True).T)
 
 
 @kernel
@@ -201,10 +201,10 @@ def innovations_of(coefficients: Array, rows: Array) -> Array:
     found = np.empty((max(count - order, 0), width))
     for t in range(len(found)):
         for i in range(width):
-            left = rows[t + order, i]
-            for lag in range(order):
-                left -= coefficients[lag, i] * rows[t + order - 1 - lag, i]
-            found[t, i] = left
+            found[t, i] = rows[t + order, i]
+        for lag in range(order):
+            for i in range(width):
+                found[t, i] -= coefficients[lag, i] * rows[t + order - 1 - lag, i]
     return found
 
 

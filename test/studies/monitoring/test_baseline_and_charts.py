@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -26,11 +27,13 @@ COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
 COEFFICIENTS = np.array([[0.6, 0.3, 0.0], [-0.2, 0.1, 0.0]])
 
 
+@cache
 def healthy_baseline(cycles: int, seed: int = 1) -> tuple[Baseline, list[np.ndarray]]:
     rows = autoregressive(cycles, COEFFICIENTS, COVARIANCE, seed) + np.array([10.0, -3.0, 0.5])
     return fitted_baseline(vectors(rows))
 
 
+@cache
 def healthy_setup(cycles: int, arl0_cycles: float, seed: int = 1) -> MonitorSetup:
     baseline, innovations = healthy_baseline(cycles, seed)
     return MonitorSetup("none", baseline, chart_limits(baseline, innovations, arl0_cycles))
