@@ -173,6 +173,9 @@ def test_speeds_that_contradict_each_other_are_refused():
 def test_a_spring_between_points_that_coincide_is_refused():
     told = refused(PENDULUM, springs={"coil": {"between": ["ground", "rod"], "rate_n_per_m": 10.0, "free_m": 0.1}})
     assert "springs.coil.between: ground and rod coincide at the start" in told
+    wrist = ["rod.end", "piston"]  # apart by rounding
+    told = refused(SLIDER_CRANK, springs={"coil": {"between": wrist, "rate_n_per_m": 10.0, "free_m": 0.1}})
+    assert "springs.coil.between: rod.end and piston coincide at the start" in told
 
 
 def test_a_preload_without_a_rate_is_refused():
