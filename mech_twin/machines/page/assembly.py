@@ -259,7 +259,7 @@ class Assembly:
         first, second = self.structure.bodies[joint.first].name, self.structure.bodies[joint.second].name
         return (
             f"joints.{joint.name}: the loop through it cannot close: at best {first} and {second} miss each other by "
-            f"{miss:.4g} {'m or rad' if joint.kind != REVOLUTE else 'm'}; check the lengths of its links"
+            f"{miss:.4g} {'m or rad' if joint.kind != REVOLUTE else 'm'}; check lengths of links and start values"
         )
 
     @cached_property

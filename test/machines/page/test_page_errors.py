@@ -89,6 +89,8 @@ def test_what_joins_a_body_with_itself_is_refused(group, element):
 def test_an_unknown_body_and_joint_are_named():
     assert "no body 'pistn'" in refused(SLIDER_CRANK, joints={"wrist": {"between": ["rod.end", "pistn"]}})
     assert "drives.motor.joint: no joint 'berring'" in refused(SLIDER_CRANK, drives={"motor": {"joint": "berring"}})
+    gear = {"kind": "gear", "joints": ["bearing", "lay"], "ratio": 2.0}
+    assert "couplings.gear.joints: no joint 'lay'" in refused(SLIDER_CRANK, couplings={"gear": gear})
 
 
 def test_a_key_of_another_kind_is_refused():
@@ -208,7 +210,7 @@ VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
         (
             "couplings",
             {"kind": "rack", "joints": ["guide", "other"], "radius_m": 0.1, "rate_n_per_m": 1.0},
-            "couplings.there: 'guide' is a slider; expected a revolute there",
+            "couplings.there.joints: 'guide' is a slider; expected a revolute there",
         ),
         (
             "couplings",
