@@ -10,6 +10,7 @@ import pytest
 from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.engine.hybrid.loop import TOO_MANY
 from mech_twin.errors import MotionError
 from mech_twin.machines.page import build
 from mech_twin.parameters.load import PAGE, machine_parameters, validated
@@ -258,6 +259,13 @@ def test_more_events_than_are_followed_name_page_and_contacts():
     assert told.startswith(
         "page: more events in a coupling step than are followed, in the step from 0 s, most of bounce;"
     )
+
+
+def test_more_changes_without_events_than_are_followed_tell_what_to_do():
+    linkage = build(page(BALL)).linkage
+    told = str(linkage.failure(TOO_MANY, 0.5, linkage.layout.events.table()))
+    assert told.startswith("page: more events in a coupling step than are followed, in the step from 0.5 s;")
+    assert "give contacts that rest on each other a stiffness" in told
 
 
 @pytest.mark.parametrize(("blow", "nose", "speed"), [(0.81, 0.79, 10), (0.99, 0.9, 20), (0.7, 0.9, 5), (0.9, 0.99, 10)])
