@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 CLOSED = 1e-11  # of the machine's size: a miss of a loop that is none
 REGULAR = 1e-3  # least of the closures' singular values over the largest: the coordinates are well determined
 NEAR_RAD = 0.5  # largest turn of a step of the search: longer ones leave the guess, by whole turns too
+NEAR = 0.1  # of a closed pose to the start values, in rad and sizes of the machine: no nearer one is sought
+NEARER = 0.9  # of the distance to the start values: a pose less far off is another
 TRIALS, TURNS = 60, 200  # starts of the search for a closed pose, and its steps
 MOST_COORDINATES = 12
 PARTS = {REVOLUTE: ("",), SLIDER: ("",), "weld": (), FREE: ("_x", "_y", "_angle")}
@@ -199,9 +201,23 @@ class Assembly:
                 guess[place + part], given[place + part] = value, True
         return guess, given
 
+    def _off(self, s: Array) -> float:
+        """Return how far a pose is from the start values in the page, those of joints that close loops included."""
+        motion, off = Kinematics(self.structure, s.tolist()), 0.0
+        for number, part, value in self._wanted:
+            joint, place = self.structure.joints[number], self.structure.first_coordinate.get(number)
+            found = float(motion.joint_coordinates(number)[part].value) if place is None else s[place + part]  # type: ignore[arg-type]
+            away = found - value
+            if joint.name + PARTS[joint.kind][part] in self.slides:
+                away /= self.size_m
+            elif place is None:
+                away = math.remainder(away, 2.0 * math.pi)
+            off = math.hypot(off, away)
+        return off
+
     @cached_property
     def near_start(self) -> Array:
-        """A closed pose near the start values in the page.
+        """The closed pose nearest to the start values in the page, of those that the search finds.
 
         Raises
         ------
@@ -211,19 +227,24 @@ class Assembly:
         if self.firm:
             return self._loose.start
         guess, given = self._guess
-        rng = np.random.default_rng(1)
+        slides = np.array([name in self.slides for name in self.coordinates], dtype=bool)
+        rng, closed = np.random.default_rng(1), CLOSED * self.size_m
         best, miss = self._closed_near(guess)
+        off = self._off(best)
         for trial in range(TRIALS):
-            if miss <= CLOSED * self.size_m:
-                return best
+            if miss <= closed and off <= NEAR:
+                break
             spread = np.where(given, 0.02 if trial < TRIALS // 2 else 0.5, 1.0)
-            scale = np.where([name in self.slides for name in self.coordinates], self.size_m, math.pi)
+            scale = np.where(slides, self.size_m, math.pi)
             found, missed = self._closed_near(guess + spread * scale * rng.uniform(-1.0, 1.0, len(guess)))
-            if missed < miss:
-                best, miss = found, missed
-        if miss <= CLOSED * self.size_m:
-            return best
-        raise ConfigurationError(self._closure_error_text(best))
+            away = self._off(found)
+            if (missed <= closed and away < NEARER * off) if miss <= closed else missed < miss:
+                best, miss, off = found, missed, away
+        if miss > closed:
+            raise ConfigurationError(self._closure_error_text(best))
+        turns = ~(given | slides)
+        best[turns] = [math.remainder(angle, 2.0 * math.pi) for angle in best[turns]]
+        return best
 
     def _closure_error_text(self, s: Array) -> str:
         """Return the error text for the loop with the largest closure error."""
@@ -238,7 +259,7 @@ class Assembly:
         first, second = self.structure.bodies[joint.first].name, self.structure.bodies[joint.second].name
         return (
             f"joints.{joint.name}: the loop through it cannot close: at best {first} and {second} miss each other by "
-            f"{miss:.4g} {'m or rad' if joint.kind != REVOLUTE else 'm'}; check the lengths of its links"
+            f"{miss:.4g} {'m or rad' if joint.kind != REVOLUTE else 'm'}; check lengths of links and start values"
         )
 
     @cached_property

@@ -233,8 +233,10 @@ def failure_of(
     """
     error = f"{page}: {failed(failures, status, begin_s)}"
     filled = (len(log) - 8) // 2 - 2 * len(events.contacts) - 2
-    if status != TOO_MANY or filled <= 0:
+    if status != TOO_MANY:
         return MotionError(error)
+    if filled <= 0:  # changes of contacts that stay closed, which are no events
+        return MotionError(f"{error}; give contacts that rest on each other a stiffness")
     counts = Counter(event.contact for event in events.events(log[:filled]))
     most = ", ".join(name for name, _ in counts.most_common(3))
     return MotionError(

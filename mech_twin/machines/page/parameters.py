@@ -103,7 +103,7 @@ class Page(Parameters):
             for name, element in elements.items():
                 joint = getattr(element, "joint", None)
                 if joint is not None and getattr(element, "kind", "") != "unbalance":
-                    self._check_joint(f"{group}.{name}", joint, element)
+                    self._check_joint(f"{group}.{name}.joint", joint, element)
         for name, drive in self.drives.items():
             others = [other for other, d in self.drives.items() if d.joint == drive.joint and other != name]
             if others and drive.kind == "constant_speed":
@@ -137,12 +137,12 @@ class Page(Parameters):
                 self._check_rod(f"contacts.{name}", contact)
         for name, coupling in self.couplings.items():
             for joint, turns in zip(coupling.joints, (True, not coupling.slides), strict=True):
-                self._check_joint(f"couplings.{name}", joint, coupling, turns=turns)
+                self._check_joint(f"couplings.{name}.joints", joint, coupling, turns=turns)
             if coupling.joints[0] == coupling.joints[1]:
                 raise ValueError(f"couplings.{name}.joints: '{coupling.joints[0]}' stands twice; expected two joints")
         for name, spring in self.springs.items():
             for port, opening in (spring.gas.ports if spring.gas is not None else {}).items():
-                self._check_joint(f"springs.{name}.gas.ports.{port}", opening.joint, opening, turns=False)
+                self._check_joint(f"springs.{name}.gas.ports.{port}.joint", opening.joint, opening, turns=False)
         for name, load in self.loads.items():
             if load.body is not None:
                 self._check_body(f"loads.{name}.body", load.body)
@@ -216,16 +216,16 @@ class Page(Parameters):
 
     def _check_joint(self, where: str, name: str, element: Parameters, *, turns: bool | None = None) -> None:
         if name not in self.joints:
-            raise ValueError(f"{where}.joint: no joint '{name}'; expected one of {', '.join(self.joints)}")
+            raise ValueError(f"{where}: no joint '{name}'; expected one of {', '.join(self.joints)}")
         kind = self.joints[name].kind
         if kind not in ("revolute", "slider"):
-            raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected a revolute or a slider")
+            raise ValueError(f"{where}: '{name}' is of kind {kind}; expected a revolute or a slider")
         if turns is not None and turns != (kind == "revolute"):
             raise ValueError(f"{where}: '{name}' is a {kind}; expected a {'revolute' if turns else 'slider'} there")
         turns = getattr(element, "turns", None) if turns is None else turns
         if turns is not None and turns != (kind == "revolute"):
             unit = "rpm, deg, or N m" if kind == "revolute" else "m, m/s, or N"
-            raise ValueError(f"{where}.joint: '{name}' is a {kind}; expected keys in {unit}")
+            raise ValueError(f"{where}: '{name}' is a {kind}; expected keys in {unit}")
 
     def _check_revolute(self, where: str, name: str) -> None:
         there = [joint for joint, element in self.joints.items() if element.kind == "revolute"]

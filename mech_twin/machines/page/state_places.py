@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
-from mech_twin.machines.page.assembly import Assembly
+from mech_twin.machines.page.assembly import CLOSED, Assembly
 from mech_twin.machines.page.elements import DEGREE
 from mech_twin.machines.page.force_elements import CouplingElement, SpringElement
 from mech_twin.machines.page.parameters import Page, distinct
@@ -288,7 +288,8 @@ def check_lines(page: Page, assembly: Assembly) -> None:
         if between is None:
             continue
         ends = [motion.point(assembly.body_number(body), at) for body, at in map(page.point, between)]
-        if ends[0].x == ends[1].x and ends[0].y == ends[1].y:
+        apart = math.hypot(float(ends[0].x - ends[1].x), float(ends[0].y - ends[1].y))  # type: ignore[arg-type]
+        if apart <= CLOSED * assembly.size_m:
             raise ConfigurationError(
                 f"{where}: {between[0]} and {between[1]} coincide at the start, so their line has no direction; "
                 "name the joint that slides instead, or move a point"

@@ -10,6 +10,7 @@ import pytest
 from machines.page.pages import BALL, PENDULUM, SLIDER_CRANK, page, run
 
 from mech_twin.declarations.configuration_tree import ConfigurationError
+from mech_twin.engine.hybrid.loop import TOO_MANY
 from mech_twin.errors import MotionError
 from mech_twin.machines.page import build
 from mech_twin.parameters.load import PAGE, machine_parameters, validated
@@ -89,6 +90,8 @@ def test_what_joins_a_body_with_itself_is_refused(group, element):
 def test_an_unknown_body_and_joint_are_named():
     assert "no body 'pistn'" in refused(SLIDER_CRANK, joints={"wrist": {"between": ["rod.end", "pistn"]}})
     assert "drives.motor.joint: no joint 'berring'" in refused(SLIDER_CRANK, drives={"motor": {"joint": "berring"}})
+    gear = {"kind": "gear", "joints": ["bearing", "lay"], "ratio": 2.0}
+    assert "couplings.gear.joints: no joint 'lay'" in refused(SLIDER_CRANK, couplings={"gear": gear})
 
 
 def test_a_key_of_another_kind_is_refused():
@@ -173,6 +176,9 @@ def test_speeds_that_contradict_each_other_are_refused():
 def test_a_spring_between_points_that_coincide_is_refused():
     told = refused(PENDULUM, springs={"coil": {"between": ["ground", "rod"], "rate_n_per_m": 10.0, "free_m": 0.1}})
     assert "springs.coil.between: ground and rod coincide at the start" in told
+    wrist = ["rod.end", "piston"]  # apart by rounding
+    told = refused(SLIDER_CRANK, springs={"coil": {"between": wrist, "rate_n_per_m": 10.0, "free_m": 0.1}})
+    assert "springs.coil.between: rod.end and piston coincide at the start" in told
 
 
 def test_a_preload_without_a_rate_is_refused():
@@ -205,7 +211,7 @@ VENT = {"vent": {"joint": "guid", "open_above_m": 1}}
         (
             "couplings",
             {"kind": "rack", "joints": ["guide", "other"], "radius_m": 0.1, "rate_n_per_m": 1.0},
-            "couplings.there: 'guide' is a slider; expected a revolute there",
+            "couplings.there.joints: 'guide' is a slider; expected a revolute there",
         ),
         (
             "couplings",
@@ -253,6 +259,13 @@ def test_more_events_than_are_followed_name_page_and_contacts():
     assert told.startswith(
         "page: more events in a coupling step than are followed, in the step from 0 s, most of bounce;"
     )
+
+
+def test_more_changes_without_events_than_are_followed_tell_what_to_do():
+    linkage = build(page(BALL)).linkage
+    told = str(linkage.failure(TOO_MANY, 0.5, linkage.layout.events.table()))
+    assert told.startswith("page: more events in a coupling step than are followed, in the step from 0.5 s;")
+    assert "give contacts that rest on each other a stiffness" in told
 
 
 @pytest.mark.parametrize(("blow", "nose", "speed"), [(0.81, 0.79, 10), (0.99, 0.9, 20), (0.7, 0.9, 5), (0.9, 0.99, 10)])

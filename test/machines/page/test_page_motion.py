@@ -274,6 +274,39 @@ def test_a_loop_closes_near_the_guess_without_whole_turns():
         assert math.degrees(told[0].linkage.joint(name).position) == pytest.approx(20.0, abs=0.1)
 
 
+FOUR_BAR = """
+ground: {points_m: {right: [0.4, 0]}}
+bodies:
+  crank: {inertia_kg_m2: 0.01, points_m: {pin: [0.1, 0]}}
+  coupler: {inertia_kg_m2: 0.01, points_m: {end: [0.4, 0]}}
+  rocker: {inertia_kg_m2: 0.01, points_m: {end: [0.3, 0]}}
+joints:
+  bearing: {kind: revolute, between: [ground, crank], start_deg: 60}
+  pin: {kind: revolute, between: [crank.pin, coupler]}
+  pivot: {kind: revolute, between: [ground.right, rocker]}
+  eye: {kind: revolute, between: [coupler.end, rocker.end]}
+drives: {motor: {kind: constant_speed, joint: bearing, speed_rpm: 60}}
+"""
+OPEN_DEG = 2.0 * math.degrees(math.atan2(math.sqrt(3.0) / 20.0, -0.35)) - 240.0  # of the pivot; crossed: -120
+
+
+@pytest.mark.parametrize("joint, guess, closed", [
+    ("pivot", 120.0, OPEN_DEG), ("pivot", 10.0, OPEN_DEG), ("pivot", -60.0, -120.0), ("pivot", -140.0, -120.0),
+    ("eye", 70.0, 60.0), ("eye", -70.0, -60.0),
+])  # fmt: skip
+def test_a_loop_closes_in_the_pose_nearest_to_the_guess(joint, guess, closed):
+    told, _ = run(FOUR_BAR, 0.001, joints={joint: {"start_deg": guess}})
+    off = math.degrees(told[0].linkage.joint(joint).position) - closed
+    assert math.remainder(off, 360.0) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_slider_starts_on_the_side_of_its_guess(sign):
+    told, _ = run(SLIDER_CRANK, 0.001, joints={"guide": {"start_m": sign * 0.4}})
+    expected = 0.1 * math.cos(math.pi / 6.0) + sign * math.sqrt(0.4**2 - 0.05**2)
+    assert told[0].linkage.joint("guide").position == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("rate", [17128.20512820513, 33353.38345864661])
 def test_friction_that_lets_go_beside_a_closed_gap_is_no_endless_series_of_events(rate):
     """The ram has come to rest on its anvil by rounding inside it; there its friction reaches the bound."""
