@@ -80,6 +80,14 @@ def test_the_motor_is_loaded_as_its_curve_says():
     assert torque * 4.8 * 0.95 == pytest.approx(1.5 * numbers["turn_crank_speed_mean_rad_per_s"], rel=0.1)
 
 
+def test_torque_and_heat_of_a_start_do_not_depend_on_the_step():
+    """While the supply rises they are taken at the supply of each instant, not at that of the step's end."""
+    ramp = {**KLOSS, "supply.initial_fraction": 0.0, "flywheel.inertia_kg_m2": 2.0}
+    coarse, fine = (numbers_of({**ramp, "coupling.step_s": step_s}, 1.0)[1] for step_s in (0.002, 0.00025))
+    for name in ("motor_torque_nm", "motor_power_w", "motor_rms_torque_nm", "motor_rotor_loss_w"):
+        assert coarse[f"run_{name}"] == pytest.approx(fine[f"run_{name}"], rel=1e-3)
+
+
 @pytest.mark.parametrize("coulomb", [0.0, 5.0])
 def test_a_weak_motor_stalls_and_says_so(coulomb):
     """With friction it does not even lift the plate: one stall, and rest; without, it swings against the layer."""
