@@ -107,9 +107,9 @@ def test_friction_is_in_the_force_analysis():
         assert abs(two.forces.residuals["drive_torque_routes"]) < 1e-10
 
 
-@pytest.mark.parametrize("speed_rpm", [300.0, -300.0])
-def test_work_at_a_position_is_the_integral_of_the_torque(speed_rpm):
-    press = machine("compaction_press", overrides={"drive.speed_rpm": speed_rpm})
+@pytest.mark.parametrize(("speed_rpm", "rubs_nm"), [(300.0, 0.0), (-300.0, 0.0), (-300.0, 20.0)])
+def test_work_at_a_position_is_the_integral_of_the_torque(speed_rpm, rubs_nm):
+    press = machine("compaction_press", overrides={"drive.speed_rpm": speed_rpm, "friction.coulomb_nm": rubs_nm})
     stroke, sign = press_constants(press.parameters)[1], np.sign(speed_rpm)
     entry = stroke.contact if sign > 0 else stroke.contact_reversed
 
@@ -125,7 +125,8 @@ def test_work_at_a_position_is_the_integral_of_the_torque(speed_rpm):
         )
         at = press.analyse(sign * way)
         assert at["drive_work_from_zero_j"] == pytest.approx(work, abs=1e-6)
-    assert work == pytest.approx(press.report()["work_per_cycle_j"], abs=1e-6)
+    layer = press.report()["work_per_cycle_j"]
+    assert work == pytest.approx(layer + 2.0 * pi * rubs_nm, abs=1e-6)
 
 
 def test_the_working_quarter_starts_at_180_degrees():
