@@ -19,7 +19,13 @@ from math import inf, pi
 from typing import NamedTuple
 
 from mech_twin.engine.crank_state import Memory
-from mech_twin.parts.induction_motor import MotorConstants
+from mech_twin.parts.induction_motor import (
+    MotorConstants,
+    MotorInStep,
+    command_in_step,
+    motor_in_step,
+    torque_in_step,
+)
 from mech_twin.samples import Frame
 
 LAST = 20  # cycles, or blows, that are used
@@ -49,6 +55,13 @@ class MotorState(NamedTuple):
     torque_nm: float
     speed_rad_per_s: float
     slip_rad_per_s: float
+
+
+def in_step_state(motor: MotorInStep, t: float, rotor_rad_per_s: float) -> MotorState:
+    """Return a motor's state at a time of a step (s); without supply the rotor has no field, and no slip in it."""
+    field = command_in_step(motor, t) * motor.curve.synchronous_speed_rad_per_s
+    slip = field - rotor_rad_per_s if motor.command else 0.0
+    return MotorState(torque_in_step(motor, t, rotor_rad_per_s), rotor_rad_per_s, slip)
 
 
 class MotorDuty(NamedTuple):
@@ -207,9 +220,8 @@ class CrankRun:
     def _motor_state(self, frame: Frame) -> MotorState:
         if self._motor is None:
             return MotorState(0.0, 0.0, 0.0)
-        (speed,), (torque,) = frame.motor.velocity, frame.motor.effort
-        synchronous = frame.motor.command * self._motor.synchronous_speed_rad_per_s
-        return MotorState(torque, speed, synchronous - speed)
+        (speed,), (torque,), asked = frame.motor.velocity, frame.motor.effort, frame.motor.command
+        return in_step_state(motor_in_step(self._motor, frame.linkage.command, speed, torque, asked, 1.0), 0.0, speed)
 
     def _complete_turns(self, before: RunSums, rates_before: Rates, now: RunSums, rates: Rates) -> None:
         start = self._turns[-1].angle_rad

@@ -8,6 +8,7 @@ from itertools import pairwise
 import pytest
 from crank_drives import PRESS_KLOSS, VIBRATION_CRANK_KLOSS
 
+from mech_twin.engine.run import frames
 from mech_twin.machines.drives import KlossMotor, kloss_motor_role, prescribed_speed_motor
 from mech_twin.parameters.load import machine, machine_parameters
 from mech_twin.parts.induction_motor import InductionMotorParameters, motor_constants
@@ -87,3 +88,16 @@ def test_a_motor_that_turns_the_crank_at_another_speed_than_the_figures_is_remar
     asked = machine_parameters(name).drive.speed_rpm
     assert remark.startswith(f"figures of a cycle and sizes are for drive.speed_rpm = {asked:g}; behind its gear")
     assert remark in size(name, machine_parameters(name, overrides=other), tolerance=0.0).binding
+
+
+@pytest.mark.parametrize("name", ["compaction_press", "vibration_crank"])
+@pytest.mark.parametrize("speed_rpm", [200.0, -200.0])
+def test_a_position_bears_the_friction_that_a_run_has_there(name, speed_rpm):
+    rubs = {"friction.coulomb_nm": 50.0, "friction.viscous_nms_per_rad": 0.5, "drive.speed_rpm": speed_rpm}
+    twin, peak = machine(name, overrides=rubs), machine(name, overrides=rubs).report()["drive_torque_peak_nm"]
+    shown = [key for key in twin.analyse(0.0) if key.startswith("drive_") and key.endswith(("_nm", "_w"))]
+    for frame in frames(twin, 0.3):
+        at, run = twin.analyse(frame.linkage.joint("crank").position), frame.forces.quantities.as_dict()
+        for key in shown:
+            told = run.get(key, run["drive_torque_nm"])
+            assert at[key] == pytest.approx(told, abs=1e-9 * peak * abs(twin.parameters.drive.speed_rpm))

@@ -83,7 +83,7 @@ def operating(parameters: CompactionPress) -> tuple[OperatingVariable, ...]:
 def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
     """Return every angle, speed, force and constant at crank angle ``f`` (rad) and rated constant speed."""
     press, stroke = press_constants(parameters)
-    w = parameters.drive.speed_rad_per_s
+    w, drag = parameters.drive.speed_rad_per_s, parameters.drag_nm
     at = position(press.bar, f)
     alpha, beta, gamma = acute_angles(at)
     by = motion(press.bar, press.crank, press.plate, press.pendulum, at, coefficients(at), w, 0.0)
@@ -112,10 +112,10 @@ def position_metrics(parameters: CompactionPress, f: float) -> dict[str, Any]:
         "pin_c_force_on_pendulum_n": (pins.c_x, pins.c_y),
         "working_force_n": now.force,
         "loaded_point_height_m": now.y,
-        "drive_torque_nm": pins.moment,
-        "drive_torque_reduced_nm": 0.5 * w * w * now.slope - now.moment,
-        "drive_power_w": pins.moment * w,
-        "drive_work_from_zero_j": gained + layer_work_on_the_way(press, stroke, f, 1.0 if w > 0.0 else -1.0),
+        "drive_torque_nm": pins.moment + drag,
+        "drive_torque_reduced_nm": 0.5 * w * w * now.slope - now.moment + drag,
+        "drive_power_w": (pins.moment + drag) * w,
+        "drive_work_from_zero_j": gained + drag * f + layer_work_on_the_way(press, stroke, f, 1.0 if w > 0.0 else -1.0),
         "kinetic_energy_j": kinetic,
         "i_pr_kg_m2": now.inertia,
         "i_pr_slope_kg_m2_per_rad": now.slope,

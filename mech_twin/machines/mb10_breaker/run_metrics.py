@@ -17,7 +17,16 @@ from collections import deque
 from collections.abc import Mapping
 from statistics import harmonic_mean
 
-from mech_twin.machines.crank_run import LAST, MotorDuty, MotorState, duty_after, duty_metrics, over_last, shaft_work_j
+from mech_twin.machines.crank_run import (
+    LAST,
+    MotorDuty,
+    MotorState,
+    duty_after,
+    duty_metrics,
+    in_step_state,
+    over_last,
+    shaft_work_j,
+)
 from mech_twin.machines.mb10_breaker.dynamics import Breaker
 from mech_twin.machines.mb10_breaker.impacts import blow_contact, fading
 from mech_twin.machines.mb10_breaker.metrics import blow_metrics, is_seated
@@ -25,7 +34,7 @@ from mech_twin.machines.mb10_breaker.parameters import BreakerParameters
 from mech_twin.machines.mb10_breaker.roles import PINS
 from mech_twin.machines.mb10_breaker.state import EventSide
 from mech_twin.parts.friction_and_gear import passed_on
-from mech_twin.parts.induction_motor import motor_constants, motor_torque
+from mech_twin.parts.induction_motor import motor_constants, motor_in_step, supplied_motor
 from mech_twin.samples import Coordinate, Event, ForceSample, Frame, LinkageSample
 
 COUNTED_ABOVE_M_PER_S = 1e-3  # slower returns to the collar are the tail of a chatter series and not counted
@@ -226,6 +235,7 @@ class BreakerObserver:
         self._time_s = self._work_j = 0.0
         self._efficiency = breaker.efficiency
         self._state: MotorState | None = None
+        self._in_step, self._began_s = supplied_motor(self._motor, 0.0), 0.0
         self._seen_blow = self._seen_body_blow = False
         self._joints: tuple[str, ...] | None = None
         self._crank_and_body = (0, 0)
@@ -234,6 +244,7 @@ class BreakerObserver:
         """Take the frames that follow as those of this breaker."""
         self._b, self._motor, tool = breaker, motor_constants(parameters.motor), parameters.tool
         self._stiffness, self._line = tool.contact_stiffness_n_per_m, tool.wave.life.line
+        self._step_s = parameters.coupling.step_s
 
     def observe(self, frame: Frame) -> None:
         """Take one frame into account: its events in their order, then the step's end."""
@@ -243,10 +254,10 @@ class BreakerObserver:
         happened = (*frame.linkage.events, *own)
         events = sorted(happened, key=lambda event: event.time_s) if happened else happened
         crank, body = (frame.linkage.velocity[place] for place in self._places(frame.linkage))
-        state = self._motor_state(crank, body, frame.motor.command)
+        state = self._motor_state(crank, body, frame.linkage.time_s)
         missed = self._missed_work(frame, state)
         for event in events:
-            self._run_motor_to(event, frame, missed)
+            self._run_motor_to(event, missed)
             self._take_event(event, frame)
         self._take_step(frame, state, missed)
         worst = self._worst
@@ -273,10 +284,12 @@ class BreakerObserver:
             found["steady_body_cycle_rate_hz"] = harmonic_mean(each["body_cycle_rate_hz"] for each in self._body_cycles)
         return found
 
-    def _motor_state(self, crank_speed: float, body_speed: float, command: float) -> MotorState:
-        speed = self._b.ratio * (crank_speed - self._b.frame_drive * body_speed)
-        field = command * self._motor.synchronous_speed_rad_per_s
-        return MotorState(motor_torque(self._motor, speed, command), speed, field - speed)
+    def _rotor_speed(self, crank_speed: float, body_speed: float) -> float:
+        return self._b.ratio * (crank_speed - self._b.frame_drive * body_speed)
+
+    def _motor_state(self, crank_speed: float, body_speed: float, time_s: float) -> MotorState:
+        speed = self._rotor_speed(crank_speed, body_speed)
+        return in_step_state(self._in_step, min(time_s - self._began_s, self._step_s), speed)
 
     def _places(self, linkage: LinkageSample) -> tuple[int, int]:
         """Return the indices of crank and body among the joints."""
@@ -292,11 +305,11 @@ class BreakerObserver:
         done, self._work_j = work - self._work_j, work
         if self._state is None or span <= 0.0:
             return 0.0
-        geared = self._b.ratio * frame.motor.effort[0], frame.linkage.effort[self._crank_and_body[0]]
+        geared = self._b.ratio * state.torque_nm, frame.linkage.effort[self._crank_and_body[0]]
         eta = self._efficiency = passed_on(*geared, self._efficiency)
         last, time_s = self._state, self._time_s
         sides = [
-            (event.time_s, self._across(event.pre, frame), self._across(event.post, frame))
+            (event.time_s, self._across(event.pre, event.time_s), self._across(event.post, event.time_s))
             for event in frame.linkage.events
             if event.pre
         ]
@@ -306,17 +319,17 @@ class BreakerObserver:
             last, time_s = after, until_s
         return (done / eta if linear > 0.0 else done * eta) / span
 
-    def _across(self, side: tuple[Coordinate, ...], frame: Frame) -> MotorState:
+    def _across(self, side: tuple[Coordinate, ...], time_s: float) -> MotorState:
         crank, body, *_ = side
-        return self._motor_state(crank.velocity, body.velocity, frame.motor.command)
+        return self._motor_state(crank.velocity, body.velocity, time_s)
 
-    def _run_motor_to(self, event: Event, frame: Frame, missed_w: float) -> None:
+    def _run_motor_to(self, event: Event, missed_w: float) -> None:
         """Add the motor's duty up to an event of the linkage."""
         if event.pre and self._state is not None:
             span = event.time_s - self._time_s
-            before = self._across(event.pre, frame)
+            before = self._across(event.pre, event.time_s)
             self._cycle.duty = duty_after(self._cycle.duty, self._state, before, span, missed_w * span)
-            self._state, self._time_s = self._across(event.post, frame), event.time_s
+            self._state, self._time_s = self._across(event.post, event.time_s), event.time_s
 
     def _take_event(self, event: Event, frame: Frame) -> None:
         tool = event.contact == "tool"
@@ -380,9 +393,13 @@ class BreakerObserver:
         if self._state is not None:
             span = frame.linkage.time_s - self._time_s
             self._cycle.duty = duty_after(self._cycle.duty, self._state, state, span, missed_w * span)
-        self._state, self._time_s = state, frame.linkage.time_s
-        crank, body = self._places(frame.linkage)
-        speeds = frame.linkage.velocity
+        linkage, motor = frame.linkage, frame.motor
+        crank, body = self._places(linkage)
+        speeds = linkage.velocity
+        rotor = self._rotor_speed(speeds[crank], speeds[body])
+        begun = motor_in_step(self._motor, linkage.command, rotor, motor.effort[0], motor.command, self._step_s)
+        self._in_step, self._state = begun, in_step_state(begun, 0.0, rotor)
+        self._time_s = self._began_s = linkage.time_s
         self._cycle.take_speed(speeds[crank] - speeds[body])
         self._cycle.take_forces(frame.forces)
         phi = frame.linkage.position[body] if frame.body is None else frame.body.joint("body").position

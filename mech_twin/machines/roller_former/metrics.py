@@ -194,15 +194,20 @@ def motor_metrics(turn: SteadyTurn, former: Former) -> dict[str, float]:
     }
 
 
+def power_at_rated_speed_w(parameters: RollerFormer, moment_nm: float) -> float:
+    """Return the power (W) that a mean moment of the carts (N m) and the friction of the shaft take at rated speed."""
+    speed, friction = parameters.rated_crank_speed_rad_per_s, parameters.friction
+    drag = friction.coulomb_nm + friction.viscous_nms_per_rad * speed
+    return (moment_nm + drag) * speed / parameters.drive.efficiency
+
+
 def former_metrics(parameters: RollerFormer, former: Former) -> dict[str, float]:
     """Return the summary: static moments, power, and, where the motor keeps the load up, the steady turn and the start.
 
     ``steady_1``, ``start_stalls_1`` and ``start_steady_1`` are 1 for yes; metrics that do not exist are left out.
     """
     metrics = moment_metrics(former)
-    metrics["power_required_w"] = (
-        metrics["moment_mean_nm"] * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
-    )
+    metrics["power_required_w"] = power_at_rated_speed_w(parameters, metrics["moment_mean_nm"])
     metrics["longest_coupling_step_s"] = longest_step_s(parameters)
     turn = steady_turn(former)
     metrics["steady_1"] = float(turn is not None)

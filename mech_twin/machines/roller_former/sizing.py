@@ -17,7 +17,7 @@ from mech_twin.capabilities.sizing import Constraint, Sizing, Table, binding_of
 from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import configuration_tree
 from mech_twin.errors import StudyError
-from mech_twin.machines.roller_former.metrics import moment_metrics, turn_metrics
+from mech_twin.machines.roller_former.metrics import moment_metrics, power_at_rated_speed_w, turn_metrics
 from mech_twin.machines.roller_former.parameters import SET_KEYS, RollerFormer, former_of
 from mech_twin.machines.roller_former.steady import start_up, steady_turn
 from mech_twin.parts.induction_motor import kloss_torque
@@ -59,9 +59,8 @@ class MotorVerdict:
 
 
 def power_required_w(parameters: RollerFormer) -> float:
-    """Return the required rated power (W): mean moment times rated crank speed over efficiency."""
-    mean = moment_metrics(former_of(parameters))["moment_mean_nm"]
-    return mean * parameters.rated_crank_speed_rad_per_s / parameters.drive.efficiency
+    """Return the required rated power (W): that of mean moment and shaft friction at the rated speed."""
+    return power_at_rated_speed_w(parameters, moment_metrics(former_of(parameters))["moment_mean_nm"])
 
 
 def motor_verdict(parameters: RollerFormer) -> MotorVerdict:

@@ -40,7 +40,7 @@ def build(p: VibrationCrank) -> Machine:
         None,
         lambda sample, _: drawing(s, sample),
         partial(cycle_metrics, p, s),
-        partial(position_metrics, s, p.drive.speed_rad_per_s),
+        partial(position_metrics, s, p.drive.speed_rad_per_s, p.drag_nm),
         partial(crank_run, p.motor_curve),
         mechanism(s),
         remarks=p.speed_remarks,

@@ -243,8 +243,8 @@ def cycle_metrics(parameters: VibrationCrank, s: SliderCrank) -> dict[str, float
     }
 
 
-def position_metrics(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
-    """Return coordinates, forces and moments at crank angle ``th`` (rad) and rated speed."""
+def position_metrics(s: SliderCrank, speed: float, drag: float, th: float) -> dict[str, Any]:
+    """Return coordinates, forces and moments at crank angle ``th`` (rad), rated speed and a friction ``drag`` (N m)."""
     at = follower(s, th)
     inertia, slope, load = reduced(s, th)
     forces = pin_forces(s, th, speed, 0.0)
@@ -260,11 +260,11 @@ def position_metrics(s: SliderCrank, speed: float, th: float) -> dict[str, Any]:
         "ground_force_n": (forces.ground_x, forces.ground_y),
         "ground_moment_nm": forces.ground_moment,
         "shaking_force_n": (forces.frame_x, forces.frame_y),
-        "drive_torque_nm": drive_moment(s, th, speed, 0.0),
-        "drive_torque_from_pins_nm": forces.moment,
-        "drive_work_from_zero_j": stored_energy(s, th, speed) - stored_energy(s, 0.0, speed),
+        "drive_torque_nm": drive_moment(s, th, speed, 0.0) + drag,
+        "drive_torque_from_pins_nm": forces.moment + drag,
+        "drive_work_from_zero_j": stored_energy(s, th, speed) - stored_energy(s, 0.0, speed) + drag * th,
         "kinetic_energy_j": 0.5 * inertia * speed * speed,
-        "drive_torque_without_counterweight_nm": drive_moment(s._replace(counter_mass=0.0), th, speed, 0.0),
+        "drive_torque_without_counterweight_nm": drive_moment(s._replace(counter_mass=0.0), th, speed, 0.0) + drag,
         "reduced_inertia_kg_m2": inertia,
         "reduced_inertia_slope_kg_m2_per_rad": slope,
         "reduced_moment_nm": load,

@@ -335,7 +335,7 @@ def crank_forces(
         load,
         e,
         torque,
-        drive_moment(model.unbalanced, th, w, e),
+        torque + drive_moment(model.unbalanced, th, w, e) - drive_moment(s, th, w, e),
         torque * w,
         at.frame_x,
         at.frame_y,

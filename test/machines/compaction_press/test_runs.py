@@ -80,6 +80,14 @@ def test_the_motor_is_loaded_as_its_curve_says():
     assert torque * 4.8 * 0.95 == pytest.approx(1.5 * numbers["turn_crank_speed_mean_rad_per_s"], rel=0.1)
 
 
+def test_torque_and_heat_of_a_start_do_not_depend_on_the_step():
+    """While the supply rises they are taken at the supply of each instant, not at that of the step's end."""
+    ramp = {**KLOSS, "supply.initial_fraction": 0.0, "flywheel.inertia_kg_m2": 2.0}
+    coarse, fine = (numbers_of({**ramp, "coupling.step_s": step_s}, 1.0)[1] for step_s in (0.002, 0.00025))
+    for name in ("motor_torque_nm", "motor_power_w", "motor_rms_torque_nm", "motor_rotor_loss_w"):
+        assert coarse[f"run_{name}"] == pytest.approx(fine[f"run_{name}"], rel=1e-3)
+
+
 @pytest.mark.parametrize("coulomb", [0.0, 5.0])
 def test_a_weak_motor_stalls_and_says_so(coulomb):
     """With friction it does not even lift the plate: one stall, and rest; without, it swings against the layer."""
@@ -99,9 +107,9 @@ def test_friction_is_in_the_force_analysis():
         assert abs(two.forces.residuals["drive_torque_routes"]) < 1e-10
 
 
-@pytest.mark.parametrize("speed_rpm", [300.0, -300.0])
-def test_work_at_a_position_is_the_integral_of_the_torque(speed_rpm):
-    press = machine("compaction_press", overrides={"drive.speed_rpm": speed_rpm})
+@pytest.mark.parametrize(("speed_rpm", "rubs_nm"), [(300.0, 0.0), (-300.0, 0.0), (-300.0, 20.0)])
+def test_work_at_a_position_is_the_integral_of_the_torque(speed_rpm, rubs_nm):
+    press = machine("compaction_press", overrides={"drive.speed_rpm": speed_rpm, "friction.coulomb_nm": rubs_nm})
     stroke, sign = press_constants(press.parameters)[1], np.sign(speed_rpm)
     entry = stroke.contact if sign > 0 else stroke.contact_reversed
 
@@ -117,7 +125,8 @@ def test_work_at_a_position_is_the_integral_of_the_torque(speed_rpm):
         )
         at = press.analyse(sign * way)
         assert at["drive_work_from_zero_j"] == pytest.approx(work, abs=1e-6)
-    assert work == pytest.approx(press.report()["work_per_cycle_j"], abs=1e-6)
+    layer = press.report()["work_per_cycle_j"]
+    assert work == pytest.approx(layer + 2.0 * pi * rubs_nm, abs=1e-6)
 
 
 def test_the_working_quarter_starts_at_180_degrees():

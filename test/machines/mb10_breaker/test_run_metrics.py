@@ -14,6 +14,7 @@ from mech_twin.machines.mb10_breaker.run_metrics import striker_energy
 from mech_twin.machines.mb10_breaker.state import breaker
 from mech_twin.parameters.live_change import ChangingMachine, live_changes
 from mech_twin.parameters.load import machine, machine_parameters
+from mech_twin.samples import EffortCommand
 from mech_twin.studies.simulation import RunMetrics, Simulation
 
 HALF_SINE = {
@@ -99,6 +100,25 @@ def test_means_do_not_depend_on_the_samples(together):
     for name in ("motor_torque_nm", "motor_power_w"):
         assert coarse[f"steady_{name}"] == pytest.approx(fine[f"steady_{name}"], rel=2e-5)
     assert coarse["steady_motor_rms_torque_nm"] == pytest.approx(fine["steady_motor_rms_torque_nm"], rel=5e-3)
+
+
+def test_means_of_the_motor_do_not_depend_on_the_step_while_the_supply_rises():
+    """Torque, power and heat are taken at the supply of each instant, not at that of the step's end."""
+    ramp = {"supply.initial_fraction": 0.0, "supply.rate_per_s": 0.45}
+    coarse, fine = (observed(2.0, **ramp | {"coupling.step_s": step_s})[2] for step_s in (0.002, 0.00025))
+    for name in ("motor_torque_nm", "motor_power_w", "motor_rms_torque_nm", "motor_rotor_loss_w"):
+        assert coarse[f"steady_{name}"] == pytest.approx(fine[f"steady_{name}"], rel=1e-5)
+
+
+def test_a_commanded_effort_is_the_mean_torque_and_heats_no_rotor():
+    twin = machine("mb10_breaker")
+    observer = twin.observer()
+    for frame in frames(twin, 3.0, target=lambda step: 1.0 if step < 1000 else EffortCommand(effort=3.0)):
+        observer.observe(frame)
+    found = observer.numbers()
+    assert found["steady_motor_torque_nm"] == pytest.approx(3.0, rel=1e-6)
+    assert found["steady_motor_rms_torque_nm"] == pytest.approx(3.0, rel=1e-6)
+    assert found["steady_motor_rotor_loss_w"] == 0.0
 
 
 def test_effective_torque_and_heat_are_shares_of_the_rating(together):

@@ -14,6 +14,7 @@ from mech_twin.machines.roller_former.sizing import (
     motor_verdict,
     power_required_w,
 )
+from mech_twin.machines.roller_former.steady import steady_turn
 from mech_twin.parameters.load import MOTOR_TABLE, table
 from mech_twin.parts.induction_motor import motor_torque
 
@@ -22,6 +23,14 @@ TABLE = table(MOTOR_TABLE)
 
 def test_power_is_mean_moment_times_rated_speed_over_efficiency():
     assert power_required_w(parameters_for(2)) == pytest.approx(2.0 * 453.404 * 102.1018 / 9.8 / 0.9, rel=1e-5)
+
+
+def test_the_motor_gives_what_the_friction_of_the_shaft_takes_too():
+    rubbed = parameters_for(2, {"friction.coulomb_nm": 100.0, "friction.viscous_nms_per_rad": 10.0})
+    turn = steady_turn(former_of(rubbed))
+    crank_w = 0.9 * power_required_w(rubbed) * turn.mean_speed_rad_per_s / rubbed.rated_crank_speed_rad_per_s
+    assert turn.works.motor_work_j / turn.turn_time_s == pytest.approx(crank_w, rel=5e-3)
+    assert not motor_verdict(rubbed).rated_enough
 
 
 def test_the_published_motor_suits_but_does_not_start_the_load():
