@@ -87,6 +87,14 @@ def test_the_counterweight_of_the_worst_case_is_the_best_of_the_worst():
         assert balance_at(parameters, other, corners).shaking_force_max_n >= worst * (1.0 - 1e-9)
 
 
+@pytest.mark.parametrize("rotating_kg", [7.55, None])
+def test_values_that_another_replaces_are_not_among_the_uncertain_ones(rotating_kg):
+    parameters = machine_parameters("vibration_crank", overrides=HUNG | {"masses.rotating_kg": rotating_kg})
+    uncertain = size("vibration_crank", parameters).uncertain
+    assert ("masses.crank_kg" in uncertain) is (rotating_kg is None)
+    assert ("masses.rotating_kg" in uncertain) is (rotating_kg is not None)
+
+
 def value_of(parameters, key):
     for name in key.split("."):
         parameters = getattr(parameters, name)

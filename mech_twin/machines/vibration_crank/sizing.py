@@ -27,12 +27,13 @@ OBJECTIVES = ("shaking_force_max_n", "drive_torque_peak_nm", "counterweight_mass
 USUAL_TOLERANCE = 0.05
 GRID = 100
 WORST_GRID = 10  # the worst case is convex, a grid only brackets it; every place costs all corners
+ROTATING_PARTS = ("masses.crank_kg", "masses.pin_kg", "masses.bearing_kg", "masses.lever_kg")
 # masses that only add up move together: their sums are largest where all are
 GROUPS = (
     ("masses.tree_kg", "masses.stand_kg"),
     ("masses.boom_kg", "masses.extra_kg"),
     ("masses.rod_kg",),
-    ("masses.crank_kg", "masses.pin_kg", "masses.bearing_kg", "masses.lever_kg", "masses.rotating_kg"),
+    (*ROTATING_PARTS, "masses.rotating_kg"),
     ("working_force_n",),
     ("drive.speed_rpm",),
 )
@@ -74,11 +75,16 @@ def balance_at(parameters: VibrationCrank, fraction: float, corners: tuple[Corne
     )
 
 
+def _varied_groups(parameters: VibrationCrank) -> list[list[str]]:
+    """Return the keys of the box that the machine depends on: a rotating mass replaces those of its parts."""
+    replaced = () if parameters.masses.rotating_kg is None else ROTATING_PARTS
+    there = [[key for key in group if key not in replaced and attrgetter(key)(parameters)] for group in GROUPS]
+    return [group for group in there if group]
+
+
 def box_corners(parameters: VibrationCrank, tolerance: float) -> tuple[Corner, ...]:
     """Return the corners of the box of assumed masses, force and speed; one if there is no tolerance."""
-    there = [[key for key in group if attrgetter(key)(parameters)] for group in GROUPS]
-    groups = [group for group in there if group]
-    corners = []
+    groups, corners = _varied_groups(parameters), []
     for signs in product((1.0 - tolerance, 1.0 + tolerance), repeat=len(groups)) if tolerance > 0.0 else [()]:
         factors = {key: sign for group, sign in zip(groups, signs, strict=False) for key in group}
         moved = scaled(parameters, factors)
@@ -151,5 +157,5 @@ def sizing(
         "; ".join((binding, *parameters.speed_remarks({}))),
         tuple({"balancing_fraction": i / 10.0, **balance_at(parameters, i / 10.0)._asdict()} for i in range(11)),
         tolerance,
-        tuple(key for group in GROUPS for key in group if attrgetter(key)(parameters)),
+        tuple(key for group in _varied_groups(parameters) for key in group),
     )
