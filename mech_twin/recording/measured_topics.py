@@ -23,11 +23,15 @@ from mech_twin.recording.errors import BagError, DecodeError
 
 Array = npt.NDArray[np.float64]
 JOINT_FIELDS = ("position", "velocity", "effort")
-SCALAR_TYPES: Mapping[str, tuple[str, ...]] = {
-    "geometry_msgs/msg/WrenchStamped": tuple(f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"),
+SCALAR_TYPES: Mapping[str, tuple[str, ...]] = {  # what turns a mechanism of one plane, about z, before the rest
+    "geometry_msgs/msg/WrenchStamped": (
+        *(f"wrench.force.{axis}" for axis in "xyz"),
+        *(f"wrench.torque.{axis}" for axis in "zxy"),
+    ),
     "geometry_msgs/msg/Vector3Stamped": ("vector.x", "vector.y", "vector.z"),
-    "sensor_msgs/msg/Imu": tuple(
-        f"{kind}.{axis}" for kind in ("angular_velocity", "linear_acceleration") for axis in "xyz"
+    "sensor_msgs/msg/Imu": (
+        *(f"angular_velocity.{axis}" for axis in "zxy"),
+        *(f"linear_acceleration.{axis}" for axis in "xyz"),
     ),
     "std_msgs/msg/Float64": ("data",),
     "std_msgs/msg/Float32": ("data",),
