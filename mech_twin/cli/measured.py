@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import compress
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,7 +25,7 @@ from mech_twin.cli.verbs import InfoVerb, ReplayVerb
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
-from mech_twin.measurements.measurement_map import MeasurementMap
+from mech_twin.measurements.measurement_map import MeasurementMap, TimeSource
 from mech_twin.measurements.model_turn import ModelTurn, following, model_turn, turning_column
 from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels, unknown_unit
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 TRUSTED = 0.9  # correlation from which the sign is believed
 MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
+QUIET = "constant at 0, or without a number"
 NOT_COMPARED = f"more than {MOST_SAMPLES} samples, not compared with the model"
 
 
@@ -82,16 +83,25 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     columns = machine_columns(built)
     with opened_run(measurements[0]) as reader:
         offered, time = reader.offered(), reader.proposed_time()
-        channels = proposed_channels(offered, columns)
+    quiet: list[ProposedChannel] = []
+    while True:
+        left_out = {each.source for each in quiet}
+        channels = proposed_channels([each for each in offered if each.source not in left_out], columns)
         proposed = map_of(built.name, time, channels)
+        if proposed is None and quiet:
+            raise CommandError(f"{measurements[0]}: every channel of {built.name} is {QUIET}; expected a motion")
         if proposed is None:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
             none = f"none of its channels has a name of {built.name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
-    qualities: dict[Path, tuple[Quality, ...]] = {}
-    for path in measurements:
-        with opened_run(path) as reader:
-            qualities[path] = tuple(channel_qualities(reader, proposed))
+        qualities = {path: _qualities(path, proposed) for path in measurements}
+        if time.stamps == "header" and any(each.unstamped for found in qualities.values() for each in found):
+            time = TimeSource(stamps="log")
+            continue
+        found = _quiet(channels, proposed, list(qualities.values()))
+        if not found:
+            break
+        quiet += found
     run, problems = None, [f"{measurements[0]}: {NOT_COMPARED}"]
     if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
         try:
@@ -105,17 +115,11 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
         channels, notes = _signed(channels, run, turn)
         problems += implausible(_with_signs(run, channels), turn, columns)
     runs = measurements if len(measurements) > 1 else ()
-    channels = _moving(channels, proposed, list(qualities.values()))
-    known = map_of(built.name, time, channels)
-    if known is None:
-        raise CommandError(f"{measurements[0]}: every channel of {built.name} is constant at 0; expected a motion")
+    known = map_of(built.name, time, channels) or proposed
     for each in channels:
         if each.surety > UNSURE and (unknown := unknown_unit(each)):
             problems.append(f"{each.source.label}: its unit {unknown}; {columns[each.column]} is assumed: give a gain")
-    kept = {channel.source for channel in known.channels}
-    chosen = [channel.source in kept for channel in proposed.channels]
-    qualities = {path: tuple(compress(each, chosen)) for path, each in qualities.items()}
-    text = map_text(built.name, time, channels, notes, columns, runs, [each.source for each in offered])
+    text = map_text(built.name, time, [*channels, *quiet], notes, columns, runs, [each.source for each in offered])
     return Proposal(text, known, qualities, problems)
 
 
@@ -127,13 +131,18 @@ def runs_of_map(map_file: Path | None, built: Machine, otherwise: str = "a bag o
     return [Path(run) for run in named]
 
 
-def _moving(
+def _qualities(path: Path, given: MeasurementMap) -> tuple[Quality, ...]:
+    with opened_run(path) as reader:
+        return tuple(channel_qualities(reader, given))
+
+
+def _quiet(
     channels: Sequence[ProposedChannel], proposed: MeasurementMap, runs: Sequence[Sequence[Quality]]
 ) -> list[ProposedChannel]:
-    """Return the channels, those marked unsure that are 0 throughout all runs: they tell nothing of the machine."""
-    ends = [[end for each in found for end in (each.low, each.high)] for found in zip(*runs, strict=True)]
-    zero = {channel.source for channel, each in zip(proposed.channels, ends, strict=True) if not any(each)}
-    return [replace(each, surety=UNSURE, reason="constant at 0") if each.source in zero else each for each in channels]
+    """Return, marked unsure, the channels of a map that tell nothing of the machine in any run."""
+    ends = [{end for each in found for end in (each.low, each.high)} for found in zip(*runs, strict=True)]
+    quiet = {of.source for of, each in zip(proposed.channels, ends, strict=True) if not any(map(isfinite, each - {0}))}
+    return [replace(each, surety=UNSURE, reason=QUIET) for each in channels if each.source in quiet]
 
 
 class NoNameError(CommandError):

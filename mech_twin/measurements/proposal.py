@@ -43,6 +43,9 @@ JOINT_WORDS: Mapping[str, tuple[str, ...]] = {
 }
 _TWIN_TOPICS = {"linkage": "joint_states", "motor": "motor/joint_states", "body": "body/joint_states"}
 _WRENCH = {"wrench.force.x": "force_x_n", "wrench.force.y": "force_y_n", "wrench.torque.z": "moment_nm"}
+_SI_OF_MESSAGE = {  # of every message with such a field, by the definition of its type
+    "wrench.force": "N", "wrench.torque": "N.m", "angular_velocity": "rad/s", "linear_acceleration": "m/s2",
+}  # fmt: skip
 _FIELD_OF_SI = {
     "rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity", "N.m": "effort", "N": "effort",
     "A": "effort",
@@ -89,7 +92,9 @@ def _best(offered: SourceColumn, columns: Mapping[str, str]) -> ProposedChannel 
 def _rated(offered: SourceColumn, column: str, si: str) -> tuple[int, float, str]:  # noqa: PLR0911
     """Return the certainty that a channel is a column, the similarity of their names, and the reason."""
     source, parts = offered.source, joint_column(column)
-    if offered.unit is not None and offered.unit not in SCALED_BY_GAIN and UNITS[offered.unit].si != si:
+    told = None if offered.unit is None else UNITS[offered.unit].si
+    told = told or _SI_OF_MESSAGE.get((source.field or "").rpartition(".")[0])
+    if told is not None and told not in SCALED_BY_GAIN and told != si:
         return 0, 0.0, ""
     if source.column == column:
         return EXACT, 1.0, "the very name"

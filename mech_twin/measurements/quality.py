@@ -41,6 +41,11 @@ class Quality(NamedTuple):
     high: float
     span_s: float
 
+    @property
+    def unstamped(self) -> bool:
+        """Whether all samples have one and the same stamp, as of a publisher that leaves the header out."""
+        return self.samples >= FEW_SAMPLES and self.repeats == self.samples - 1
+
     def flaws(self) -> list[str]:
         """Return the flaws of the channel, a phrase each."""
         if self.samples < FEW_SAMPLES:

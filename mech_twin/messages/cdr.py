@@ -15,6 +15,7 @@ its columns stay the same; any other message goes to that converter.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -99,6 +100,7 @@ def row_layout(names: tuple[str, ...], frame: str = "") -> tuple[bytes, struct.S
     return _layout(names, (len(names),) * 3, frame)
 
 
+@lru_cache(maxsize=MOST_LAYOUTS)
 def _layout(names: tuple[str, ...], counts: tuple[int, ...], frame: str) -> tuple[bytes, struct.Struct]:
     """Return the same for columns of any lengths."""
     block = words(frame) + struct.pack("<I", len(names)) + words(*names) + struct.pack("<I", counts[0])
@@ -175,6 +177,17 @@ def _converted(raw: bytes) -> StepMessage:
     stamp, name = message.header.stamp, tuple(message.name)
     header = Header(Stamp(stamp.sec, stamp.nanosec), message.header.frame_id)
     return StepMessage(header, name, tuple(message.position), tuple(message.velocity), tuple(message.effort), raw)
+
+
+def joint_state_bytes(time_s: float, names: tuple[str, ...], columns: Sequence[Sequence[float]]) -> bytes:
+    """Return positions, velocities and efforts as CDR of a JointState; a column may be empty.
+
+    Nothing stands behind the last column, where the middleware's converter may leave bytes.
+    """
+    block, form = _layout(names, tuple(map(len, columns)), "")
+    positions, velocities, efforts = columns
+    numbers = form.pack(*positions, len(velocities), *velocities, len(efforts), *efforts)
+    return b"".join((HEAD, STAMP.pack(*stamp_of(time_s)), block, numbers))
 
 
 def encoded(message: StepMessage) -> bytes:

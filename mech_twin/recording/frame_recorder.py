@@ -16,7 +16,7 @@ from std_msgs.msg import Float64, String
 from mech_twin.capabilities.mechanism import urdf
 from mech_twin.engine.trajectory import frame_events
 from mech_twin.messages import impacts, scene, topics
-from mech_twin.messages.cdr import stamped_bytes, wrench_bytes
+from mech_twin.messages.cdr import joint_state_bytes, stamped_bytes, wrench_bytes
 from mech_twin.messages.scene import TOOL_FRAME, frame_id, transforms
 from mech_twin.messages.step_message import CODECS, REVISION, Row, StepCodec, set_stamp
 from mech_twin.messages.step_message import body as body_messages
@@ -79,26 +79,25 @@ class SensorRecorder(Closing):
 
     def write(self, time_s: float, fields: Sequence[TopicField], values: Sequence[float]) -> None:
         """Record one message: fields of one topic at one stamp (s), which is also the log time."""
-        topic = fields[0].topic
+        topic, now_ns = fields[0].topic, round(time_s * 1e9)
+        if self._kinds[topic] is JointState:
+            self._writer.write(topic, _joint_state(time_s, fields, values), now_ns, now_ns)
+            return
         message = self._kinds[topic]()
         if hasattr(message, "header"):
             set_stamp(message.header, time_s)
-        if isinstance(message, JointState):
-            _fill_joints(message, fields, values)
-        else:
-            for item, value in zip(fields, values, strict=True):
-                _fill(message, item, value)
-        now_ns = round(time_s * 1e9)
+        for item, value in zip(fields, values, strict=True):
+            _fill(message, item, value)
         self._writer.write(topic, serialize_message(message), now_ns, now_ns)
 
 
-def _fill_joints(message: JointState, fields: Sequence[TopicField], values: Sequence[float]) -> None:
-    """Fill a JointState; a field that only some of its joints have is NaN for the others."""
-    message.name = list(dict.fromkeys(item.joint or "" for item in fields))
+def _joint_state(time_s: float, fields: Sequence[TopicField], values: Sequence[float]) -> bytes:
+    """Return a JointState; a field that only some of its joints have is NaN for the others."""
+    names, columns = tuple(dict.fromkeys(item.joint or "" for item in fields)), list[Sequence[float]]()
     for column in JOINT_FIELDS:
         known = {item.joint: value for item, value in zip(fields, values, strict=True) if item.field == column}
-        if known:
-            setattr(message, column, [known.get(name, float("nan")) for name in message.name])
+        columns.append([known.get(name, float("nan")) for name in names] if known else ())
+    return joint_state_bytes(time_s, names, columns)
 
 
 def _fill(message: Any, item: TopicField, value: float) -> None:

@@ -23,11 +23,15 @@ from mech_twin.recording.errors import BagError, DecodeError
 
 Array = npt.NDArray[np.float64]
 JOINT_FIELDS = ("position", "velocity", "effort")
-SCALAR_TYPES: Mapping[str, tuple[str, ...]] = {
-    "geometry_msgs/msg/WrenchStamped": tuple(f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"),
+SCALAR_TYPES: Mapping[str, tuple[str, ...]] = {  # what turns a mechanism of one plane, about z, before the rest
+    "geometry_msgs/msg/WrenchStamped": (
+        *(f"wrench.force.{axis}" for axis in "xyz"),
+        *(f"wrench.torque.{axis}" for axis in "zxy"),
+    ),
     "geometry_msgs/msg/Vector3Stamped": ("vector.x", "vector.y", "vector.z"),
-    "sensor_msgs/msg/Imu": tuple(
-        f"{kind}.{axis}" for kind in ("angular_velocity", "linear_acceleration") for axis in "xyz"
+    "sensor_msgs/msg/Imu": (
+        *(f"angular_velocity.{axis}" for axis in "zxy"),
+        *(f"linear_acceleration.{axis}" for axis in "xyz"),
     ),
     "std_msgs/msg/Float64": ("data",),
     "std_msgs/msg/Float32": ("data",),
@@ -38,6 +42,7 @@ STAMP = "stamp"  # the field that is the time of the message
 SAMPLES_PER_BLOCK = 4096
 EPOCH_NS = 10**15
 SECOND_NS = 10**9
+JOINTS_WITHIN_NS = 2 * SECOND_NS  # of a topic, in which all of its publishers have told their joints
 OF_SHADOW = "/twin/"  # part of the topics that a shadow publishes
 BOOKKEEPING = "~"  # first character of names in a step message that are not joints
 
@@ -160,27 +165,38 @@ class MeasuredTopics:
         self._decoder = MessageDecoder(reader.topics)
 
     def fields(self) -> list[TopicField]:
-        """Return every field of the known types; the joints are those of the first message of a topic."""
-        found: list[TopicField] = []
+        """Return every field of the known types; the joints are those of the first seconds of a topic."""
         joints = {name for name, about in self._reader.topics.items() if about.type_name == JOINT_STATE}
         waiting = {name for name in joints if self._reader.topics[name].message_count}
+        found: dict[TopicField, None] = {}
+        shapes, looked = set[tuple[object, ...]](), dict[str, int]()
         for message in self._reader.messages(sorted(waiting)) if waiting else ():
-            if message.topic not in waiting:
-                continue
-            waiting.discard(message.topic)
-            content = self._decoder.decode(message)
-            found += [
-                TopicField(message.topic, joint, field)
-                for place, joint in enumerate(content.name)
-                for field in JOINT_FIELDS
-                if not joint.startswith(BOOKKEEPING) and place < len(getattr(content, field))
-            ]
+            waiting -= {topic for topic, end_ns in looked.items() if message.log_time_ns > end_ns}
             if not waiting:
                 break
+            if message.topic not in waiting:
+                continue
+            try:
+                content = self._decoder.decode(message)
+            except DecodeError:
+                if message.topic in looked:  # readable until here: told to whoever asks for these numbers
+                    continue
+                raise
+            looked.setdefault(message.topic, message.log_time_ns + JOINTS_WITHIN_NS)
+            lengths = [len(getattr(content, field)) for field in JOINT_FIELDS]
+            shape = (message.topic, *content.name, *lengths)
+            if shape not in shapes:
+                shapes.add(shape)
+                found |= dict.fromkeys(
+                    TopicField(message.topic, joint, field)
+                    for place, joint in enumerate(content.name)
+                    for field, length in zip(JOINT_FIELDS, lengths, strict=True)
+                    if not joint.startswith(BOOKKEEPING) and place < length
+                )
         for name, about in self._reader.topics.items():
             if about.message_count:
-                found += [TopicField(name, None, field) for field in SCALAR_TYPES.get(about.type_name, ())]
-        return found
+                found |= dict.fromkeys(TopicField(name, None, field) for field in SCALAR_TYPES.get(about.type_name, ()))
+        return list(found)
 
     def blocks(self, wanted: Sequence[TopicField], *, by_header: bool) -> Iterator[FieldBlock]:
         """Yield the samples of these fields.

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from command_line import mech_twin
 
+from mech_twin import simulate
 from mech_twin.cli import measured
 
 pytest.importorskip("pyarrow")
@@ -115,6 +116,45 @@ def test_a_bag_of_the_twin_identifies_its_own_keys_and_its_dead_columns_are_not_
     assert "is: forces.guide.force_x_n" in told
     assert "#   is: forces.guide.moment_nm" in told
     assert sum("motor.motor.velocity: left out" in line for line in told) == 1
+
+
+def plain_bag(directory: Path, stamped: bool) -> Path:
+    """Write a crank, a slider without efforts and a load cell about the shaft, as robots publish them."""
+    from geometry_msgs.msg import WrenchStamped
+    from rclpy.serialization import serialize_message
+    from recordings import Entry, written_bag
+    from sensor_msgs.msg import JointState
+
+    entries = list[Entry]()
+    for step, sample in enumerate(simulate("vibration_crank", 1.0).samples.to_pandas().to_dict("records")):
+        state, cell, log_ns = JointState(), WrenchStamped(), 1_700_000_000 * 10**9 + step * 10**6
+        state.name, state.effort = ["wheel", "ram"], [float("nan")] * 2
+        state.position, state.velocity = ([sample[f"linkage.{of}.{field}"] for of in ("crank", "slider")]
+                                          for field in ("position", "velocity"))  # fmt: skip
+        cell.wrench.force.x, cell.wrench.torque.z = sample["forces.shaking_force_y_n"], sample["linkage.crank.effort"]
+        for topic, message in (("/plant/states", state), ("/plant/crank_cell", cell)):
+            if stamped:
+                message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 10**9)
+            kind = type(message).__name__
+            package = "sensor_msgs" if message is state else "geometry_msgs"
+            entries.append(Entry(topic, f"{package}/msg/{kind}", log_ns, serialize_message(message)))
+    return written_bag(directory, entries)
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_column_without_numbers_or_stamps_or_of_another_quantity_is_not_proposed(
+    stamped: bool, tmp_path: Path
+) -> None:
+    bag = plain_bag(tmp_path / "bag", stamped)
+    found = mech_twin("map", bag, "vibration_crank", "--json")
+    assert found.code == 0, found.err
+    document = json.loads(found.out)
+    proposed = yaml.safe_load(document["map"])
+    assert proposed["time"]["stamps"] == ("header" if stamped else "log")
+    assert document["problems"] == []  # a column of NaN is not in the map, so that the rest of it is judged
+    torques = [each["source"]["field"] for each in proposed["channels"] if each["is"] == "linkage.crank.effort"]
+    assert torques == ["wrench.torque.z"]  # N m; neither the NaN efforts of the states, nor a force in N
+    assert not any("effort" in str(each["source"]) for each in proposed["channels"])
 
 
 def test_a_table_of_every_sample_holds_the_run(tmp_path: Path) -> None:

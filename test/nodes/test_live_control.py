@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from pathlib import Path
 from typing import Literal, get_args, get_origin
 
 import pytest
@@ -16,8 +17,10 @@ from std_srvs.srv import SetBool, Trigger
 
 from mech_twin.engine.run import frames
 from mech_twin.messages.topics import SPEED_COMMAND
+from mech_twin.nodes.roles.recorder_node import RecorderNode
 from mech_twin.parameters.description import description
 from mech_twin.parameters.errors import keys
+from mech_twin.recording.bag_reader import BagReader
 
 pytestmark = pytest.mark.usefixtures("ros_domain")
 CRANK = "vibration_crank"
@@ -82,6 +85,22 @@ def test_a_pause_takes_no_step_and_leaves_the_run_as_it_would_have_been() -> Non
         alone = [frame.linkage for frame in frames(built(CRANK), 0.05)]
         for sample in run.samples[: len(alone)]:
             assert sample.position == alone[sample.step].position
+
+
+def test_a_recording_of_a_paused_run_counts_nothing_as_late(tmp_path: Path) -> None:
+    with BenchRun(CRANK, recorder=True) as run:
+        recorder = RecorderNode(CRANK, tmp_path / "bag", built(CRANK).parameters, run.options)
+        run.add(recorder)
+        run.steps(20)
+        assert run.call(SetBool, "pause", SetBool.Request(data=True)).success
+        run.until(lambda: recorder.statistics.total["step/linkage", "repeated"] > 0)  # a waiting run repeats its step
+        assert run.call(SetBool, "pause", SetBool.Request(data=False)).success
+        run.steps(20)
+        run.linkage.done = True
+        run.spin_for(0.2)
+    with BagReader(tmp_path / "bag") as reader:
+        counters = reader.info.counters
+        assert {(row["late"], row["missed"], row["dropped"]) for row in counters.values()} == {(0, 0, 0)}
 
 
 def test_a_live_parameter_takes_effect_at_the_next_step_in_all_roles() -> None:

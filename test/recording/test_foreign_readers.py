@@ -22,7 +22,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from mech_twin.recording.bag_reader import BagReader
-from mech_twin.recording.measured_topics import MessageDecoder
+from mech_twin.recording.frame_recorder import SensorRecorder
+from mech_twin.recording.measured_topics import MessageDecoder, TopicField
 from mech_twin.recording.recovery import recover
 
 STEPS = 300
@@ -119,6 +120,21 @@ def test_rosbags_any_reader(either: Path, paths: str) -> None:
     with AnyReader([opened], default_typestore=store) as reader:
         assert {topic: info.msgcount for topic, info in reader.topics.items()} == counts(STEPS)
         check((c.topic, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages())
+
+
+@pytest.mark.parametrize("column", ["position", "velocity", "effort"])
+def test_a_reader_of_another_hand_reads_sensors_that_measure_one_column(column: str, tmp_path: Path) -> None:
+    field = TopicField("/plant/wheel", "main_shaft", column)
+    with SensorRecorder(tmp_path / "bag", [field]) as recorder:
+        for step in range(200):  # memory used before stays behind in the middleware's buffer
+            recorder.write(0.001 * step, [field], [0.1 * step])
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(tmp_path / "bag") as reader:
+        found = [store.deserialize_cdr(raw, connection.msgtype) for connection, _, raw in reader.messages()]
+    shown = [tuple(len(getattr(each, name)) for name in ("position", "velocity", "effort")) for each in found]
+    assert set(shown) == {tuple(int(name == column) for name in ("position", "velocity", "effort"))}
+    assert [float(getattr(each, column)[0]) for each in found] == [0.1 * step for step in range(200)]
+    assert [each.header.stamp.nanosec for each in found] == [10**6 * step for step in range(200)]
 
 
 def test_rosbags_reader(either: Path) -> None:

@@ -168,3 +168,17 @@ def test_stamps_stand_in_the_order_of_the_file_whatever_was_done_to_the_log_cloc
         (by_log,) = topics.blocks([wanted], by_header=False)
     assert by_header.times_s.round(9).tolist() == by_header.values.tolist() == list(range(20))
     assert by_log.times_s.tolist() == sorted(by_log.times_s.tolist())
+
+
+@pytest.mark.parametrize("begins", [[], ["wheel"]])
+def test_every_joint_that_a_topic_tells_within_two_seconds_is_offered(begins: list[str], tmp_path: Path) -> None:
+    told = [begins, ["wheel"], ["ram"], ["wheel"], ["ram", "late"]]  # two drivers on one topic, the first starts empty
+    with BagWriter(tmp_path / "bag", configuration="") as writer:
+        writer.add_topic("/joint_states", JOINT_STATE)
+        for number, joints in enumerate(told):
+            sent = JointState(name=joints, position=[1.0] * len(joints), effort=[1.0] * len(joints))
+            writer.write("/joint_states", bytes(serialize_message(sent)), number * 600_000_000, 0)
+    with BagReader(tmp_path / "bag") as reader:
+        offered = measured_topics.MeasuredTopics(reader).fields()
+    expected = [(joint, field) for joint in ("wheel", "ram") for field in ("position", "effort")]
+    assert [(each.joint, each.field) for each in offered] == expected  # each once

@@ -298,7 +298,7 @@ class RecorderNode(TwinNode):
         if fault is not None:
             if fault.kind == "missing":
                 self.writer.count_missed(name, fault.number)
-            else:
+            elif fault.kind == "late":  # a waiting run repeats its step, which loses nothing
                 self.writer.count_late(name)
             self.statistics.count(topic.name, fault.kind, fault.reason, fault.number)
 
