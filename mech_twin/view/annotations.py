@@ -361,7 +361,7 @@ class Banner:
             count = len(self._body)
             mean_n = sum(force for _, force, _ in self._body) / count
             percent = 100.0 * sum(rests for *_, rests in self._body) / count
-            found.append(Card("pressing force", with_prefix(mean_n, "N"), "pressing force", mean_n, "N"))
+            found.append(Card("mean pressing force", with_prefix(mean_n, "N"), "mean pressing force", mean_n, "N"))
             found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
             name, mean_w = "mean drive power", self._mean_power_w()

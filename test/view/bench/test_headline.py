@@ -136,12 +136,12 @@ def test_pressing_force_and_contact_share_are_those_of_the_last_two_seconds():
     recent = [frame.body for frame in run if frame.body.time_s >= run[-1].body.time_s - RECENT_S]
     cards = {card.key: card for card in banner.cards()}
     mean_n = sum(body.pressing_force_n for body in recent) / len(recent)
-    assert cards["pressing force"].value == pytest.approx(mean_n, rel=1e-12)
+    assert cards["mean pressing force"].value == pytest.approx(mean_n, rel=1e-12)
     assert min(body.pressing_force_n for body in recent) < mean_n < max(body.pressing_force_n for body in recent)
     resting = [body for body in recent if machine.body.regimes[body.regime] == "rest"]
     assert 0 < len(resting) < len(recent)
     assert cards["contact share"].value == pytest.approx(100.0 * len(resting) / len(recent), rel=1e-12)
-    assert cards["pressing force"].shown.endswith(" N")
+    assert cards["mean pressing force"].shown.endswith(" N")
 
 
 class NotedLink:
