@@ -168,7 +168,7 @@ _raised: list[int] = []
 
 
 def raised_signal() -> int:
-    """Return the signal that was last raised as an exception, 0 without one.
+    """Return the signal that was last raised as an exception since `interruptible` began, 0 without one.
 
     A C library that calls Python may raise an error of its own in the place of that exception.
     """
@@ -179,6 +179,7 @@ def raised_signal() -> int:
 def interruptible() -> Iterator[None]:
     """Raise KeyboardInterrupt on SIGINT, and SystemExit 128 + N on SIGTERM and SIGHUP, where that is safe."""
     before = _handled(_raise)
+    _raised.clear()
     try:
         yield
     finally:
