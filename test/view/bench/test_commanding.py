@@ -74,9 +74,15 @@ class Told:
         raise AssertionError(self.asked)
 
 
+@pytest.fixture(scope="module")
+def bench():
+    with StartedBench() as found:  # it hands out the page alone: what it would be told goes to the test
+        yield found
+
+
 @pytest.fixture
-def told(browser):
-    with StartedBench() as bench, opened(browser, "about:blank", shows=False) as page:
+def told(browser, bench):
+    with opened(browser, "about:blank", shows=False) as page:
         found = Told(page)
         page.goto(bench.url)
         page.wait_for_function("() => window.bench.shown === 2")
