@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import compress
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -25,7 +26,7 @@ from mech_twin.cli.verbs import InfoVerb, ReplayVerb
 from mech_twin.engine.trajectory import StepSamples
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
-from mech_twin.measurements.measurement_map import MeasurementMap, TimeSource
+from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource
 from mech_twin.measurements.model_turn import ModelTurn, following, model_turn, turning_column
 from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels, unknown_unit
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
 
 TRUSTED = 0.9  # correlation from which the sign is believed
 MOST_SAMPLES = 2_000_000  # of a run that is compared with the model
-QUIET = "constant at 0, or without a number"
 NOT_COMPARED = f"more than {MOST_SAMPLES} samples, not compared with the model"
 
 
@@ -83,25 +83,25 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
     columns = machine_columns(built)
     with opened_run(measurements[0]) as reader:
         offered, time = reader.offered(), reader.proposed_time()
-    quiet: list[ProposedChannel] = []
+    empty: list[ProposedChannel] = []
     while True:
-        left_out = {each.source for each in quiet}
+        left_out = {each.source for each in empty}
         channels = proposed_channels([each for each in offered if each.source not in left_out], columns)
         proposed = map_of(built.name, time, channels)
-        if proposed is None and quiet:
-            raise CommandError(f"{measurements[0]}: every channel of {built.name} is {QUIET}; expected a motion")
+        if proposed is None and empty:
+            raise CommandError(f"{measurements[0]}: no channel of {built.name} holds a number; expected a motion")
         if proposed is None:
             names = ", ".join(repr(each.source.label) for each in offered[:12]) or "none"
             none = f"none of its channels has a name of {built.name}; they are {names}"
             raise NoNameError(f"{measurements[0]}: {none}; write the map by hand")
         qualities = {path: _qualities(path, proposed) for path in measurements}
+        ends = _ends(proposed, list(qualities.values()))
         if time.stamps == "header" and any(each.unstamped for found in qualities.values() for each in found):
             time = TimeSource(stamps="log")
-            continue
-        found = _quiet(channels, proposed, list(qualities.values()))
-        if not found:
+        elif found := [each for each in channels if each.source in ends and not any(map(isfinite, ends[each.source]))]:
+            empty += [replace(each, surety=UNSURE, reason="without a number") for each in found]
+        else:
             break
-        quiet += found
     run, problems = None, [f"{measurements[0]}: {NOT_COMPARED}"]
     if sum(quality.samples for quality in qualities[measurements[0]]) <= MOST_SAMPLES:
         try:
@@ -115,11 +115,18 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
         channels, notes = _signed(channels, run, turn)
         problems += implausible(_with_signs(run, channels), turn, columns)
     runs = measurements if len(measurements) > 1 else ()
-    known = map_of(built.name, time, channels) or proposed
+    zero = {source for source, each in ends.items() if not any(each)}  # such a channel tells nothing of the machine
+    channels = [replace(c, surety=UNSURE, reason="constant at 0") if c.source in zero else c for c in channels]
+    known = map_of(built.name, time, channels)
+    if known is None:
+        raise CommandError(f"{measurements[0]}: every channel of {built.name} is constant at 0; expected a motion")
     for each in channels:
         if each.surety > UNSURE and (unknown := unknown_unit(each)):
             problems.append(f"{each.source.label}: its unit {unknown}; {columns[each.column]} is assumed: give a gain")
-    text = map_text(built.name, time, [*channels, *quiet], notes, columns, runs, [each.source for each in offered])
+    kept = {channel.source for channel in known.channels}
+    chosen = [channel.source in kept for channel in proposed.channels]
+    qualities = {path: tuple(compress(each, chosen)) for path, each in qualities.items()}
+    text = map_text(built.name, time, [*channels, *empty], notes, columns, runs, [each.source for each in offered])
     return Proposal(text, known, qualities, problems)
 
 
@@ -136,13 +143,10 @@ def _qualities(path: Path, given: MeasurementMap) -> tuple[Quality, ...]:
         return tuple(channel_qualities(reader, given))
 
 
-def _quiet(
-    channels: Sequence[ProposedChannel], proposed: MeasurementMap, runs: Sequence[Sequence[Quality]]
-) -> list[ProposedChannel]:
-    """Return, marked unsure, the channels of a map that tell nothing of the machine in any run."""
-    ends = [{end for each in found for end in (each.low, each.high)} for found in zip(*runs, strict=True)]
-    quiet = {of.source for of, each in zip(proposed.channels, ends, strict=True) if not any(map(isfinite, each - {0}))}
-    return [replace(each, surety=UNSURE, reason=QUIET) for each in channels if each.source in quiet]
+def _ends(proposed: MeasurementMap, runs: Sequence[Sequence[Quality]]) -> dict[Source, list[float]]:
+    """Return the least and greatest value of each channel of a map in each run."""
+    ends = ([end for each in found for end in (each.low, each.high)] for found in zip(*runs, strict=True))
+    return {channel.source: each for channel, each in zip(proposed.channels, ends, strict=True)}
 
 
 class NoNameError(CommandError):

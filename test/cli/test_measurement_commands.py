@@ -36,6 +36,7 @@ SENSORS: dict[str, Any] = {
         },
     ],
 }  # fmt: skip
+BAG = Path(__file__).resolve().parents[2] / "bags" / "mb10_breaker"
 CRANK, SLIDER = "linkage.crank.position", "linkage.slider.position"
 
 
@@ -155,6 +156,13 @@ def test_a_column_without_numbers_or_stamps_or_of_another_quantity_is_not_propos
     torques = [each["source"]["field"] for each in proposed["channels"] if each["is"] == "linkage.crank.effort"]
     assert torques == ["wrench.torque.z"]  # N m; neither the NaN efforts of the states, nor a force in N
     assert not any("effort" in str(each["source"]) for each in proposed["channels"])
+
+
+def test_a_channel_that_is_zero_throughout_leaves_its_place_to_no_other() -> None:
+    """No torque acts on the rocker: its effort is 0, and a force of a pin is none."""
+    proposed = yaml.safe_load(json.loads(mech_twin("map", BAG, "mb10_breaker", "--json").out)["map"])
+    assert "linkage.crank.effort" in {each["is"] for each in proposed["channels"]}
+    assert "linkage.rocker.effort" not in {each["is"] for each in proposed["channels"]}
 
 
 def test_a_table_of_every_sample_holds_the_run(tmp_path: Path) -> None:
