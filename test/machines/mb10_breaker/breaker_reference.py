@@ -16,7 +16,7 @@ import cmath
 import itertools
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,6 +66,12 @@ class ReferenceMotion(NamedTuple):
     blows: Array
 
 
+def _shares(whole: complex, a: complex, b: complex) -> tuple[float, float]:
+    """Return x and y of whole = x a + y b."""
+    across = (a.conjugate() * b).imag
+    return (whole.conjugate() * b).imag / across, (a.conjugate() * whole).imag / across
+
+
 class BreakerReference:
     """The machine of these parameters, crank and body free, supply at rated frequency from the start."""
 
@@ -73,7 +79,7 @@ class BreakerReference:
         self._p = p = parameters
         link = p.linkage
         self._on_frame = p.drive_mount == "frame"
-        self._coulomb = np.array([p.friction.coulomb_nm, p.body.friction.coulomb_nm])
+        self._coulomb = (p.friction.coulomb_nm, p.body.friction.coulomb_nm)
         self._own = link.rocker_mass_kg * (link.rocker_centroid_along_m**2 + link.rocker_centroid_across_m**2)
         angles = np.linspace(0.0, 2.0 * math.pi, 721)
         rates = [self._rocker(q)[1] for q in angles]
@@ -107,12 +113,9 @@ class BreakerReference:
         beta, joint = min(candidates, key=lambda c: c[1].imag)
         gamma = cmath.phase(joint - ground)
         b, c = k.coupler_m * cmath.exp(1j * beta), k.rocker_m * cmath.exp(1j * gamma)
-        matrix = np.array([[(1j * b).real, -(1j * c).real], [(1j * b).imag, -(1j * c).imag]])
-        first = -1j * pin
-        b1, c1 = np.linalg.solve(matrix, [first.real, first.imag])
-        second = pin + b * b1**2 - c * c1**2
-        b2, c2 = np.linalg.solve(matrix, [second.real, second.imag])
-        return pin, (beta, float(b1), float(b2)), (gamma, float(c1), float(c2))
+        b1, c1 = _shares(-1j * pin, 1j * b, -1j * c)
+        b2, c2 = _shares(pin + b * b1**2 - c * c1**2, 1j * b, -1j * c)
+        return pin, (beta, b1, b2), (gamma, c1, c2)
 
     def links(self, q: float) -> tuple[ReferenceLink, ReferenceLink, ReferenceLink]:
         """Return crank, coupler and rocker at a crank angle."""
@@ -136,22 +139,27 @@ class BreakerReference:
 
     def mass_and_bias(self, q: float, u: float, phi: float, p: float) -> tuple[Array, Array]:
         """Return the mass matrix, and what inertia and weights ask of both coordinates at no acceleration (N m)."""
-        mass, bias = np.zeros((2, 2)), np.zeros(2)
+        m_qq, m_qp, m_pp, of_crank, of_body = self._inertia(q, u, phi, p)
+        return np.array([[m_qq, m_qp], [m_qp, m_pp]]), np.array([of_crank, of_body])
+
+    def _inertia(self, q: float, u: float, phi: float, p: float) -> tuple[float, float, float, float, float]:
+        """Return the three different numbers of the mass matrix, and both of the bias."""
+        ratio, rotor = self._p.gear.ratio, self._p.motor.rotor_inertia_kg_m2
+        by_body = -ratio if self._on_frame else 1.0
+        m_qq, m_qp = rotor * ratio * ratio, rotor * ratio * by_body
+        m_pp = rotor * by_body * by_body + self._p.body.inertia_kg_m2
+        of_crank = of_body = 0.0
         down = -1j * self._p.gravity_m_per_s2 * cmath.exp(1j * phi)
         for k in self.links(q):
-            by = (k.r1, -1j * k.r)
-            turn = (k.turn1, -1.0)
-            drift = k.r2 * u * u - 2j * k.r1 * u * p - k.r * p * p
-            spin = k.turn2 * u * u
-            for i in range(2):
-                for j in range(2):
-                    mass[i, j] += k.mass_kg * (by[i].conjugate() * by[j]).real + k.inertia_kg_m2 * turn[i] * turn[j]
-                bias[i] += k.mass_kg * (by[i].conjugate() * (drift - down)).real + k.inertia_kg_m2 * spin * turn[i]
-        ratio, rotor = self._p.gear.ratio, self._p.motor.rotor_inertia_kg_m2
-        by_rotor = np.array([ratio, -ratio]) if self._on_frame else np.array([ratio, 1.0])
-        mass += rotor * np.outer(by_rotor, by_rotor)
-        mass[1, 1] += self._p.body.inertia_kg_m2
-        return mass, bias
+            by_q, by_p = k.r1.conjugate(), (-1j * k.r).conjugate()
+            force = k.mass_kg * (k.r2 * u * u - 2j * k.r1 * u * p - k.r * p * p - down)
+            moment = k.inertia_kg_m2 * k.turn2 * u * u
+            m_qq += k.mass_kg * (by_q * k.r1).real + k.inertia_kg_m2 * k.turn1 * k.turn1
+            m_qp += k.mass_kg * (by_q * -1j * k.r).real - k.inertia_kg_m2 * k.turn1
+            m_pp += k.mass_kg * (by_p * -1j * k.r).real + k.inertia_kg_m2
+            of_crank += (by_q * force).real + moment * k.turn1
+            of_body += (by_p * force).real - moment
+        return m_qq, m_qp, m_pp, of_crank, of_body
 
     def motor_torque(self, rotor: float) -> float:
         """Return Kloss' torque at a rotor speed (rad/s), supply at rated frequency."""
@@ -163,8 +171,8 @@ class BreakerReference:
         now = (synchronous - rotor) / synchronous
         return 2.0 * largest * m.rated_power_w / rated / (now / critical + critical / now) if now else 0.0
 
-    def forces(self, q: float, u: float, phi: float, p: float) -> Array:
-        """Return what drive, spring and friction do on both coordinates (N m)."""
+    def forces(self, q: float, u: float, phi: float, p: float) -> tuple[float, float]:
+        """Return what drive, spring and viscous friction do on both coordinates (N m)."""
         b, gear = self._p.body, self._p.gear
         torque = self.motor_torque(gear.ratio * (u - p if self._on_frame else u))
         forward = torque * (u - self._on_frame * p) >= 0.0
@@ -172,39 +180,50 @@ class BreakerReference:
         bearing, pivot = self._p.friction.viscous_nms_per_rad * u, b.friction.viscous_nms_per_rad
         damping = pivot + 2.0 * b.damping_ratio * b.spring_arm_m * math.sqrt(b.spring_rate_n_per_m * b.inertia_kg_m2)
         spring = b.spring_rate_n_per_m * (b.spring_arm_m * phi + b.preload_deflection_m) * b.spring_arm_m
-        return np.array([drive - bearing, -self._on_frame * drive - spring - damping * p])
+        return drive - bearing, -self._on_frame * drive - spring - damping * p
 
     def accelerations(
         self, state: ReferenceState, rests: bool, senses: Array | None = None
     ) -> tuple[float, float, float]:
         """Return u', p' and the moment of the collar; of a joint at rest that a sense of 0 holds, 0."""
         du, dp, held = self.motion(state, rests, np.sign(state.speeds()) if senses is None else senses)
-        return du, dp, float(held[1])
+        return du, dp, held[1]
 
-    def motion(self, state: ReferenceState, rests: bool, senses: Array) -> tuple[float, float, Array]:
+    def motion(self, state: ReferenceState, rests: bool, senses: Array) -> tuple[float, float, tuple[float, float]]:
         """Return u', p', and what holds crank and body where they are at rest (N m); senses of sliding, 0: held."""
-        mass, bias = self.mass_and_bias(*state)
-        right = self.forces(*state) - bias - self._coulomb * senses * np.array([1.0, not rests])
-        held = (senses == 0.0) & (self._coulomb > 0.0)
-        free = ~(held | np.array([False, rests]))
-        found = np.zeros(2)
-        if free.any():
-            found[free] = np.linalg.solve(mass[np.ix_(free, free)], right[free])
-        return float(found[0]), float(found[1]), np.where(free, 0.0, mass @ found - right)
+        m_qq, m_qp, m_pp, of_crank, of_body = self._inertia(*state)
+        on_crank, on_body = self.forces(*state)
+        on_crank -= of_crank + self._coulomb[0] * senses[0]
+        on_body -= of_body + (0.0 if rests else self._coulomb[1] * senses[1])
+        crank_held = senses[0] == 0.0 and self._coulomb[0] > 0.0
+        body_held = rests or (senses[1] == 0.0 and self._coulomb[1] > 0.0)
+        if crank_held and body_held:
+            return 0.0, 0.0, (-on_crank, -on_body)
+        if body_held:
+            du = on_crank / m_qq
+            return du, 0.0, (0.0, m_qp * du - on_body)
+        if crank_held:
+            dp = on_body / m_pp
+            return 0.0, dp, (m_qp * dp - on_crank, 0.0)
+        both = m_qq * m_pp - m_qp * m_qp
+        return (on_crank * m_pp - on_body * m_qp) / both, (on_body * m_qq - on_crank * m_qp) / both, (0.0, 0.0)
 
     def senses(self, state: ReferenceState, rests: bool) -> Array:
         """Return the senses in which both joints go on; 0 where friction holds a joint at rest."""
-        at_rest = ((state.speeds() == 0.0) | np.array([False, rests])) & (self._coulomb > 0.0)
+        most = np.array(self._coulomb)
+        at_rest = ((state.speeds() == 0.0) | np.array([False, rests])) & (most > 0.0)
+        if not at_rest.any():
+            return np.sign(state.speeds())
         mass, bias = self.mass_and_bias(*state)
         moving = np.where(at_rest, 0.0, np.sign(state.speeds()))
-        right = self.forces(*state) - bias - self._coulomb * moving
+        right = np.array(self.forces(*state)) - bias - most * moving
         answer, friction, found = np.linalg.inv(mass), np.zeros(2), np.zeros(2)
         if rests:
             answer = np.array([[1.0 / mass[0, 0], 0.0], [0.0, 0.0]])
         for _ in range(RELAXATIONS):
             for i in np.flatnonzero(at_rest & np.array([True, not rests])):
                 found = answer @ (right + friction)
-                friction[i] = np.clip(friction[i] - found[i] / answer[i, i], -self._coulomb[i], self._coulomb[i])
+                friction[i] = np.clip(friction[i] - found[i] / answer[i, i], -most[i], most[i])
         found = answer @ (right + friction)
         return np.where(at_rest, np.where(np.abs(found) > 1e-9, np.sign(found), 0.0), moving)
 
@@ -308,18 +327,20 @@ class BreakerReference:
 
         def look(name: str, value: Callable[[float], float]) -> None:
             places = [t for t in np.linspace(low, high, 5) if t > zero_at + 1e-12]
-            for a, b in itertools.pairwise(places):
-                if value(a) > 0.0 >= value(b):
+            values = [value(t) for t in places]
+            for (a, before), (b, after) in itertools.pairwise(zip(places, values, strict=True)):
+                if before > 0.0 >= after:
                     found.append((float(brentq(value, a, b, xtol=1e-15, rtol=1e-15)), name))
                     return
-            if places and zero_at >= low and value(places[0]) <= 0.0 and not name.endswith("stops"):
+            if places and zero_at >= low and values[0] <= 0.0 and not name.endswith("stops"):
                 found.append((float(places[0]), name))
 
+        @cache
         def at(t: float) -> ReferenceState:
             return ReferenceState(*map(float, dense(t)))
 
         def held(t: float, joint: int) -> float:
-            return float(self.motion(ReferenceState(*dense(t)), rests, senses)[2][joint])
+            return self.motion(at(t), rests, senses)[2][joint]
 
         if waiting:
             look("blow", lambda t: self.gap(at(t).crank_rad, at(t).body_rad))
@@ -332,7 +353,7 @@ class BreakerReference:
         else:
             look("touchdown", lambda t: at(t).body_rad)
         for joint, name in ((0, "crank"), (1, "body")):
-            most = float(self._coulomb[joint])
+            most = self._coulomb[joint]
             if most > 0.0 and senses[joint] == 0.0 and not (rests and joint == 1):
                 look(f"{name} starts", partial(lambda j, c, t: LET_GO * c - abs(held(t, j)), joint, most))
             elif most > 0.0 and senses[joint] != 0.0:

@@ -7,6 +7,7 @@ Sources of the equations: the power of all bodies for drive moments; Newton's la
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from math import asin, cos, pi, sin, tan
 from pathlib import Path
 
 import numpy as np
@@ -33,21 +34,23 @@ def roller_former(p: Mapping[str, float], duration_s: float) -> Columns:
     if not 0.3 < p["drive.efficiency"] <= 1.0:
         raise NotThisMachineError("a gear wins no power")
     r, ratio, eta, u = 0.2, 0.2 / 0.8, p["drive.efficiency"], 9.8
-    half, offsets = 32.0, np.array([0.0, 0.5 * np.pi])
+    half, offsets = 32.0, np.array([0.0, 0.5 * pi])
     first = (0.138 + p["drive.coupling_inertia_kg_m2"]) * 1.1 * u**2
     c, k, f = p["drive.stiffness_nm_per_rad"], p["drive.damping_nms_per_rad"], 0.008
     base = (2.0 * 2164.4444444444443 - 2249.9777777777776) * f + 2.0 * p["load_sets.table.roller_force_x_n"]
 
-    def rates(_: float, y: np.ndarray, sides: np.ndarray) -> list[float]:
-        crank, twist, speed, rate = y
-        psi = crank + offsets
-        beta = np.arcsin(ratio * np.sin(psi))
-        turn = ratio * np.cos(psi) / np.cos(beta)
-        x1 = -r * np.sin(psi + beta) / np.cos(beta)
-        x2 = -r * (np.cos(psi + beta) * (1.0 + turn) + np.sin(psi + beta) * np.tan(beta) * turn) / np.cos(beta)
-        inertia = 2.0 * half * r**2 + (197.33333333333334 + half) * float(x1 @ x1)
-        slope = (197.33333333333334 + half) * float(x1 @ x2)
-        against = float(np.sum(sides * base / (np.cos(beta) - sides * f * np.sin(beta)) * r * np.sin(psi + beta)))
+    def rates(_: float, y: np.ndarray, sides: list[float]) -> list[float]:
+        crank, twist, speed, rate = map(float, y)
+        inertia, slope, against = 2.0 * half * r**2, 0.0, 0.0
+        for side, offset in zip(sides, offsets, strict=True):
+            psi = crank + offset
+            beta = asin(ratio * sin(psi))
+            turn = ratio * cos(psi) / cos(beta)
+            x1 = -r * sin(psi + beta) / cos(beta)
+            x2 = -r * (cos(psi + beta) * (1.0 + turn) + sin(psi + beta) * tan(beta) * turn) / cos(beta)
+            inertia += (197.33333333333334 + half) * x1 * x1
+            slope += (197.33333333333334 + half) * x1 * x2
+            against += side * base / (cos(beta) - side * f * sin(beta)) * r * sin(psi + beta)
         passed = c * twist + k * rate
         ahead = (passed - against - slope * speed**2) / inertia
         slip = 1.0 - (speed + rate) * u / (1000.0 * RPM)
@@ -58,7 +61,7 @@ def roller_former(p: Mapping[str, float], duration_s: float) -> Columns:
     y, t, parts = np.array([0.0, 0.0, 0.97 * 1000.0 * RPM / u, 0.0]), 0.0, []
     while t < duration_s:
         middle = y[0] + 1e-7 + offsets
-        sides = np.where(np.sin(middle) >= 0.0, 1.0, -1.0)
+        sides = [1.0 if sin(angle) >= 0.0 else -1.0 for angle in middle]
         ahead = float(np.min((np.floor(middle / np.pi) + 1.0) * np.pi - offsets))
         parts.append(_run(rates, (t, duration_s), y, [lambda _, s, *a, at=ahead: at - s[0]], (sides,)))
         y, t = parts[-1].y[:, -1], float(parts[-1].t[-1])
