@@ -132,7 +132,13 @@ def has_parted(chain: Chain, state: ChainState, window: Window, idle: Array, qui
 
 @borrowing_kernel
 def stress_extremes(chain: Chain, state: ChainState, extremes: Array) -> None:
-    """Update the largest compression and tension (Pa), and the cells where they occurred."""
+    """Update the largest compression and tension (Pa), and the cells where they occurred; a contact is at i - 0.5."""
+    for contact in range(len(chain.starts)):
+        at = chain.starts[contact]
+        for i in range(max(at - 1, 0), min(at + 1, len(chain.area_m2))):
+            stress = state.force_n[contact] / chain.area_m2[i]
+            if stress > extremes[0]:
+                extremes[0], extremes[1] = stress, at - 0.5
     for i in range(len(chain.impedance)):
         stress = (state.p[i] + state.q[i]) / chain.area_m2[i]
         if stress > extremes[0]:

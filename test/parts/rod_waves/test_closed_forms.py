@@ -107,6 +107,18 @@ def test_equal_rods_pass_on_all_momentum() -> None:
     assert found.contact_time_s == pytest.approx(2e-4, rel=1e-12)
 
 
+@pytest.mark.parametrize("wall", [yielding_wall(500.0, 5e9), linear_contact(5e7, 0.5), linear_contact(5e8, 0.5)])
+def test_no_contact_presses_harder_than_the_largest_stress(wall: ContactLaw) -> None:
+    """Peak force over area is a stress of the rod, at its end; few cells find it as well as many."""
+    peaks = []
+    for cells in (32, 1024):
+        chain, state = mass_on_rod(100.0, cells, 8.7e-5 / cells, wall, linear_contact(2e8))
+        found, _ = led(chain, state, 2e-2)
+        assert found.peak_stress_pa >= max(found.peak_force_n, found.wall_peak_force_n) / AREA
+        peaks.append(found.peak_stress_pa)
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-3)
+
+
 def test_a_short_striker_rebounds_from_a_rigid_wall_with_its_speed() -> None:
     """A rod that meets a rigid wall parts from it after 2 L/c with all its speed; stress rho c v."""
     chain, state = chain_of([[Section(40, Z, AREA, 0.0)]], [FREE_END, RIGID_FACE], [0.0, 0.0], 1e-6)
