@@ -117,6 +117,18 @@ def test_headline_numbers_after_a_reset_know_nothing_of_the_time_before_it(name)
     assert shown[1] == pytest.approx(shown[0], rel=1e-9)
 
 
+def test_the_mean_drive_power_after_a_gap_is_that_of_the_turns_after_it():
+    """A recording of the seconds before each trigger has gaps: 753 W were shown as 280 W, as of turns in the gap."""
+    machine = built("compaction_press")
+    banner, shown = Banner(machine.mechanism), []
+    for frame in frames(machine, 7.0):
+        if not 1.0 < frame.linkage.time_s < 4.9:
+            banner.add(frame)
+        if frame.linkage.time_s > 5.2:
+            shown.append({card.key: card for card in banner.cards()}["mean drive power"].value)
+    assert np.array(shown) == pytest.approx(machine.report()["power_mean_w"], rel=1e-3)
+
+
 def test_a_value_that_is_not_finite_is_no_alarm_after_a_reset():
     machine, banner = built("vibration_crank"), Banner(None)
     begin = next(frames(machine, 0.1)).linkage
