@@ -67,7 +67,7 @@ def compare_sides(request: CompareVerb) -> None:
             print_json(_document(found))
         else:
             _show(_named(sides), found, request.everything)
-        say(*filter(None, [_of_lengths(sides)]))
+        say(*_remarks(sides))
         if overlay is not None:
             overlay.tell(sides, found)
             hold_view(overlay.page)
@@ -201,10 +201,18 @@ def _recorded(bag: Path, see: See, shown: bool) -> ComparedRun:
     if incomplete:
         say(f"{bag}: {incomplete} incomplete steps left out")
     say(*(f"{bag}: {number} recorded samples not used: {reason}" for reason, number in read.unused.items()))
-    if history.changes:
-        times = f"{history.changes} time{'' if history.changes == 1 else 's'}"
-        say(f"{bag}: parameters changed {times} during the run; the settings are those at its start")
-    return side.run()
+    return side.run()._replace(changes=history.changes)
+
+
+def _remarks(sides: Sequence[ComparedRun]) -> list[str]:
+    """Return a line on each side whose parameters changed, and one where the sides are not of one time."""
+    changed = [
+        f"{side.label}: parameters changed {side.changes} time{'' if side.changes == 1 else 's'} during the run; the "
+        "settings are those at its start"
+        for side in sides
+        if side.changes
+    ]
+    return [*changed, *filter(None, [_of_lengths(sides)])]
 
 
 def _of_lengths(sides: Sequence[ComparedRun]) -> str:
@@ -330,7 +338,7 @@ class Overlay:
                 [", ".join(filter(None, caption(each.name))), *map(_shown, each[1:3]), _percent(each.relative)]
                 for each in farthest
             ],
-            "note": _of_lengths(sides),
+            "note": ". ".join(_remarks(sides)),
             "angle": None if pairs is None else [packed(np.asarray(each), "<f8") for each in pairs],
         }
         self._view.tell("comparison", content)

@@ -82,6 +82,11 @@ class ConfigurationHistory:
         return self._described[0].parameters
 
     @property
+    def last(self) -> Parameters:
+        """Parameters at the end of the run."""
+        return self._described[-1].parameters
+
+    @property
     def changes(self) -> int:
         """Number of changes of parameters during the run."""
         return len(self._described) - 1
@@ -97,13 +102,21 @@ class ConfigurationHistory:
 def recorded_settings(texts: Iterable[str]) -> tuple[str, list[list[str]]]:
     """Return the name of a recorded machine, of a page its own, and its settings that are not as installed.
 
-    They are those at the start.  Both are empty if the recording has no valid configuration.
+    One that was changed during the run has both its values, at the start and at the end.  Both results are empty if
+    the recording has no valid configuration.
     """
     try:
         history = ConfigurationHistory(texts, "the recording")
     except ConfigurationError:
         return "", []
-    settings = changed_settings(history.name, configuration_tree(history.parameters))
+    begin, end = (
+        {key: (installed, here) for key, installed, here in changed_settings(history.name, configuration_tree(each))}
+        for each in (history.parameters, history.last)
+    )
+    settings = []
+    for key, (installed, _) in (begin | end).items():
+        first, last = (rows.get(key, (installed, installed))[1] for rows in (begin, end))
+        settings.append([key, installed, first if first == last else f"{first}, at the end {last}"])
     return own_name(history.name, history.parameters), settings
 
 

@@ -29,7 +29,8 @@ class ComparedRun(NamedTuple):
     """One side: label, machine, configuration tree, summary numbers, and samples as columns over time.
 
     ``broken`` are the names of residuals beyond their limits; residuals are rounding errors and not compared.
-    ``units`` are those of columns whose name does not end in the unit, such as the position of a joint.
+    ``units`` are those of columns whose name does not end in the unit, such as the position of a joint.  ``changes``
+    counts changes of parameters during a recorded run, whose configuration is that at its start.
     """
 
     label: str
@@ -39,6 +40,7 @@ class ComparedRun(NamedTuple):
     broken: tuple[str, ...]
     samples: Mapping[str, Sequence[float] | NDArray[np.float64]]
     units: Mapping[str, str] = MappingProxyType({})
+    changes: int = 0
 
 
 class Differing(NamedTuple):

@@ -34,7 +34,7 @@ FLASH = (225, 130, 0)
 RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
-AGAIN_S = 1.0  # a step so much before the last begins a new run
+AGAIN_S = 1.0  # a step so much before the last, or after a gap, begins a new run
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
@@ -224,7 +224,7 @@ class Banner:
         self._leading = "" if tree is None else tree.leading  # the first where it is empty
 
     def watch(self, machine: Machine) -> None:
-        """Take the motor's rated power and the body's regimes from the configuration."""
+        """Take the motor's rated power, at its shaft, and the body's regimes from the configuration."""
         rated = getattr(getattr(machine.parameters, "motor", None), "rated_power_w", None)
         self._rated_power_w = rated if isinstance(rated, float) and rated > 0.0 else None
         self._body_regimes = () if machine.body is None else tuple(machine.body.regimes)
@@ -233,7 +233,7 @@ class Banner:
         """Clear what is known of a run."""
         self._blows = RecentBlows()
         self._power: deque[tuple[float, float, float]] = deque()  # time, angle of the leading joint, work of the drive
-        self._power_w = self._turned_rad = 0.0
+        self._power_w = self._shaft_w = self._turned_rad = 0.0
         self._body: deque[tuple[float, float, bool]] = deque()  # time, pressing force, whether it is in contact
         self._broken = ""
         self._begin_s: float | None = None
@@ -248,8 +248,10 @@ class Banner:
             self._follow(linkage)
             self._begin_s = linkage.time_s if self._begin_s is None else self._begin_s
             self._note_broken(linkage)
+        if motor is not None:
+            self._shaft_w = motor.velocity[0] * motor.effort[0]
         if forces is not None and POWER in forces.quantities.names:
-            self._drive(forces.time_s, forces.quantities.as_dict()[POWER])
+            self._drive(forces.time_s, self._shaft_w if self._rated_power_w else forces.quantities.as_dict()[POWER])
         if body is not None and REST in self._body_regimes:
             self._body.append((body.time_s, body.pressing_force_n, self._body_regimes[body.regime] == REST))
             _forget(self._body, body.time_s)
@@ -258,7 +260,7 @@ class Banner:
         """Note a step of the linkage, and what its leading joint has turned; it may wrap at one turn."""
         before, self._linkage = self._linkage, linkage
         kinds = [event.kind for event in linkage.events]
-        if before is not None and (RESET in kinds or linkage.time_s < before.time_s - AGAIN_S):
+        if before is not None and (RESET in kinds or abs(linkage.time_s - before.time_s) > AGAIN_S):
             self._begin()
         elif before is not None:
             moved = self._leader(linkage).position - self._leader(before).position
@@ -364,7 +366,7 @@ class Banner:
             found.append(Card("mean pressing force", with_prefix(mean_n, "N"), "mean pressing force", mean_n, "N"))
             found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
-            name, mean_w = "mean drive power", self._mean_power_w()
+            name, mean_w = "mean motor power" if self._rated_power_w else "mean drive power", self._mean_power_w()
             found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", self._rated_power_w))
         return found
 

@@ -89,12 +89,35 @@ def test_two_machines_are_told_apart_before_either_is_read_or_computed(monkeypat
     assert (found.code, "expected one machine" in found.err) == (2, True)
 
 
-def test_a_change_during_a_recorded_run_is_said(ros_domain, tmp_path):
+def test_a_change_during_a_recorded_run_is_said_at_the_terminal_and_on_the_page(monkeypatch, ros_domain, tmp_path):
     bag = tmp_path / "bag"
     change = ("--change", "working_force.peak_n=-20%@0.1")
     assert mech_twin("simulate", "compaction_press", "--duration", "0.2", "--bag", bag, *change).code == 0
     found = mech_twin("compare", bag, "compaction_press")
-    assert f"{bag}: parameters changed 1 time during the run; the settings are those at its start" in found.err
+    said = f"{bag}: parameters changed 1 time during the run; the settings are those at its start"
+    assert said in found.err
+
+    class Noted:
+        """A bench and its links that keep what they are told."""
+
+        page, destination, told = "", "", []
+
+        def tell(self, kind, content):
+            self.told.append((kind, content))
+            return True
+
+        def show(self, picture):
+            return True
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr("mech_twin.cli.compare.opened_bench", lambda *_, **__: Noted())
+    monkeypatch.setattr("mech_twin.cli.compare.hold_view", lambda page: None)
+    for link in ("BenchLink", "OverlayLink"):
+        monkeypatch.setattr(f"mech_twin.view.bench.link.{link}", lambda *_: Noted())
+    mech_twin("compare", bag, "compaction_press", "--view", "web")
+    assert dict(Noted.told)["comparison"]["note"] == said
 
 
 def test_recorded_samples_that_are_not_used_are_said(ros_domain, tmp_path):

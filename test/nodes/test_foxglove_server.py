@@ -197,6 +197,19 @@ def test_a_client_sees_topics_parameters_and_services_and_changes_the_machine():
         assert with_client(port, diagnosed) == CRANK
 
 
+def test_a_client_that_comes_later_sees_the_description_that_another_shows_already():
+    async def talk(first):
+        held = await first.look_at(f"/{CRANK}/description")
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"ws://127.0.0.1:{port}", protocols=[SUBPROTOCOL], max_msg_size=0) as socket,
+        ):
+            assert await FoxgloveClient(socket).look_at(f"/{CRANK}/description") == held
+
+    with served() as port:
+        with_client(port, talk)
+
+
 @pytest.mark.slow
 def test_foxgloves_own_client_sees_a_topic_a_parameter_and_a_service():
     if not (NPM / "node_modules").is_dir():

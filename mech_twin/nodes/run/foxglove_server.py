@@ -18,7 +18,7 @@ from typing import Any
 
 import foxglove
 from foxglove.websocket import Capability, MessageSchema, Parameter, ServerListener, Service, ServiceSchema
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 
 from mech_twin.messages.topics import DIAGNOSTICS
@@ -32,6 +32,7 @@ LOOPBACK = "127.0.0.1"
 LOOK_S = 0.5  # period of the search for new topics
 ANSWER_S = 15.0
 DEPTH = 100
+LATCHED = DurabilityPolicy.TRANSIENT_LOCAL
 GLOBAL = ("/tf", "/tf_static", DIAGNOSTICS.name)
 SERVICES = ("start", "stop", "reset", "pause", GO_ON, "step")
 VALUES = "values"
@@ -48,6 +49,7 @@ class _Listener(ServerListener):
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
         self._server.wanted[channel.topic] = self._server.wanted.get(channel.topic, 0) + 1
+        self._server.begun.add(channel.topic)
 
     def on_unsubscribe(self, client: Any, channel: Any) -> None:
         self._server.wanted[channel.topic] = self._server.wanted.get(channel.topic, 1) - 1
@@ -90,6 +92,7 @@ class FoxgloveServer:
     def __init__(self, namespace: str, port: int, *, commands: bool) -> None:
         self.namespace = "/" + namespace.strip("/")
         self.wanted: dict[str, int] = {}
+        self.begun: set[str] = set()  # topics that a further client has begun to show
         self._tasks: queue.Queue[tuple[Mapping[str, Any], Answered]] = queue.Queue()
         self._context = foxglove.Context()
         self._channels: dict[str, foxglove.Channel] = {}
@@ -152,13 +155,17 @@ class FoxgloveServer:
         self._server.publish_parameter_values([Parameter(name, value=value)])
 
     def _look(self, teller: Teller) -> None:
-        """Advertise the existing topics, and subscribe to those that clients show."""
-        node = teller.node
+        """Advertise the existing topics, and subscribe to those that clients show, to latched ones anew for each."""
+        node, begun = teller.node, {self.begun.pop() for _ in range(len(self.begun))}
         for name, kinds in node.get_topic_names_and_types():
             if name not in self._channels and (name.startswith(f"{self.namespace}/") or name in GLOBAL):
                 self._offer(name, kinds[0])
         for name, channel in self._channels.items():
             looked_at, subscription = self.wanted.get(name, 0) > 0, self._subscriptions.get(name)
+            is_latched = subscription is not None and subscription.qos_profile.durability is LATCHED
+            if subscription is not None and (not looked_at or (is_latched and name in begun)):
+                node.destroy_subscription(self._subscriptions.pop(name))
+                subscription = None
             if looked_at and subscription is None:
                 publishers = node.get_publishers_info_by_topic(name)
                 if publishers:
@@ -166,8 +173,6 @@ class FoxgloveServer:
                     qos = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
                     kind = _message(channel.schema_name() or "")
                     self._subscriptions[name] = node.create_subscription(kind, name, channel.log, qos, raw=True)
-            elif not looked_at and subscription is not None:
-                node.destroy_subscription(self._subscriptions.pop(name))
 
     def _offer(self, name: str, kind: str) -> None:
         try:
