@@ -233,7 +233,8 @@ class Banner:
         """Clear what is known of a run."""
         self._blows = RecentBlows()
         self._power: deque[tuple[float, float, float]] = deque()  # time, angle of the leading joint, work of the drive
-        self._power_w = self._shaft_w = self._turned_rad = 0.0
+        self._power_w = self._turned_rad = 0.0
+        self._shaft_w: float | None = None  # of a rated motor whose samples are there
         self._body: deque[tuple[float, float, bool]] = deque()  # time, pressing force, whether it is in contact
         self._broken = ""
         self._begin_s: float | None = None
@@ -248,10 +249,10 @@ class Banner:
             self._follow(linkage)
             self._begin_s = linkage.time_s if self._begin_s is None else self._begin_s
             self._note_broken(linkage)
-        if motor is not None:
+        if motor is not None and self._rated_power_w is not None:
             self._shaft_w = motor.velocity[0] * motor.effort[0]
         if forces is not None and POWER in forces.quantities.names:
-            self._drive(forces.time_s, self._shaft_w if self._rated_power_w else forces.quantities.as_dict()[POWER])
+            self._drive(forces.time_s, forces.quantities.as_dict()[POWER] if self._shaft_w is None else self._shaft_w)
         if body is not None and REST in self._body_regimes:
             self._body.append((body.time_s, body.pressing_force_n, self._body_regimes[body.regime] == REST))
             _forget(self._body, body.time_s)
@@ -366,8 +367,9 @@ class Banner:
             found.append(Card("mean pressing force", with_prefix(mean_n, "N"), "mean pressing force", mean_n, "N"))
             found.append(Card("contact share", f"{percent:.0f} %", "contact share", percent, "%"))
         if self._power:
-            name, mean_w = "mean motor power" if self._rated_power_w else "mean drive power", self._mean_power_w()
-            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", self._rated_power_w))
+            at_drive, mean_w = self._shaft_w is None, self._mean_power_w()
+            name, most_w = ("mean drive power", None) if at_drive else ("mean motor power", self._rated_power_w)
+            found.append(Card(name, with_prefix(mean_w, "W"), name, mean_w, "W", most_w))
         return found
 
     def _blow_rate(self, now_s: float) -> float:

@@ -21,6 +21,17 @@ from mech_twin.view.bench.scene import BenchScene
 from mech_twin.view.sending import RECORDED
 
 
+def test_without_samples_of_the_motor_its_power_is_that_of_the_drive_beside_no_rating():
+    machine = built("roller_former")
+    banner = Banner(machine.mechanism)
+    banner.watch(machine)
+    for frame in frames(machine, 0.1):
+        banner.add(StepSamples(0, frame.linkage, forces=frame.forces))
+    card = next(card for card in banner.cards() if card.unit == "W")
+    assert (card.key, card.most) == ("mean drive power", None)
+    assert card.value != 0.0
+
+
 @pytest.mark.parametrize(
     ("name", "overrides", "ratio", "rated_w"),
     [("roller_former", {}, 9.8, 11000.0), ("compaction_press", PRESS_KLOSS, 4.8, 2200.0)],
