@@ -15,12 +15,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 
-from mech_twin.messages.topics import DIAGNOSTICS
+from mech_twin.messages.topics import DESCRIPTION, DIAGNOSTICS
 from mech_twin.nodes.exchange.base_node import RunOptions
 from mech_twin.nodes.exchange.hand_over import ReceivedBytes
 from mech_twin.nodes.roles.recorder_node import RecorderNode
-from mech_twin.recording.bag_contents import RecentMessage, RecentMessages
+from mech_twin.recording.bag_contents import NS_PER_S, RecentMessage, RecentMessages
 from mech_twin.recording.bag_reader import BagReader
 from mech_twin.recording.bag_samples import BagSamples
 
@@ -84,6 +85,19 @@ def test_without_a_trigger_nothing_is_left(recorder: RecorderNode, tmp_path: Pat
     heard(recorder, *[(f"/{DRUM}/linkage", OK)] * 5)
     recorder.close()
     assert not (tmp_path / "bag").exists()
+
+
+def test_a_recording_of_snapshots_begins_with_the_first_of_them(recorder: RecorderNode, tmp_path: Path) -> None:
+    """The description comes at the start of a run; replay waited from there to the alarm, of a long run for days."""
+    name = recorder.resolve_topic_name(DESCRIPTION.name)
+    recorder._on_message(DESCRIPTION, name, True, ReceivedBytes(serialize_message(String(data="a")), None))
+    recorder._time.lead(1_000 * NS_PER_S)
+    heard(recorder, (f"/{DRUM}/linkage", OK), (f"/{DRUM}/linkage", ERROR))
+    recorder.close()
+    with BagReader(tmp_path / "bag") as reader:
+        times = {message.topic: message.log_time_ns for message in reader.messages()}
+    assert set(times) == {name, DIAGNOSTICS.name}
+    assert set(times.values()) == {1_000 * NS_PER_S}
 
 
 @pytest.mark.parametrize("recorder", [0.0], indirect=True)

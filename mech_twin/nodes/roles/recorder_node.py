@@ -126,6 +126,7 @@ class RecorderNode(TwinNode):
         self._looked_s = -math.inf
         self._time = RecordingClock()
         self._recent = RecentMessages(self.options.snapshot_s) if self.options.snapshot_s > 0.0 else None
+        self._latched: list[RecentMessage] = []  # heard since the last snapshot
         self._alarms: set[str] = set()
         self._snapshots = 0
         offer(self, Trigger, "~/snapshot", lambda _: self.snapshot())
@@ -316,20 +317,30 @@ class RecorderNode(TwinNode):
     def _write(self, name: str, raw: bytes, at_ns: int, latched: bool = False) -> None:
         if self._closed:  # messages after the end belong to no recording
             return
-        if self._recent is None or latched:
+        if self._recent is None:
             self.writer.write(name, raw, at_ns, at_ns, latched=latched)
+        elif latched:
+            self._latched.append(RecentMessage(name, raw, at_ns))
         else:
             self._recent.take(RecentMessage(name, raw, at_ns))
 
     # -- snapshots of the last seconds ------------------------------------------------------------------------------
 
     def snapshot(self) -> tuple[bool, str]:
-        """Write the messages of the last seconds; return whether there are any, and a line on them."""
+        """Write the messages of the last seconds; return whether there are any, and a line on them.
+
+        Latched ones from before them are written at their start, so that the recording begins there.
+        """
         if self._recent is None:
             return False, "run.snapshot_s is 0: everything is recorded"
         messages = self._recent.released()
         if not messages:
             return False, "nothing was heard since the start or the last snapshot"
+        begin_ns = messages[0].at_ns
+        for message in self._latched:
+            at_ns = max(message.at_ns, begin_ns)
+            self.writer.write(message.topic, message.raw, at_ns, message.at_ns, latched=True)
+        self._latched.clear()
         for message in messages:
             self.writer.write(message.topic, message.raw, message.at_ns, message.at_ns)
         self._snapshots += 1
