@@ -50,8 +50,9 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     """
     if packets := _packets(run):
         return packets
-    found = _clock(run) + _apart(run) + _speeds(run, units)
-    crank = None if turn is None else run.channel(turn.crank)
+    names = TURNING if turn is None else (turn.crank,)
+    crank = next((channel for name in names if (channel := run.channel(name)) is not None), None)
+    found = _clock(run, crank) + _apart(run, crank) + _speeds(run, units)
     if turn is None or crank is None:
         return found
     turned = float(np.ptp(crank.values))
@@ -60,7 +61,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     return found + _standing_still(run, turn, units) + _turning_speed(crank, turn) + _following(run, crank, turn, units)
 
 
-def _clock(run: MeasuredRun) -> list[str]:
+def _clock(run: MeasuredRun, crank: MeasuredChannel | None) -> list[str]:
     """Name a clock that has gone back, or that has gone on while the crank has not."""
     for channel in run.channels:
         quality = channel.quality
@@ -70,7 +71,6 @@ def _clock(run: MeasuredRun) -> list[str]:
                 f"{channel.name}: stamps go back {quality.back} times, {late} samples earlier than those before are "
                 "left out: has the clock been set back, or the machine begun anew? Cut the run there"
             ]
-    crank = next((channel for channel in run.channels if channel.name in TURNING), None)
     if crank is None or isinstance(crank.channel.gain, str):
         return []
     return [
@@ -103,9 +103,9 @@ def _no_cycle(crank: MeasuredChannel, turned_rad: float, turn: ModelTurn) -> str
     return f"{turned}: is its unit {name}?" if name else turned
 
 
-def _apart(run: MeasuredRun) -> list[str]:
+def _apart(run: MeasuredRun, crank: MeasuredChannel | None) -> list[str]:
     """Name each channel that has no time in common with the crank, else with the first channel."""
-    first = next((channel for channel in run.channels if channel.name in TURNING), run.channels[0])
+    first = run.channels[0] if crank is None else crank
     from_s, to_s = float(first.times_s[0]), float(first.times_s[-1])
     return [
         f"{each.name}: none of its samples is from {from_s:.6g} to {to_s:.6g} s, the time of {first.name}: two clocks? "
