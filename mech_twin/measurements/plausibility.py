@@ -11,7 +11,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING, Following, ModelTurn, following
 from mech_twin.measurements.quality import LONG_INTERVAL
-from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, range_of_turn
+from mech_twin.measurements.runs import ABOUT_TURN, MeasuredChannel, MeasuredRun, range_of_turn
 from mech_twin.measurements.units import TURN, UNITS, is_event, joint_column
 
 FOLLOWS = 0.8  # least correlation with the model's motion
@@ -23,7 +23,6 @@ RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the positi
 MOST_COMPARED = 4000
 LATE_SAMPLES = 10  # left out for each stamp that goes back: so many are no samples that arrived late
 BURSTS = 0.005  # gaps for each sample: with more, and most of the time in them, samples come in packets
-ABOUT_TURN = 1.05  # largest ratio of the range of an angle to one turn, where it starts anew at each
 GOING_ON = 0.02  # of a turn: a crank this near to where it was going has not turned during a gap
 GAP_TURN = 0.25  # of a turn: least motion in a gap that tells whether time has passed
 SPEED_TURN = 0.125  # of a turn: before and after a gap, from which the speed is taken

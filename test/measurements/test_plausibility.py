@@ -350,6 +350,15 @@ def test_wrapped_angles_are_unwrapped_and_counters_are_left_alone(tmp_path: Path
     assert unknown == pytest.approx(counts)
 
 
+def test_noise_behind_an_angle_that_starts_anew_hides_no_turn(tmp_path: Path) -> None:
+    """An analogue sensor of 0 to 360 degrees shows a little more than a turn."""
+    times = np.arange(0.0, 6.0, 0.01)
+    angle = 9.0 * times
+    noise = np.random.default_rng(1).normal(0.0, 1.0, len(times))
+    (found,) = read_angles(tmp_path, times, (np.degrees(angle) % 360.0 + noise, {"unit": "deg"}))
+    assert found == pytest.approx(angle + np.radians(noise), abs=1e-9)
+
+
 @pytest.mark.parametrize("gap_s", [0.05, 0.3, 0.7, 1.9])
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_a_wrapped_angle_turns_on_in_a_gap_as_around_it(gap_s: float, sense: float, tmp_path: Path) -> None:
