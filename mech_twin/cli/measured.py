@@ -27,7 +27,7 @@ from mech_twin.engine.trajectory import StepSamples
 from mech_twin.errors import MeasurementError
 from mech_twin.measurements.crank_motion import CrankMotion, crank_motion
 from mech_twin.measurements.measurement_map import MeasurementMap, Source, TimeSource
-from mech_twin.measurements.model_turn import ModelTurn, following, model_turn, turning_column
+from mech_twin.measurements.model_turn import ModelTurn, following, model_turn
 from mech_twin.measurements.plausibility import implausible, pairs_with_crank
 from mech_twin.measurements.proposal import UNSURE, ProposedChannel, map_of, map_text, proposed_channels, unknown_unit
 from mech_twin.measurements.quality import Quality
@@ -109,7 +109,7 @@ def proposal(measurements: Sequence[Path], built: Machine) -> Proposal:
                 run, problems = read_run(reader, proposed), []
         except MeasurementError as error:
             problems = [str(error)]
-    turn = model_turn(built) if turning_column(columns) and run is not None else None
+    turn = None if run is None else model_turn(built)
     notes: dict[str, str] = {}
     if run is not None and turn is not None:
         channels, notes = _signed(channels, run, turn)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One crank turn of the model's own run, for comparison with a measured run: sign, zero, plausibility."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,11 +10,13 @@ import numpy.typing as npt
 
 from mech_twin.engine.run import frames
 from mech_twin.engine.trajectory import Trajectory
+from mech_twin.errors import StudyError
 from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.units import TURN
+from mech_twin.parameters.load import catalogue_entry
 from mech_twin.roles import Machine
 
-TURNING = ("linkage.crank.position", "linkage.drum.position")  # the joint that turns, if the machine has one
+TURNING = ("linkage.crank.position", "linkage.drum.position")  # the joint that turns in the machines of the catalogue
 LONGEST_S = 20.0
 TURNS = 2.0
 REPEATED = 0.01  # of its range: a column that differs less between turns is a function of the crank angle
@@ -66,14 +68,20 @@ class Following(NamedTuple):
     crank_zero_rad: float
 
 
-def turning_column(columns: Collection[str]) -> str | None:
-    """Return the column of the turning joint, if any."""
-    return next((name for name in TURNING if name in columns), None)
+def turning_column(machine: Machine) -> str | None:
+    """Return the column of the joint whose turns are the machine's cycles, if any."""
+    names = [f"linkage.{joint}.position" for joint in machine.linkage.joints]
+    features = catalogue_entry(machine.name).capabilities.features
+    try:
+        cycle = () if features is None else (features(machine.parameters).reference.column,)
+    except StudyError:  # no drive of the page turns a joint
+        cycle = ()
+    return next((name for name in (*cycle, *TURNING) if name in names), None)
 
 
 def model_turn(machine: Machine) -> ModelTurn | None:
     """Return the last turn of the crank in a run of the machine; None without a turning joint or two turns."""
-    crank = turning_column([f"linkage.{joint}.position" for joint in machine.linkage.joints])
+    crank = turning_column(machine)
     if crank is None:
         return None
     place = machine.linkage.joints.index(crank.split(".")[1])

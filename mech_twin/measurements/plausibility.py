@@ -11,7 +11,7 @@ from mech_twin.measurements.blocks import Array
 from mech_twin.measurements.measurement_map import FREE, PER_RUN
 from mech_twin.measurements.model_turn import TURNING, Following, ModelTurn, following
 from mech_twin.measurements.quality import LONG_INTERVAL
-from mech_twin.measurements.runs import MeasuredChannel, MeasuredRun, range_of_turn
+from mech_twin.measurements.runs import ABOUT_TURN, MeasuredChannel, MeasuredRun, range_of_turn
 from mech_twin.measurements.units import TURN, UNITS, is_event, joint_column
 
 FOLLOWS = 0.8  # least correlation with the model's motion
@@ -23,7 +23,6 @@ RATE_FACTOR = 1.5  # largest ratio of the speed to the differences of the positi
 MOST_COMPARED = 4000
 LATE_SAMPLES = 10  # left out for each stamp that goes back: so many are no samples that arrived late
 BURSTS = 0.005  # gaps for each sample: with more, and most of the time in them, samples come in packets
-ABOUT_TURN = 1.05  # largest ratio of the range of an angle to one turn, where it starts anew at each
 GOING_ON = 0.02  # of a turn: a crank this near to where it was going has not turned during a gap
 GAP_TURN = 0.25  # of a turn: least motion in a gap that tells whether time has passed
 SPEED_TURN = 0.125  # of a turn: before and after a gap, from which the speed is taken
@@ -50,8 +49,9 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     """
     if packets := _packets(run):
         return packets
-    found = _clock(run) + _apart(run) + _speeds(run, units)
-    crank = None if turn is None else run.channel(turn.crank)
+    names = TURNING if turn is None else (turn.crank,)
+    crank = next((channel for name in names if (channel := run.channel(name)) is not None), None)
+    found = _clock(run, crank) + _apart(run, crank) + _speeds(run, units)
     if turn is None or crank is None:
         return found
     turned = float(np.ptp(crank.values))
@@ -60,7 +60,7 @@ def implausible(run: MeasuredRun, turn: ModelTurn | None, units: Mapping[str, st
     return found + _standing_still(run, turn, units) + _turning_speed(crank, turn) + _following(run, crank, turn, units)
 
 
-def _clock(run: MeasuredRun) -> list[str]:
+def _clock(run: MeasuredRun, crank: MeasuredChannel | None) -> list[str]:
     """Name a clock that has gone back, or that has gone on while the crank has not."""
     for channel in run.channels:
         quality = channel.quality
@@ -70,7 +70,6 @@ def _clock(run: MeasuredRun) -> list[str]:
                 f"{channel.name}: stamps go back {quality.back} times, {late} samples earlier than those before are "
                 "left out: has the clock been set back, or the machine begun anew? Cut the run there"
             ]
-    crank = next((channel for channel in run.channels if channel.name in TURNING), None)
     if crank is None or isinstance(crank.channel.gain, str):
         return []
     return [
@@ -103,9 +102,9 @@ def _no_cycle(crank: MeasuredChannel, turned_rad: float, turn: ModelTurn) -> str
     return f"{turned}: is its unit {name}?" if name else turned
 
 
-def _apart(run: MeasuredRun) -> list[str]:
+def _apart(run: MeasuredRun, crank: MeasuredChannel | None) -> list[str]:
     """Name each channel that has no time in common with the crank, else with the first channel."""
-    first = next((channel for channel in run.channels if channel.name in TURNING), run.channels[0])
+    first = run.channels[0] if crank is None else crank
     from_s, to_s = float(first.times_s[0]), float(first.times_s[-1])
     return [
         f"{each.name}: none of its samples is from {from_s:.6g} to {to_s:.6g} s, the time of {first.name}: two clocks? "

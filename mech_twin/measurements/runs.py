@@ -17,7 +17,7 @@ MOST_SAMPLES = 20_000_000  # of all channels of a run together: 320 MB
 BACK_SHARE = 0.01  # largest share of stamps that go back
 RESTART_S, CONFIRMING = 1.0, 3  # this many stamps that go back this far are a restart of the machine
 NONE: Array = np.empty(0)
-ONE_TURN = TURN * (1.0 + 1e-6)
+ABOUT_TURN = 1.05  # largest ratio of the range of an angle to one turn, where it starts anew at each: with its noise
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def range_of_turn(channel: Channel) -> float:
 
     One with a larger range is a continuous counter, whose steps of more than half a turn are motion.
     """
-    return ONE_TURN / size_of_count(channel)
+    return ABOUT_TURN * TURN / size_of_count(channel)
 
 
 def _unwrapped(times: Array, values: Array, turn: float) -> Array:

@@ -192,7 +192,7 @@ class _TextForm:
         comma = self._delimiter != "," and any("," in cell and _is_number(cell) for cell in data)
         self._decimal = "," if comma else "."
         names = _names(rows[:first])
-        if any(names[cells:]):
+        if any(name and name[0] not in "%#" for name in names[cells:]):  # a remark ends the line of names
             expected = "expected a cell for each name"
             raise MeasurementError(path, f"line {ends[first]}: {cells} cells under {len(names)} names; {expected}")
         names += [f"{i + 1}" for i in range(len(names), cells)]

@@ -145,7 +145,7 @@ def drawn_flow(title: str, flow: EnergyFlow) -> Figure:
         along.legend()
         sums = [(name.replace("_", " "), float(flow.works_j[name][-1])) for name in order]
         if flow.held_j is not None:
-            sums.append(("into the machine", -float(flow.held_j[-1])))
+            sums.append(("out of the machine", -float(flow.held_j[-1])))
         least = STILL * max(abs(value) for _, value in sums)
         values = [value if abs(value) > least else 0.0 for _, value in sums]
         colours = [BLUE if value >= 0.0 else RED for value in values]

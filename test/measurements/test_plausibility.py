@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from catalogue import built
+from catalogue import PAGES, built
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -84,7 +84,7 @@ def the_line(found: list[str], *words: str) -> None:
         assert word in found[0]
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
+@pytest.mark.parametrize("name", [*CATALOGUE, *PAGES])
 def test_a_run_of_the_machine_itself_passes(name: str) -> None:
     machine = built(name)
     rows = [frame.linkage for frame in frames(machine, 6.0)]
@@ -93,6 +93,21 @@ def test_a_run_of_the_machine_itself_passes(name: str) -> None:
         own[f"linkage.{joint}.position"] = np.unwrap([row.position[i] for row in rows])
     moving = [column for column in own if column != "time_s" and np.ptp(own[column]) > 0.0]
     assert implausible(measured(own, *moving), model_turn(machine), machine_columns(machine)) == []
+
+
+def test_the_driven_joint_of_a_page_is_its_crank_whatever_its_name() -> None:
+    machine = built(next(path for path in PAGES if path.endswith("slider_crank.yaml")))
+    crank, ram = "linkage.crank_bearing.position", "linkage.guide.position"
+    rows = [frame.linkage for frame in frames(machine, 3.0)]
+    own = {"time_s": np.array([row.time_s for row in rows])}
+    for name in (crank, ram):
+        place = machine.linkage.joints.index(name.split(".")[1])
+        own[name] = np.array([row.position[place] for row in rows])
+    good, turn, units = measured(own, crank, ram), model_turn(machine), machine_columns(machine)
+    assert implausible(good, turn, units) == []
+    the_line(implausible(with_values(good, ram, lambda x: 1e3 * x), turn, units), ram, "is its unit mm?")
+    the_line(implausible(with_values(good, ram, np.negative), turn, units), ram, "is a sign of the map wrong?")
+    assert any("expected unit deg?" in line for line in implausible(with_values(good, crank, np.degrees), turn, units))
 
 
 @pytest.mark.parametrize("turned_rad", [0.5, TURN, 31.4])
@@ -333,6 +348,15 @@ def test_wrapped_angles_are_unwrapped_and_counters_are_left_alone(tmp_path: Path
     assert np.diff(counter) == pytest.approx(np.full(399, 3.5 * TURN))
     assert encoder == pytest.approx(-angle, abs=1e-9)
     assert unknown == pytest.approx(counts)
+
+
+def test_noise_behind_an_angle_that_starts_anew_hides_no_turn(tmp_path: Path) -> None:
+    """An analogue sensor of 0 to 360 degrees shows a little more than a turn."""
+    times = np.arange(0.0, 6.0, 0.01)
+    angle = 9.0 * times
+    noise = np.random.default_rng(1).normal(0.0, 1.0, len(times))
+    (found,) = read_angles(tmp_path, times, (np.degrees(angle) % 360.0 + noise, {"unit": "deg"}))
+    assert found == pytest.approx(angle + np.radians(noise), abs=1e-9)
 
 
 @pytest.mark.parametrize("gap_s", [0.05, 0.3, 0.7, 1.9])

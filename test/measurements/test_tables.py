@@ -279,6 +279,16 @@ def test_more_names_than_cells_are_refused_with_line_and_counts(tmp_path: Path) 
     assert TableReader(path).columns == ("t_s", "phi", "omega")
 
 
+@pytest.mark.parametrize("remark", ["%2/8/2018 2:58 PM", "# rig 3"])
+def test_a_remark_behind_the_names_is_no_name(remark: str, tmp_path: Path) -> None:
+    """A recorder of a real rig writes the date of the run behind the last name, with the sign of a remark."""
+    path = tmp_path / "a.tsv"
+    path.write_text(f"%Time (s)\tWheel (deg)\t{remark}\n0.0\t10.0\n0.02\t12.0\n", encoding="utf-8")
+    assert TableReader(path).columns == ("%Time (s)", "Wheel (deg)")
+    ((times, values),) = read(path, ("Wheel (deg)",), TimeSource(column="Time (s)"))
+    assert (times.tolist(), values.tolist()) == ([0.0, 0.02], [10.0, 12.0])
+
+
 @pytest.mark.parametrize(("first", "unit"), [(0.0, "s"), (1.7e9, "s"), (1.7e12, "ms"), (1.7e15, "us"), (1.7e18, "ns")])
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_the_unit_of_stamps_since_1970_is_told_by_their_size(

@@ -72,9 +72,13 @@ def test_the_last_turn_begins_between_samples():
 
 @pytest.mark.slow
 def test_the_diagram_names_each_element_and_is_written(tmp_path):
-    figure = drawn_flow("wheel", flow_of(build(page(WHEEL)), "page", 1.3))
+    found = flow_of(build(page(WHEEL)), "page", 1.3)
+    figure = drawn_flow("wheel", found)
     names = [label.get_text() for label in figure.axes[1].get_yticklabels()]
-    assert names == ["motor", "rub", "oil", "into the machine"]
+    assert names == ["motor", "rub", "oil", "out of the machine"]
+    bars = [bar.get_width() for bar in figure.axes[1].patches]
+    assert bars[-1] == -found.held_j[-1]  # what a machine that slows down gives is positive, as that of a motor
+    assert sum(bars) == pytest.approx(0.0, abs=1e-6 * max(bars))
     file = tmp_path / "flow.svg"
     words = ["simulate", "compaction_press", "--duration", "1.5", "--one-step", "--energy", str(file)]
     done = CliRunner().invoke(app, words)
