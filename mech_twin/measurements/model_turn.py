@@ -68,23 +68,26 @@ class Following(NamedTuple):
     crank_zero_rad: float
 
 
-def turning_column(machine: Machine) -> str | None:
-    """Return the column of the joint whose turns are the machine's cycles, if any."""
-    names = [f"linkage.{joint}.position" for joint in machine.linkage.joints]
+def cycle_joint(machine: Machine) -> str | None:
+    """Return the joint whose turns are the machine's cycles, if any."""
     features = catalogue_entry(machine.name).capabilities.features
+    if features is None:
+        return None
     try:
-        cycle = () if features is None else (features(machine.parameters).reference.column,)
+        reference = features(machine.parameters).reference
     except StudyError:  # no drive of the page turns a joint
-        cycle = ()
-    return next((name for name in (*cycle, *TURNING) if name in names), None)
+        return None
+    role, _, rest = reference.column.partition(".")
+    return rest.removesuffix(".position") if role == "linkage" and reference.kind == "turn" else None
 
 
 def model_turn(machine: Machine) -> ModelTurn | None:
     """Return the last turn of the crank in a run of the machine; None without a turning joint or two turns."""
-    crank = turning_column(machine)
+    names = [f"linkage.{joint}.position" for joint in (cycle_joint(machine), *machine.linkage.joints)]
+    crank = next((name for name in (names[0], *TURNING) if name in names[1:]), None)
     if crank is None:
         return None
-    place = machine.linkage.joints.index(crank.split(".")[1])
+    place = names.index(crank, 1) - 1
     trajectory, turned, former_rad = Trajectory(), 0.0, machine.linkage.start().position[place]
     for frame in frames(machine, LONGEST_S):
         trajectory.append(frame)

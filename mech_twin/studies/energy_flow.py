@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mech_twin.capabilities.cycle import CycleReference
 from mech_twin.capabilities.plots import BLUE, COLOURS, GREY, RED, house_style, sheet, turn_axis
 from mech_twin.errors import StudyError
 from mech_twin.machines.catalog import Entry
+from mech_twin.measurements.model_turn import cycle_joint
 from mech_twin.roles import Machine
 from mech_twin.samples import Frame
 
@@ -55,7 +55,7 @@ class EnergyBooks:
             raise StudyError(f"{machine.name}: its linkage keeps no work of its elements")
         self._taken = entry.capabilities.works_taken
         self._held = next((name for name in HELD if name in names), None)
-        self._joint = _turning_joint(entry, machine)
+        self._joint = cycle_joint(machine)
         self._rows: list[tuple[float, ...]] = []
 
     def observe(self, frame: Frame) -> None:
@@ -111,17 +111,6 @@ def last_turn(rows: Array) -> Array:
         return rows[first:]
     share = (begin - turned[first - 1]) / (turned[first] - turned[first - 1])
     return np.vstack((rows[first - 1] + share * (rows[first] - rows[first - 1]), rows[first:]))
-
-
-def _turning_joint(entry: Entry, machine: Machine) -> str | None:
-    """Return the joint whose turns define the machine's cycles, if any."""
-    ask = entry.capabilities.features
-    try:
-        reference = CycleReference("", "rise") if ask is None else ask(machine.parameters).reference
-    except StudyError:
-        return None
-    role, _, rest = reference.column.partition(".")
-    return rest.removesuffix(".position") if role == "linkage" and reference.kind == "turn" else None
 
 
 def drawn_flow(title: str, flow: EnergyFlow) -> Figure:
