@@ -142,10 +142,14 @@ class SpringElement(Parameters):
     preload_n: float | None = quantity("N", "force at the start, positive where it lengthens", default=None)
     preload_nm: float | None = quantity("N m", "moment at the start, positive where it turns on", default=None)
     table_m_n: TableRows | None = table(
-        "m, N", "progressive spring: length or travel, and force, positive where it lengthens", default=None
+        "m, N",
+        "progressive spring: length or travel, and force, positive where it lengthens; its last slopes go on",
+        default=None,
     )
     table_deg_nm: TableRows | None = table(
-        "deg, N m", "progressive turning spring: angle, and moment, positive where it turns on", default=None
+        "deg, N m",
+        "progressive turning spring: angle, and moment, positive where it turns on; its last slopes go on",
+        default=None,
     )
     gas: GasCharge | None = choice("gas instead of a spring: positive where it lengthens", default=None)
 
