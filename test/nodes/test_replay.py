@@ -176,6 +176,13 @@ def test_the_clock_told_in_place_of_the_recorded_one_runs_evenly(drum_bag: Path)
         assert max(b - a for a, b in itertools.pairwise(times)) < 120 * MS
 
 
+def test_the_clock_told_in_place_of_the_recorded_one_does_not_wait_for_messages(tmp_path: Path) -> None:
+    entries = [Entry("/sparse", STRING, at_s * 1000 * MS, text("here")) for at_s in (0, 10)]
+    with ReplayBench(written_bag(tmp_path / "bag", entries), clock=True, rate=0.5) as bench:
+        bench.until(lambda: len(bench.heard) == 1)
+        assert bench.node.tick() <= 0.010 / 0.5
+
+
 def test_it_stands_still_while_paused_and_loses_nothing(drum_bag: Path) -> None:
     with ReplayBench(drum_bag, topics=("step/linkage",)) as bench:
         bench.until(lambda: len(bench.heard) > 50)

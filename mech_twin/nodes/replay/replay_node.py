@@ -195,8 +195,7 @@ class ReplayNode(Node):
                 return self._at_end()
             wait = self._place.wait_s(message.log_time_ns, time.monotonic())
             if wait > 0.0:
-                self._tell_time()
-                return wait
+                return min(wait, self._tell_time())
             self._place.give_way(message.log_time_ns, time.monotonic())
             self._play(message)
             self._following = next(self._messages, None)
@@ -211,10 +210,9 @@ class ReplayNode(Node):
 
     def _at_end(self) -> float:
         wait = self._place.wait_s(self._source.last_ns, time.monotonic())
+        to_clock = self._tell_time()
         if wait > 0.0:
-            self._tell_time()
-            return wait
-        self._tell_time()
+            return min(wait, to_clock)
         if self._options.loop:
             self.loops += 1
             self._jump(self._source.first_ns, f"loop {self.loops + 1}")
@@ -260,14 +258,18 @@ class ReplayNode(Node):
         self._following = next(self._messages, None)
         self._tell_time()
 
-    def _tell_time(self) -> None:
+    def _tell_time(self) -> float:
+        """Publish the clock if it is due; return the time to the next one (s), infinite without a clock."""
+        if self._clock_out is None:
+            return math.inf
         now_ns = self.position_ns
         last = self._last_ns.get("", -CLOCK_EVERY_NS)
-        if self._clock_out is not None and now_ns - last >= CLOCK_EVERY_NS:
-            self._last_ns[""] = now_ns
+        if now_ns - last >= CLOCK_EVERY_NS:
+            self._last_ns[""] = last = now_ns
             message = DIAGNOSTICS.type()
             set_stamp(message.header, now_ns * 1e-9)
             self._clock_out.publish(Clock(clock=message.header.stamp))
+        return self._place.wait_s(last + CLOCK_EVERY_NS, time.monotonic())
 
     def _announce_if_back(self, message: BagMessage) -> None:
         """Announce a recorded clock that runs backwards by itself."""
