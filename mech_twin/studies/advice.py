@@ -114,8 +114,8 @@ class AdviceState(NamedTuple):
         Stamp of the newest cycle.
     changed_s : float
         Stamp of the last change that was sent.
-    in_force : bool
-        Whether an accepted advice is in force.
+    is_kept : bool
+        Whether the value of an accepted advice stays after its trial.
     """
 
     phase: Phase = "idle"
@@ -124,7 +124,12 @@ class AdviceState(NamedTuple):
     offs: tuple[float, ...] = ()
     newest_s: float = float("-inf")
     changed_s: float = float("-inf")
-    in_force: bool = False
+    is_kept: bool = False
+
+    @property
+    def in_force(self) -> bool:
+        """Whether an accepted advice is in force, on trial or kept."""
+        return self.is_kept or self.phase == "trial"
 
 
 class AdviceStep(NamedTuple):
@@ -163,7 +168,7 @@ def accepted(state: AdviceState, miss: float, time_s: float, wish: AdviceWish) -
     if wish.dry_run:
         return AdviceStep(_idle(state), Decision(time_s, "accepted", "dry run: nothing was sent"))
     sent = Setting(advice.key, advice.proposed)
-    trial = state._replace(phase="trial", miss_before=miss, offs=(), newest_s=time_s, changed_s=time_s, in_force=True)
+    trial = state._replace(phase="trial", miss_before=miss, offs=(), newest_s=time_s, changed_s=time_s)
     return AdviceStep(trial, Decision(time_s, "accepted", f"on trial for {wish.trial_cycles} cycles", sent))
 
 
@@ -199,7 +204,7 @@ def _after_trial_cycle(state: AdviceState, advice: Recommendation, off: float, w
     outcome = f"gain {gain:.4g} of {advice.gain:.4g} promised, over {len(judged)} cycles"
     if gain < wish.promised_share * advice.gain:
         return _reverted(state, state.newest_s, outcome)
-    return AdviceStep(_idle(state), Decision(state.newest_s, "kept", outcome))
+    return AdviceStep(_idle(state)._replace(is_kept=True), Decision(state.newest_s, "kept", outcome))
 
 
 def watched(state: AdviceState, time_s: float, wish: AdviceWish) -> AdviceStep:
@@ -211,7 +216,7 @@ def watched(state: AdviceState, time_s: float, wish: AdviceWish) -> AdviceStep:
 
 def overruled(state: AdviceState, time_s: float) -> AdviceStep:
     """Return the state after another has changed the output: nothing is offered or in force, and nothing is sent."""
-    after = _idle(state)._replace(changed_s=time_s, in_force=False)
+    after = _idle(state)._replace(changed_s=time_s, is_kept=False)
     reason = "another has changed the output"
     return AdviceStep(after, None if state.phase == "idle" else Decision(time_s, "withdrawn", reason))
 
@@ -228,5 +233,5 @@ def _idle(state: AdviceState) -> AdviceState:
 def _reverted(state: AdviceState, time_s: float, reason: str) -> AdviceStep:
     assert state.advice is not None
     sent = Setting(state.advice.key, state.advice.value)
-    after = _idle(state)._replace(changed_s=time_s, in_force=False)
+    after = _idle(state)._replace(changed_s=time_s)
     return AdviceStep(after, Decision(time_s, "reverted", reason, sent))

@@ -78,6 +78,14 @@ def test_a_gain_that_comes_is_kept_and_one_that_does_not_is_taken_back() -> None
     assert not reverted.state.in_force
 
 
+def test_an_advice_that_was_kept_stays_in_force_when_the_next_is_taken_back() -> None:
+    kept = cycles(ON_TRIAL, [60.0, 60.0, 25.0, 25.0, 25.0])[-1].state
+    trial = accepted(offered(kept, ADVICE, 70.0).state, 25.0, 71.0, RULES).state
+    back = rejected(trial, 72.0)
+    assert sent(back) == Setting(COMMAND, 1.0)
+    assert (back.state.phase, back.state.in_force) == ("idle", True)
+
+
 def test_the_scatter_about_a_target_that_is_met_takes_no_advice_back() -> None:
     kept = cycles(ON_TRIAL, [60.0, 60.0, 50.0, -50.0, 0.0])[-1]
     assert kept.decision is not None

@@ -233,7 +233,7 @@ class AdvisorNode(TwinNode):
             return
         if decision.sent is not None and self._would_start():
             reason = f"{decision.reason}; not sent, since the machine stands and a speed would start it"
-            decision, self.state = decision._replace(reason=reason, sent=None), step.state._replace(in_force=True)
+            decision, self.state = decision._replace(reason=reason, sent=None), step.state._replace(is_kept=True)
         self._decided_s = decision.time_s
         if decision.sent is not None and self._send_value is not None:
             self._send_value(decision.sent.value)
