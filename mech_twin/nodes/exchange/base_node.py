@@ -169,11 +169,11 @@ class TwinNode(Node):
         return self.create_timer(period_s, call, clock=self._steady)
 
     def _pulse(self) -> None:
-        """Detect that this process was suspended (by a signal, or on an overloaded machine)."""
+        """Detect that this process was suspended: stopped by a signal, or with more to do than it can."""
         now, before = time.monotonic(), self._pulse_at
         self._pulse_at = now
         if before is not None and now - before > self.options.peer_timeout_s + PULSE_S:
-            self.statistics.count("process", "suspended", f"no processor time for {now - before:.1f} s")
+            self.statistics.count("process", "suspended", f"stopped or overloaded for {now - before:.1f} s")
             self.resumed()
         self.check_peers(now)
 
