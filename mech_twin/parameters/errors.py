@@ -106,7 +106,7 @@ def nearest_key(key: str, known: Iterable[str]) -> str | None:
     names = list(known)
     if key in names:
         return key
-    longer = [name for name in names if name.startswith(f"{key}_")]
+    longer = [name for name in names if name.startswith(key)]
     if longer:
         return min(longer, key=len)
     near = get_close_matches(key, names, 1, 0.7)

@@ -316,16 +316,12 @@ def test_no_beginning_names_no_machine() -> None:
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_every_key_is_found_again_without_its_unit_or_with_a_letter_less(name: str) -> None:
-    """The suggestion is the key itself wherever no other key begins alike."""
+def test_every_key_is_found_again_by_a_beginning_that_no_other_has(name: str) -> None:
     units = key_units(type(machine_parameters(name)))
     for key in units:
-        shorter = key.rpartition("_")[0]
-        if shorter.count(".") == key.count(".") and [other for other in units if other.startswith(f"{shorter}_")] == [
-            key
-        ]:
-            assert nearest_key(shorter, units) == key
-        assert nearest_key(key, units) == key
+        for end in range(key.rfind(".") + 2, len(key) + 1):
+            if [other for other in units if other.startswith(key[:end])] == [key]:
+                assert nearest_key(key[:end], units) == key
 
 
 @pytest.mark.parametrize(
