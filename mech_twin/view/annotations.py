@@ -34,7 +34,7 @@ FLASH = (225, 130, 0)
 RAYS = 9
 SAME_PLACE = 0.01  # pins closer than this share of the width share a label
 SLOWEST_S = 20.0  # a turn that takes longer is no cycle of the power
-AGAIN_S = 1.0  # a step so much before the last, or after a gap, begins a new run
+AGAIN_S = 1.0  # a step so much before the last begins a new run, one so much after it follows a gap
 AT_REST = 1e-3  # rad/s or m/s
 ROUNDING = 1e-6  # a smaller speed (rad/s) is shown as 0
 STALLED = ("stalled", "stalled_1")
@@ -261,8 +261,11 @@ class Banner:
         """Note a step of the linkage, and what its leading joint has turned; it may wrap at one turn."""
         before, self._linkage = self._linkage, linkage
         kinds = [event.kind for event in linkage.events]
-        if before is not None and (RESET in kinds or abs(linkage.time_s - before.time_s) > AGAIN_S):
+        if before is not None and (RESET in kinds or linkage.time_s < before.time_s - AGAIN_S):
             self._begin()
+        elif before is not None and linkage.time_s > before.time_s + AGAIN_S:
+            self._power.clear()
+            self._begin_s = None
         elif before is not None:
             moved = self._leader(linkage).position - self._leader(before).position
             self._turned_rad += math.remainder(moved, TURN) if math.isfinite(moved) else 0.0

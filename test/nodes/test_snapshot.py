@@ -87,8 +87,10 @@ def test_without_a_trigger_nothing_is_left(recorder: RecorderNode, tmp_path: Pat
     assert not (tmp_path / "bag").exists()
 
 
-def test_a_recording_of_snapshots_begins_with_the_first_of_them(recorder: RecorderNode, tmp_path: Path) -> None:
-    """The description comes at the start of a run; replay waited from there to the alarm, of a long run for days."""
+@pytest.mark.parametrize("heard_s", [0, 5_000])
+def test_a_recording_of_snapshots_is_as_long_as_they_are(recorder: RecorderNode, tmp_path: Path, heard_s: int) -> None:
+    """The description comes at the start of a run, or before a restart; replay waited from there, perhaps for days."""
+    recorder._time.lead(heard_s * NS_PER_S)
     name = recorder.resolve_topic_name(DESCRIPTION.name)
     recorder._on_message(DESCRIPTION, name, True, ReceivedBytes(serialize_message(String(data="a")), None))
     recorder._time.lead(1_000 * NS_PER_S)

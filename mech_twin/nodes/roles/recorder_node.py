@@ -336,9 +336,9 @@ class RecorderNode(TwinNode):
         messages = self._recent.released()
         if not messages:
             return False, "nothing was heard since the start or the last snapshot"
-        begin_ns = messages[0].at_ns
-        for message in self._latched:
-            at_ns = max(message.at_ns, begin_ns)
+        begin_ns, end_ns = messages[0].at_ns, messages[-1].at_ns
+        for message in self._latched:  # one that came later than all is of a run before, whose time was another
+            at_ns = message.at_ns if begin_ns <= message.at_ns <= end_ns else begin_ns
             self.writer.write(message.topic, message.raw, at_ns, message.at_ns, latched=True)
         self._latched.clear()
         for message in messages:

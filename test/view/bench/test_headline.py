@@ -140,6 +140,19 @@ def test_the_mean_drive_power_after_a_gap_is_that_of_the_turns_after_it():
     assert np.array(shown) == pytest.approx(machine.report()["power_mean_w"], rel=1e-3)
 
 
+def test_an_alarm_and_the_last_blow_outlast_a_gap_of_a_recording():
+    machine = built("mb10_breaker")
+    banner, run = Banner(machine.mechanism, machine.blow_energy), list(frames(machine, 0.5))
+    last = run[-1].linkage
+    banner.add(StepSamples(0, last._replace(position=(np.nan, *last.position[1:]))))
+    banner.strike(next(event for frame in run for event in frame.linkage.events if event.kind == "blow"))
+    told = banner.alarm()
+    banner.add(StepSamples(1, last._replace(time_s=last.time_s + 5.0)))
+    assert told
+    assert banner.alarm() == told
+    assert "last blow" in {card.key for card in banner.cards()}
+
+
 def test_a_value_that_is_not_finite_is_no_alarm_after_a_reset():
     machine, banner = built("vibration_crank"), Banner(None)
     begin = next(frames(machine, 0.1)).linkage
