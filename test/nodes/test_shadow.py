@@ -225,15 +225,17 @@ def test_silence_is_said_and_estimates_are_held_with_growing_sigma() -> None:
     assert int(values["/plant/wheel: timeout"]) >= 1
 
 
-def test_the_latency_of_an_estimate_counts_the_wait_of_its_sample() -> None:
-    with FollowedMachine() as bench:
+def test_the_latency_of_an_estimate_counts_the_wait_of_its_sample_and_is_told_where_it_is_too_long() -> None:
+    with FollowedMachine(silence_s=0.4) as bench:
         bench.play(ROWS[:60])
         bench.shadow._latencies_s.clear()
+        before = bench.shadow.statistics.total["/plant/wheel", "suspended"]
         for row in ROWS[60:70]:
             bench.show(row)
         time.sleep(0.5)
         bench.until(lambda: len(bench.shadow._latencies_s) == 10)
         told = bench.shadow.diagnostic_values()["latency median ms"]
+        assert bench.shadow.statistics.total["/plant/wheel", "suspended"] > before
         waited_s = partial(bench.shadow._waited_s, "another")
         assert [waited_s(10.0, 100.0), waited_s(10.5, 100.1)] == [0.0, pytest.approx(0.4)]
         set_back = [waited_s(10.6, 50.0), waited_s(10.7, 50.1)]  # the clock of the middleware

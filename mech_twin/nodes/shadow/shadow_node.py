@@ -336,7 +336,10 @@ class ShadowNode(TwinNode):
         self._count(followed.topic.name)
         if estimate is not None:
             self._publish(estimate)
-            self._latencies_s.append(time.monotonic() - arrived_s + message.waited_s)
+            self._latencies_s.append(latency_s := time.monotonic() - arrived_s + message.waited_s)
+            if latency_s > self.options.peer_timeout_s:
+                reason = f"stopped or overloaded: an estimate {latency_s:.1f} s behind its sample"
+                self.statistics.count(followed.topic.name, "suspended", reason)
             self.on_estimate(sample, estimate)
 
     def _on_command(self, message: Float64) -> None:
