@@ -14,6 +14,7 @@ from mech_twin.declarations.quantity import Parameters
 # usual sizes of a fault that is a share of a healthy value: a loss, or a change either way
 LESS = (-0.6, -0.5, -0.4, -0.3, -0.2, -0.1, -0.05)
 EITHER = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
+MORE = (0.25, 0.5, 1.0, 2.0, 4.0)
 BEYOND = (-0.2, -0.15, -0.1, -0.07, 0.07, 0.1, 0.15, 0.2)  # a supply beyond its range
 FREQUENCY = "supply_frequency_range"  # the fault of its frequency
 
@@ -119,10 +120,11 @@ def beyond_range(variable: OperatingVariable) -> MachineFault:
     return MachineFault(variable.beyond, meaning, "1", BEYOND, variable.changes)
 
 
-def prescribed_speed(key: str) -> OperatingVariable:
-    """Return the frequency of a supply that prescribes a speed as an operating variable."""
+def prescribed_speed(*keys: str) -> OperatingVariable:
+    """Return the frequency of a supply that prescribes speeds as an operating variable."""
+    key, *more = keys
     return varying_key(
-        "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, FREQUENCY, is_commanded=True
+        "supply_frequency", "frequency of the supply", key, FREQUENCY_RANGE, FREQUENCY, *more, is_commanded=True
     )
 
 
@@ -130,13 +132,13 @@ FREQUENCY_RANGE, VOLTAGE_RANGE, RESISTANCE_RANGE = 0.05, 0.05, 0.16  # the last:
 
 
 def motor_changes(
-    parameters: Parameters, *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
+    parameters: Parameters, key: str = "motor", *, torque: float = 1.0, slip: float = 1.0, field: float = 1.0
 ) -> dict[str, Any]:
     """Return the changed keys of an induction motor for factors of its torque, slip speed and synchronous speed.
 
     Printed values are scaled too; the catalogue name is removed.
     """
-    motor = value_at(parameters, "motor")
+    motor = value_at(parameters, key)
     synchronous, rated = float(motor["synchronous_speed_rpm"]), float(motor["rated_speed_rpm"])
     rated_later = field * synchronous - slip * (synchronous - rated)
     found = {
@@ -146,29 +148,38 @@ def motor_changes(
         "rated_power_w": float(motor["rated_power_w"]) * torque * rated_later / rated,
     }
     printed = {"rated_torque_nm": torque, "breakdown_torque_nm": torque, "breakdown_slip": slip / field}
-    found |= {key: motor[key] * share for key, share in printed.items() if motor.get(key) is not None}
-    return {f"motor.{key}": value for key, value in found.items()}
+    found |= {name: motor[name] * share for name, share in printed.items() if motor.get(name) is not None}
+    return {f"{key}.{name}": value for name, value in found.items()}
 
 
-def motor_variables() -> tuple[OperatingVariable, ...]:
-    """Return supply frequency and voltage, and rotor resistance of an induction motor as operating variables.
+def motor_variables(*motors: str) -> tuple[OperatingVariable, ...]:
+    """Return supply frequency and voltage, and rotor resistance of induction motors as operating variables.
+
+    ``motors`` are the keys of the motors on one supply, ``motor`` if none is given.
 
     Voltage is proportional to frequency, as with a converter and nearly so in a weak grid: flux, and torque at a slip
     in rad/s, are constant.  Torque at every slip is proportional to the square of the voltage; the slip at a torque is
     proportional to the resistance.
     """
+
+    def changes(parameters: Parameters, **factors: float) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for key in motors or ("motor",):
+            found |= motor_changes(parameters, key, **factors)
+        return found
+
     return (
         OperatingVariable(
             "supply_frequency", "frequency of the supply", FREQUENCY_RANGE,
-            lambda parameters, share: motor_changes(parameters, field=1.0 + share), FREQUENCY,
+            lambda parameters, share: changes(parameters, field=1.0 + share), FREQUENCY,
         ),
         OperatingVariable(
             "supply_voltage", "voltage of the supply", VOLTAGE_RANGE,
-            lambda parameters, share: motor_changes(parameters, torque=(1.0 + share) ** 2), "supply_voltage_range",
+            lambda parameters, share: changes(parameters, torque=(1.0 + share) ** 2), "supply_voltage_range",
         ),
         OperatingVariable(
             "rotor_resistance", "resistance of the motor's rotor, by its temperature", RESISTANCE_RANGE,
-            lambda parameters, share: motor_changes(parameters, slip=1.0 + share), "rotor_resistance_range",
+            lambda parameters, share: changes(parameters, slip=1.0 + share), "rotor_resistance_range",
         ),
     )  # fmt: skip
 

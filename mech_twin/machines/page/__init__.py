@@ -55,6 +55,7 @@ def capabilities() -> Capabilities:
         sizing=SizingQuestion(sizing.LIMITS, sizing.OBJECTIVES, sizing.sizing),
         features=metrics.features,
         faults=metrics.faults,
+        operating=metrics.operating,
     )
 
 

@@ -2,7 +2,7 @@
 """Metrics of a run of a page, and what a monitor asks of it.
 
 Metrics are extremes and means of outputs, impacts of each contact and work of each element.  A monitor asks for
-features of one turn of a driven joint, and for faults of struck rods.
+features of one turn of a driven joint, for faults of elements, and for what may vary in the supply.
 """
 
 from collections import deque
@@ -13,14 +13,29 @@ import numpy as np
 
 from mech_twin.capabilities.blow_gauge import RecentBlows, blow_remarks
 from mech_twin.capabilities.cycle import (
+    CycleFeature,
     CycleFeatures,
     CycleReference,
     crank_features,
     event_share,
     event_value,
     gauge_features,
+    harmonic,
+    swing,
 )
-from mech_twin.capabilities.faults import MachineFault, rod_faults
+from mech_twin.capabilities.faults import (
+    EITHER,
+    LESS,
+    MORE,
+    MachineFault,
+    OperatingVariable,
+    beyond_range,
+    motor_variables,
+    prescribed_speed,
+    rod_faults,
+    share_of_key,
+    varying_key,
+)
 from mech_twin.engine.coupling import is_reset
 from mech_twin.engine.stored_state import begins_with_state
 from mech_twin.errors import StudyError
@@ -30,6 +45,24 @@ from mech_twin.machines.page.functions import PageInstant
 from mech_twin.machines.page.parameters import Page, distinct
 from mech_twin.machines.page.roles import PageModel
 from mech_twin.samples import Event, Frame, LinkageSample
+
+
+def swinging_joints(page: Page) -> tuple[str, ...]:
+    """Return the joints whose position repeats: sliders, and revolutes with a spring or a stop."""
+    held = {spring.joint for spring in page.springs.values()} | {contact.joint for contact in page.contacts.values()}
+    return tuple(
+        n for n, joint in page.joints.items() if joint.kind == "slider" or (joint.kind == "revolute" and n in held)
+    )
+
+
+def joint_features(joint: str, unit: str) -> tuple[CycleFeature, ...]:
+    """Return the features of the position of a joint; its mean is none, since a tool may advance."""
+    column = f"linkage.{joint}.position"
+    return (
+        swing(f"{joint}_swing_{unit}", unit, column, f"largest less smallest position of {joint}"),
+        harmonic(f"{joint}_cos_1_{unit}", unit, column, 1, "cos", f"position of {joint}, cosine of the turn"),
+        harmonic(f"{joint}_sin_1_{unit}", unit, column, 1, "sin", f"position of {joint}, sine of the turn"),
+    )
 
 
 def features(page: Page) -> CycleFeatures:
@@ -52,22 +85,74 @@ def features(page: Page) -> CycleFeatures:
         event_value("impulse_ns", "N.s", "event.impact.impulse", "impulse of a turn", "sum"),
     )
     rods = any(contact.rod is not None for contact in page.contacts.values())
+    swinging = {n: "m" if page.joints[n].kind == "slider" else "rad" for n in swinging_joints(page) if n != joint}
     return CycleFeatures(
         CycleReference(f"linkage.{joint}.position"),
         (
             *crank_features(f"linkage.{joint}.position", f"motor.{drive}.effort"),
             *(impact if any(contact.rigid for contact in page.contacts.values()) else ()),
             *(gauge_features("impact", "rod") if rods else ()),
+            *(feature for n, unit in swinging.items() for feature in joint_features(n, unit)),
         ),
     )
 
 
+RESISTANCES = tuple(f"against_{way}ward_{unit}" for way in ("for", "back") for unit in ("n", "nm"))
+
+
+def supply(page: Page) -> tuple[OperatingVariable, ...]:
+    """Return the variables of the supply: of induction motors, or its frequency where it prescribes every speed."""
+    motors = tuple(f"drives.{name}.motor" for name, drive in page.drives.items() if drive.motor is not None)
+    speeds = [
+        f"drives.{name}.{key}"
+        for name, drive in page.drives.items()
+        for key in ("speed_rpm", "speed_m_per_s")
+        if getattr(drive, key) is not None
+    ]
+    prescribed = (prescribed_speed(*speeds),) if speeds and len(speeds) == len(page.drives) else ()
+    return motor_variables(*motors) if motors else prescribed
+
+
+def resistances(page: Page) -> tuple[OperatingVariable, ...]:
+    """Return the resistances of joints as operating variables."""
+    keys = {n: [f"loads.{n}.{key}" for key in RESISTANCES if getattr(load, key)] for n, load in page.loads.items()}
+    return tuple(varying_key(n, f"load {n}", at[0], 0.1, f"{n}_load", *at[1:]) for n, at in keys.items() if at)
+
+
+def operating(page: Page) -> tuple[OperatingVariable, ...]:
+    """Return supply and loads."""
+    return (*supply(page), *resistances(page))
+
+
+# kind of elements, their key, what a fault adds to their name and what it means, its sizes
+WEAR = (
+    ("springs", "rate_n_per_m", "soft", "the spring is soft or broken", LESS),
+    ("springs", "rate_nm_per_rad", "soft", "the spring is soft or broken", LESS),
+    ("springs", "preload_n", "preload", "the spring has lost preload", LESS),
+    ("springs", "preload_nm", "preload", "the spring has lost preload", LESS),
+    ("dampers", "rate_ns_per_m", "weak", "the damper is worn", LESS),
+    ("dampers", "rate_nms_per_rad", "weak", "the damper is worn", LESS),
+    ("friction", "coulomb_n", "rubs", "the joint rubs more", MORE),
+    ("friction", "coulomb_nm", "rubs", "the joint rubs more", MORE),
+    ("contacts", "restitution", "restitution", "its faces have changed", EITHER),
+    ("contacts", "stiffness_n_per_m", "soft", "its faces are softer", LESS),
+    ("contacts", "gives_way_n", "weak", "the wall gives way sooner", LESS),
+)
+
+
 def faults(page: Page) -> tuple[MachineFault, ...]:
-    """Return the faults of the rods: face, foot, wall."""
-    rods = {name: contact.rod for name, contact in page.contacts.items() if contact.rod is not None}
-    keys = {name: f"contacts.{name}.rod" for name in rods}
-    found = (rod_faults(rod, keys[n], f"{keys[n]}.wall.threshold_n", f"{n}_") for n, rod in rods.items())
-    return tuple(fault for each in found for fault in each)
+    """Return the faults of springs, dampers, friction, contacts and rods, named after them, of supply and loads."""
+    found = [
+        share_of_key(f"{name}_{what}", meaning, f"{kind}.{name}.{key}", sizes)
+        for kind, key, what, meaning, sizes in WEAR
+        for name, element in getattr(page, kind).items()
+        if getattr(element, key)
+    ]
+    for name, contact in page.contacts.items():
+        if contact.rod is not None:
+            key = f"contacts.{name}.rod"
+            found += rod_faults(contact.rod, key, f"{key}.wall.threshold_n", f"{name}_")
+    return (*found, *map(beyond_range, (*supply(page)[:1], *resistances(page))))
 
 
 class PageRun:
