@@ -39,6 +39,7 @@ from mech_twin.studies.monitoring.naming import (
     Signature,
     candidates,
     estimated_change,
+    has_gone,
 )
 from mech_twin.studies.monitoring.operating import (
     OUTSIDE,
@@ -313,12 +314,14 @@ class Monitor:
         since = [each for each in self._innovations if each[0] >= episode.onset]
         rows = [innovation for *_, innovation, _ in since]
         settling = self.setup.settling_cycles
-        if len(rows) < settling + LEAST_NAMED:
-            return "pending", ()
-        change = estimated_change(self.setup.baseline, np.array(rows), settling)
+        enough = len(rows) >= settling + LEAST_NAMED
+        change = estimated_change(self.setup.baseline, np.array(rows), settling) if enough else None
         if change is None:
             return "pending", ()
-        change = episode.change = change.doubted(self._off)
+        change, before = change.doubted(self._off), episode.change
+        if before and episode.named[1] and change.lasts and has_gone(self.setup.baseline, before, np.array(rows)):
+            return episode.named
+        episode.change = change
         outside = tuple(value.candidate for value in self._outside)
         if not change.lasts:
             return ("named", outside[:1]) if outside else ("passing", ())

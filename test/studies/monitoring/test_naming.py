@@ -19,6 +19,7 @@ from mech_twin.studies.monitoring.charts import chart_limits
 from mech_twin.studies.monitoring.findings import Findings
 from mech_twin.studies.monitoring.monitor import Monitor, MonitorSetup
 from mech_twin.studies.monitoring.naming import Change, Signature, candidates, estimated_change
+from mech_twin.studies.monitoring.report import judged
 
 COEFFICIENTS = np.array([[0.5, 0.0, 0.2, 0.7]])
 COVARIANCE = np.diag([1.0, 0.25, 4.0, 1.0])
@@ -137,6 +138,18 @@ def test_a_fault_that_goes_is_latched_until_somebody_has_seen_it(setup: MonitorS
     assert list(dict.fromkeys(states)) == ["pending", "active", "latched"]
     monitor.acknowledge("soft", 40.0)
     assert not [life for life in monitor.observe(vectors(rows[300:301], 300)[0]).faults if life.name == "soft"]
+
+
+def test_a_fault_that_has_gone_keeps_the_size_it_had(setup: MonitorSetup) -> None:
+    """The charts hold on to a change; the healthy cycles meanwhile are none of the fault's."""
+    sizes = []
+    for seed in range(12):
+        rows = autoregressive(200, COEFFICIENTS, COVARIANCE, 100 + seed)
+        rows[41:101] += EFFECTS["bent"] * np.sqrt(0.3)
+        alarms = judged(Monitor(setup), vectors(rows)).alarms
+        sizes += [found.size for alarm in alarms for found in alarm.candidates if found.name == "bent"]
+    assert len(sizes) >= 10
+    assert np.mean(sizes) == pytest.approx(-0.3, abs=0.05)
 
 
 def test_the_operator_is_called_at_most_once_in_ten_minutes(setup: MonitorSetup) -> None:
