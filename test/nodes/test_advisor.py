@@ -24,13 +24,14 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import SetBool
 
+from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.measurements.measurement_map import MeasurementMap
 from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, full_name
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
-from mech_twin.nodes.shadow.session import Company, nodes_beside
+from mech_twin.nodes.shadow.session import Company, FreeKeys, follow_setting, nodes_beside
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, offered
 from mech_twin.studies.advice_search import COMMAND
@@ -262,6 +263,28 @@ def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_ne
         destroy_nodes([advisor])
         for other in others:
             other.destroy_node()
+
+
+def test_a_live_parameter_that_is_changed_at_the_machine_is_that_of_the_model_too(ros: None) -> None:
+    key, other = "friction.coulomb_nm", Node("linkage", namespace="plant")
+    shadow = ShadowNode(NAME, ShadowSetup("/plant", MAP))
+    nodes = [shadow, *nodes_beside(NAME, shadow, shadow.initial_parameters, Company(free=FreeKeys((key,), {})))]
+    before, model = shadow.observer, shadow.model
+    try:
+        for name in (key, "run.step_count"):
+            other.declare_parameter(name, 0.0)
+        with Spinner([*nodes, other]) as spinner:
+            other.set_parameters([Parameter("run.step_count", value=4.0), Parameter(key, value=5.0)])
+            end_s = time.monotonic() + 30.0
+            spinner.until(lambda: shadow.observer is not before or time.monotonic() > end_s)
+        assert shadow.model == varied(model, {key: 5.0})
+        assert shadow.observer is not before
+        assert nodes[1].model == shadow.model
+        follow_setting(nodes, key, -5.0)
+        assert shadow.model == varied(model, {key: 5.0})
+    finally:
+        destroy_nodes(nodes)
+        other.destroy_node()
 
 
 def test_an_advice_after_a_restart_of_the_machine_needs_not_wait_for_a_change_before_it(advisor: AdvisorNode) -> None:

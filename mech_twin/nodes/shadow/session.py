@@ -10,16 +10,19 @@ from contextlib import ExitStack
 from functools import partial
 from itertools import chain, count
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import rclpy
+from pydantic import ValidationError
 from rclpy.signals import SignalHandlerOptions
 
+from mech_twin.capabilities.variation import varied
 from mech_twin.declarations.configuration_tree import ConfigurationError
 from mech_twin.declarations.quantity import Parameters
 from mech_twin.messages.topics import DIAGNOSTICS, ESTIMATED, EVERY, RESIDUALS, TWIN, Topic, shadow_topics, type_name
 from mech_twin.nodes.exchange.base_node import TwinNode, sent_messages
 from mech_twin.nodes.exchange.hand_over import Handed, ReceivedBytes
+from mech_twin.nodes.exchange.parameter_bridge import watch_parameters
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.run.domain import ros_arguments, run_namespace
 from mech_twin.nodes.run.name_guard import NameGuard
@@ -29,6 +32,7 @@ from mech_twin.nodes.shadow.inputs import Admitted, FollowedTopic, StampGate
 from mech_twin.nodes.shadow.monitor_node import AlertOutlet, MonitorNode
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.parameters.description import description_text
+from mech_twin.parameters.live_change import live_numbers
 from mech_twin.parameters.load import catalogue_entry
 from mech_twin.process.interruption import StopSignal
 from mech_twin.recording.bag_contents import RecentMessage, RecentMessages, stamp_ns
@@ -398,7 +402,26 @@ def nodes_beside(machine_name: str, node: ShadowNode, parameters: Parameters, co
     node.at_message += [each.hear for each in found if isinstance(each, ShadowListener)]
     if identifier is not None:
         identifier.at_taken = [each.adopt for each in (node, *found)]  # the monitor's reference is unchanged
+    watch_parameters(node, node.setup.namespace, partial(follow_setting, (node, *found)))
     return found
+
+
+def follow_setting(nodes: Sequence[TwinNode], key: str, value: Any) -> None:
+    """Let the model of a shadow, the first of these nodes, have a live parameter that was changed at the machine."""
+    shadow = nodes[0]
+    assert isinstance(shadow, ShadowNode)
+    if live_numbers(shadow.model).get(key, value) == value:  # none of the model's, or no change
+        return
+    try:
+        model = varied(shadow.model, {key: value})
+    except ValidationError:
+        shadow.get_logger().warning(f"the model cannot have the machine's new {key}, {value}")
+        return
+    shadow.get_logger().info(f"the machine's {key} is now {value}, and so is the model's")
+    for each in nodes:
+        each.adopt(model)
+        if isinstance(each, IdentifierNode):
+            each.begin_anew(model)
 
 
 def feed(node: ShadowNode, beside: AdvisorNode | IdentifierNode) -> None:
