@@ -19,6 +19,7 @@ from bench_run import ShadowBench
 from catalogue import built
 from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
@@ -263,6 +264,34 @@ def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_ne
         destroy_nodes([advisor])
         for other in others:
             other.destroy_node()
+
+
+def test_a_value_that_the_machine_refuses_ends_its_trial_in_the_machines_words(ros: None) -> None:
+    key, columns = "friction.coulomb_nm", ("linkage.crank.position", "linkage.crank.effort")
+    output = AdviceOutput(key=key, low=0.0, high=8.0, value=0.0)
+    wish = AdviceWish.model_validate({**WISH, "output": output, "dry_run": False})
+    advisor, machine, told = (
+        AdvisorNode(NAME, wish, "/plant", columns, StampOrigin()),
+        Node("linkage", namespace="plant"),
+        [],
+    )
+    machine.create_subscription(DiagnosticStatus, f"/{NAME}/{DECISIONS.name}", told.append, DATA)
+    try:
+        machine.declare_parameter(key, 0.0)
+        machine.add_on_set_parameters_callback(lambda _: SetParametersResult(successful=False, reason="too fast"))
+        advice = ADVICE._replace(key=key, value=0.0, proposed=1.0, low=0.0, high=8.0)
+        advisor._take(offered(advisor.state, advice, 1.0))
+        with Spinner([advisor, machine]) as spinner:
+            end_s = time.monotonic() + 20.0
+            spinner.until(lambda: advisor.count_subscribers(DECISIONS.name) > 0 or time.monotonic() > end_s)
+            assert advisor.accept()[0]
+            said = "withdrawn: the machine refuses the value: too fast"
+            spinner.until(lambda: said in [each.message for each in told] or time.monotonic() > end_s)
+        assert told[-1].message == said
+        assert (advisor.state.in_force, advisor._value) == (False, 0.0)
+    finally:
+        destroy_nodes([advisor])
+        machine.destroy_node()
 
 
 def test_a_live_parameter_that_is_changed_at_the_machine_is_that_of_the_model_too(ros: None) -> None:
