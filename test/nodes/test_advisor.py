@@ -16,13 +16,15 @@ import numpy as np
 import pytest
 import yaml
 from bench_run import ShadowBench
+from builtin_interfaces.msg import Time
 from catalogue import built
 from command_line import mech_twin
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import SetBool
 
 from mech_twin.capabilities.variation import varied
@@ -32,7 +34,14 @@ from mech_twin.messages.topics import DATA, DECISIONS, LATCHED, RECOMMENDATION, 
 from mech_twin.nodes.exchange.spinner import Spinner, destroy_nodes
 from mech_twin.nodes.shadow.advisor_node import AdvisorNode
 from mech_twin.nodes.shadow.inputs import StampOrigin
-from mech_twin.nodes.shadow.session import Company, FreeKeys, follow_setting, nodes_beside
+from mech_twin.nodes.shadow.session import (
+    Company,
+    FreeKeys,
+    ShadowRecorder,
+    follow_setting,
+    nodes_beside,
+    record_decisions,
+)
 from mech_twin.nodes.shadow.shadow_node import ShadowNode, ShadowSetup
 from mech_twin.studies.advice import AdviceOutput, AdviceWish, Recommendation, offered
 from mech_twin.studies.advice_search import COMMAND
@@ -264,6 +273,23 @@ def test_a_live_parameter_that_another_changes_ends_an_offer_and_is_where_the_ne
         destroy_nodes([advisor])
         for other in others:
             other.destroy_node()
+
+
+def test_the_decision_by_which_an_advisor_ends_is_recorded(tmp_path: Path) -> None:
+    wish = AdviceWish.model_validate({**WISH, "dry_run": False})
+    with ShadowBench(NAME, MAP, Company(advice=wish, record=tmp_path / "bag")) as bench:
+        advisor, recorder = bench.of(AdvisorNode), bench.of(ShadowRecorder)
+        name = full_name(NAME, DECISIONS)
+        machine = bench.client.create_publisher(JointState, "/plant/joint_states", 10)
+        bench.until(lambda: advisor.count_subscribers(name) > 0 and machine.get_subscription_count() > 0)
+        for place in range(5):  # the machine's time is known
+            machine.publish(JointState(header=Header(stamp=Time(nanosec=10_000_000 * place))))
+        bench.until(lambda: recorder.admission.clock.now_ns is not None)
+        advisor._take(offered(advisor.state, ADVICE, 1.0))
+        assert advisor.accept()[0]
+        record_decisions(bench.spinner, bench.nodes)
+        assert advisor.state.phase == "idle"
+        assert recorder.received[name] == 3  # offered, accepted, reverted
 
 
 def test_a_value_that_the_machine_refuses_ends_its_trial_in_the_machines_words(ros: None) -> None:
